@@ -32,9 +32,9 @@ def pose_graph(ends: np.ndarray, step: np.ndarray, turn: np.ndarray, covariance:
     """Graph of one vehicle, its first pose held."""
     n = int(ends.max()) + 1
     graph = FactorGraph(
-        agent_name=np.array(["A"]),
+        vehicle_name=np.array(["A"]),
         landmark_name=np.array([], dtype=str),
-        pose_agent=np.zeros(n, dtype=int),
+        pose_vehicle=np.zeros(n, dtype=int),
         pose_number=np.arange(n),
         pose_time=np.arange(n, dtype=float),
         factors={"edge": KINDS["edge"].table(ends, [step, quaternion_from_matrix(turn)], covariance)},

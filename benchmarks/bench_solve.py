@@ -82,7 +82,7 @@ def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator
     moved = moved + np.einsum("atij,atj->ati", step, noise_translation)
     first_sigma = np.tile([1e-3] * 3 + [0.1] * 3, (n, 1))
     first_rotation, first_translation = se3_exp(first_sigma * rng.standard_normal((n, 6)))
-    agent, sample = np.nonzero(position[..., 2] < 1.0)
+    vehicle, sample = np.nonzero(position[..., 2] < 1.0)
     epoch = np.arange(72, n_times, 72)
     pairs = np.array([(i, j) for i in range(n) for j in range(n) if i != j])
     transmitter, receiver = np.tile(pairs, (epoch.size, 1)).T
@@ -98,10 +98,10 @@ def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator
         odometry_sigma=sigma,
         depth=position[..., 2] + rng.normal(0, 0.01, position.shape[:2]),
         depth_sigma=np.full(n, 0.01),
-        gnss_agent=agent,
+        gnss_vehicle=vehicle,
         gnss_sample=sample,
-        gnss_position=position[agent, sample] + rng.normal(0, 0.1, (agent.size, 3)),
-        gnss_sigma=np.full(agent.size, 0.1),
+        gnss_position=position[vehicle, sample] + rng.normal(0, 0.1, (vehicle.size, 3)),
+        gnss_sigma=np.full(vehicle.size, 0.1),
         landmark_name=[],
         landmark_position=np.zeros((0, 3)),
         landmark_sigma=[],

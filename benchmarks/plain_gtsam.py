@@ -10,8 +10,8 @@ def build(o: Measurements, refracted: bool) -> gtsam.NonlinearFactorGraph:
     """The graph as a GTSAM user writes it down: a loop over each sensor, a noise model for each level of noise."""
     graph = gtsam.NonlinearFactorGraph()
     sigmas, pose, rotation = gtsam.noiseModel.Diagonal.Sigmas, gtsam.Pose3, gtsam.Rot3.Quaternion
-    n_agents, n_times = o.depth.shape
-    for a in range(n_agents):
+    n_vehicles, n_times = o.depth.shape
+    for a in range(n_vehicles):
         first = pose(rotation(*o.first_quaternion[a]), o.first_position[a])
         graph.add(gtsam.PriorFactorPose3(a * n_times, first, sigmas(o.first_sigma[a])))
         vertical = gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, o.depth_sigma[a] ** -2]))
@@ -23,7 +23,7 @@ def build(o: Measurements, refracted: bool) -> gtsam.NonlinearFactorGraph:
             key = a * n_times + k
             graph.add(gtsam.BetweenFactorPose3(key, key + 1, step, sigmas(noise[k])))
     model = gtsam.noiseModel.Isotropic.Sigma(3, o.gnss_sigma[0])
-    for a, k, fix in zip(o.gnss_agent, o.gnss_sample, o.gnss_position, strict=True):
+    for a, k, fix in zip(o.gnss_vehicle, o.gnss_sample, o.gnss_position, strict=True):
         graph.add(gtsam.GPSFactor(int(a * n_times + k), fix, model))
     model = gtsam.noiseModel.Isotropic.Sigma(1, o.range_sigma[0])
     distance = o.refracted_range if refracted else o.straight_range

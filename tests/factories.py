@@ -137,20 +137,20 @@ def far_from(fleet, seed=0):
 
 
 def make_fleet(
-    seed=0, *, n_agents=3, n_times=30, turn=0.3, n_landmarks=0, range_error=0.0, dropouts=0.0, gnss_every=0
+    seed=0, *, n_vehicles=3, n_times=30, turn=0.3, n_landmarks=0, range_error=0.0, dropouts=0.0, gnss_every=0
 ):
     """Build a fleet; `turn` is the sigma of each body's rotation per step [rad]."""
     rng = np.random.default_rng(seed)
     n_edges = n_times - 1
-    start = rng.uniform(-2000, 2000, (n_agents, 1, 3)) + np.array([0, 0, 3000])
-    velocity = rng.normal(0, 0.2, (n_agents, 1, 3)) + np.cumsum(
-        rng.normal(0, 0.02, (n_agents, n_edges, 3)), axis=1
+    start = rng.uniform(-2000, 2000, (n_vehicles, 1, 3)) + np.array([0, 0, 3000])
+    velocity = rng.normal(0, 0.2, (n_vehicles, 1, 3)) + np.cumsum(
+        rng.normal(0, 0.02, (n_vehicles, n_edges, 3)), axis=1
     )
     position = np.concatenate([start, start + np.cumsum(velocity * PERIOD, axis=1)], axis=1)
-    rotation = np.empty((n_agents, n_times, 3, 3))
-    rotation[:, 0] = so3_exp(rng.normal(0, 1.0, (n_agents, 3)))
+    rotation = np.empty((n_vehicles, n_times, 3, 3))
+    rotation[:, 0] = so3_exp(rng.normal(0, 1.0, (n_vehicles, 3)))
     for k in range(n_edges):
-        rotation[:, k + 1] = rotation[:, k] @ so3_exp(rng.normal(0, turn, (n_agents, 3)))
+        rotation[:, k + 1] = rotation[:, k] @ so3_exp(rng.normal(0, turn, (n_vehicles, 3)))
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
     moved = np.einsum("atji,atj->ati", rotation[:, :-1], np.diff(position, axis=1))
     turned, way = (np.linalg.norm(v, axis=-1, keepdims=True) for v in (so3_log(step), moved))
@@ -164,9 +164,9 @@ def make_fleet(
     )
     landmark = rng.uniform(-2000, 2000, (n_landmarks, 3)) + np.array([0, 0, 3000])
     fixes = np.arange(0, n_times, gnss_every) if gnss_every else np.arange(0)
-    gnss_agent, gnss_sample = np.repeat(np.arange(n_agents), fixes.size), np.tile(fixes, n_agents)
-    n = n_agents + n_landmarks
-    pairs = [(i, j) for i in range(n) for j in range(n) if i != j and min(i, j) < n_agents]
+    gnss_vehicle, gnss_sample = np.repeat(np.arange(n_vehicles), fixes.size), np.tile(fixes, n_vehicles)
+    n = n_vehicles + n_landmarks
+    pairs = [(i, j) for i in range(n) for j in range(n) if i != j and min(i, j) < n_vehicles]
     pairs = np.array(pairs, dtype=int).reshape(-1, 2)
     epochs = np.arange(5, n_times, 5)
     transmitter, receiver = np.tile(pairs, (epochs.size, 1)).T
@@ -182,13 +182,13 @@ def make_fleet(
     measured = measure(
         truth,
         landmark,
-        (gnss_agent, gnss_sample),
+        (gnss_vehicle, gnss_sample),
         (transmitter, receiver, sample),
         odometry_rotation=quaternion_from_matrix(step),
         odometry_translation=moved,
         odometry_sigma=odometry_sigma,
         landmark_sigma=np.full(n_landmarks, 0.5),
-        first_sigma=np.tile([1e-3] * 3 + [0.1] * 3, (n_agents, 1)),
+        first_sigma=np.tile([1e-3] * 3 + [0.1] * 3, (n_vehicles, 1)),
         range_status=status,
         transmitter_sound_speed=c,
         straight_range=distance,
@@ -235,16 +235,16 @@ def trajectories(position, *, names=None, roles=None, time=None, quaternion=None
 
 def measure(truth, landmarks, fixes, attempts, **columns):
     """Measurements without noise by a fleet, less those of odometry and of ranges: fixes and attempts are given."""
-    n, (agent, sample) = len(truth.name), fixes
+    n, (vehicle, sample) = len(truth.name), fixes
     return Measurements(
         name=truth.name,
         time=truth.time,
         depth=truth.position[..., 2],
         depth_sigma=np.full(n, 0.01),
-        gnss_agent=agent,
+        gnss_vehicle=vehicle,
         gnss_sample=sample,
-        gnss_position=truth.position[agent, sample],
-        gnss_sigma=np.full(len(agent), 0.1),
+        gnss_position=truth.position[vehicle, sample],
+        gnss_sigma=np.full(len(vehicle), 0.1),
         landmark_name=np.array([f"L{i}" for i in range(len(landmarks))], dtype=str),
         landmark_position=landmarks,
         first_position=truth.position[:, 0],

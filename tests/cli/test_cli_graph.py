@@ -138,7 +138,7 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     assert "left out: 2 ranges" in done.err
     graph("convert", tmp_path / "g.g2o", tmp_path / "back.pyfg")
     back, values = read_pyfg(tmp_path / "back.pyfg")
-    assert back.agent_name.tolist() == ["A", "B"]
+    assert back.vehicle_name.tolist() == ["A", "B"]
     np.testing.assert_array_equal(values.position, read_pyfg(file)[1].position)
     anchored = graph("solve", tmp_path / "g.g2o")
     assert "anchored for want of a prior: A0" in anchored.out
@@ -172,7 +172,7 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(man
     (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
     done = mantaray("graph", "convert", file, tmp_path / "again.pyfg")
     assert done.out.splitlines() == [str(tmp_path / "again.pyfg"), str(tmp_path / "again.names.csv")]
-    assert read_pyfg(tmp_path / "again.pyfg")[0].agent_name.tolist() == ["north-wind", "b_2"]
+    assert read_pyfg(tmp_path / "again.pyfg")[0].vehicle_name.tolist() == ["north-wind", "b_2"]
     (tmp_path / "new.names.csv").write_text("mine")
     refused = mantaray("graph", "convert", file, tmp_path / "new.pyfg")
     assert refused.err.endswith("new.names.csv: exists already; give another name or --force\n")

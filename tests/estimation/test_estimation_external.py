@@ -32,7 +32,7 @@ POOLED = "(all)"
 @pytest.fixture
 def foreign(tmp_path, make_fleet):
     """A PyFactorGraph file of two vehicles and a landmark, its vertices the truth."""
-    fleet = make_fleet(seed=7, n_agents=2, n_times=20, n_landmarks=2)
+    fleet = make_fleet(seed=7, n_vehicles=2, n_times=20, n_landmarks=2)
     truth = values_at(fleet.noise_free, *fleet.start)
     path = tmp_path / "foreign.pyfg"
     write_pyfg(build_graph(fleet.noisy, "straight"), path, initial=truth)
@@ -143,9 +143,9 @@ def bare_graph(place, landmarks=(), **factors):
     n = len(place)
     level = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     graph = FactorGraph(
-        agent_name=np.array(["A"]),
+        vehicle_name=np.array(["A"]),
         landmark_name=np.array([f"L{k}" for k in range(len(landmarks))], dtype=str),
-        pose_agent=np.zeros(n, dtype=int),
+        pose_vehicle=np.zeros(n, dtype=int),
         pose_number=np.arange(n),
         pose_time=np.arange(n, dtype=float),
         factors={name: KINDS[name].table(*table) for name, table in factors.items()},

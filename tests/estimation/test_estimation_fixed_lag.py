@@ -26,7 +26,7 @@ def lagged(graph, start, lag, options=None, samples=None, o=None):
 
 
 def test_a_filter_of_a_linear_chain_is_the_batch_of_what_it_has_heard():
-    fleet = factories.make_fleet(seed=3, turn=0.0, gnss_every=4, n_agents=2)
+    fleet = factories.make_fleet(seed=3, turn=0.0, gnss_every=4, n_vehicles=2)
     sure = np.full(3, 1e-7)  # of attitudes: all else is linear in the positions
     o = replace(
         fleet.noise_free,

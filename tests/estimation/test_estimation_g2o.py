@@ -25,7 +25,7 @@ EDGE_SE3:QUAT 3 7 10 0 0 0 0 0.6 0.8 4 0 0 0 0 0.5 5 0 0 0 0 6 0 0 0 100 0 0 200
 @pytest.fixture
 def pose_graph(make_fleet):
     """Poses and edges of two vehicles, with full covariances, and their values."""
-    fleet = make_fleet(seed=5, n_agents=2, n_times=6, n_landmarks=1, gnss_every=3)
+    fleet = make_fleet(seed=5, n_vehicles=2, n_times=6, n_landmarks=1, gnss_every=3)
     graph = build_graph(fleet.noisy, "straight")
     rng = np.random.default_rng(0)
     root = rng.normal(0, 1, (len(graph["edge"]), 6, 6))
@@ -42,7 +42,7 @@ def test_poses_and_edges_come_back(tmp_path, pose_graph, symbols, half_angles):
     write_g2o(graph, path, initial=values, leave_out=LEFT_OUT, symbols=symbols, half_angles=half_angles)
     again, where, left_out, _ = load_g2o(path, half_angles=half_angles)
     assert left_out == {}
-    assert again.agent_name.tolist() == (["A", "B"] if symbols else ["A"])
+    assert again.vehicle_name.tolist() == (["A", "B"] if symbols else ["A"])
     np.testing.assert_array_equal(where.position, values.position)
     np.testing.assert_array_equal(where.quaternion, values.quaternion)
     for name in ("variables", "measured"):
@@ -100,7 +100,7 @@ def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph)
     graph, values = pose_graph
     path = tmp_path / "g.g2o"
     most = [what for what in LEFT_OUT if what != "depth priors"]
-    named = replace(graph, agent_name=np.array(["glider", "float"]))
+    named = replace(graph, vehicle_name=np.array(["glider", "float"]))
     all_of_them = "1 landmarks, 2 pose priors, 4 fixes, 12 depth priors, 1 landmark priors, 6 ranges"
     for case, options, message in (
         (graph, {}, all_of_them),

@@ -46,7 +46,7 @@ def test_all_links_include_dropouts_but_no_silent_vehicle(fleet):
 
 
 def test_variables_are_numbered_vehicle_by_vehicle_and_landmarks_last(make_fleet):
-    fleet = make_fleet(n_agents=2, n_times=12, n_landmarks=2)
+    fleet = make_fleet(n_vehicles=2, n_times=12, n_landmarks=2)
     o, graph = fleet.noisy, build_graph(fleet.noisy, "straight")
     assert [graph.variable_name(v) for v in (0, 11, 12, 24, 25)] == ["A0", "A11", "B0", "L0", "L1"]
     ranges, distance = graph["range"], {}
@@ -58,12 +58,12 @@ def test_variables_are_numbered_vehicle_by_vehicle_and_landmarks_last(make_fleet
     ]
     assert sorted(distance[frozenset(["B5", "L1"])]) == sorted(at_five)
     assert len(at_five) == 2  # there and back
-    named = replace(graph, agent_name=np.array(["float-1", "7"]))
+    named = replace(graph, vehicle_name=np.array(["float-1", "7"]))
     assert [named.variable_name(v) for v in (11, 12 + 1, 24)] == ["float-1:11", "7:1", "L0"]
 
 
 def test_degrees_of_freedom_count_residual_rows_minus_unknowns(make_fleet):
-    fleet = make_fleet(n_agents=2, n_times=6, n_landmarks=1, gnss_every=3)
+    fleet = make_fleet(n_vehicles=2, n_times=6, n_landmarks=1, gnss_every=3)
     graph = build_graph(fleet.noisy, "straight")
     # 2 first-pose priors and 10 edges of 6 rows, 4 fixes and 1 survey of 3, 12 depths, 6 ranges at sample 5
     assert graph.degrees_of_freedom == 12 * 6 + 5 * 3 + 12 + 6 - (12 * 6 + 3)
@@ -73,7 +73,7 @@ def test_a_graph_goes_to_disk_and_back(whole, tmp_path):
     _, graph, _ = whole
     graph.save(tmp_path / "graph.nc")
     again = FactorGraph.load(tmp_path / "graph.nc")
-    assert again.agent_name.tolist() == graph.agent_name.tolist()
+    assert again.vehicle_name.tolist() == graph.vehicle_name.tolist()
     for kind in graph.factors:
         for part in ("variables", "measured", "covariance"):
             np.testing.assert_array_equal(getattr(again[kind], part), getattr(graph[kind], part))
@@ -110,22 +110,22 @@ def test_contradictory_conditions_are_refused(fleet, ranges, links, message):
     refused(EstimationError, message, build_graph, fleet.noisy, ranges, links)
 
 
-def without_first_pose(o, agent):
+def without_first_pose(o, vehicle):
     names = ("first_position", "first_quaternion", "first_sigma")
-    return replace(o, **{name: put(getattr(o, name), agent, np.nan) for name in names})
+    return replace(o, **{name: put(getattr(o, name), vehicle, np.nan) for name in names})
 
 
 def test_vehicle_that_nothing_ties_to_the_world_is_refused_by_name(make_fleet):
-    floating = without_first_pose(make_fleet(n_agents=2).noisy, 1)
+    floating = without_first_pose(make_fleet(n_vehicles=2).noisy, 1)
     refused(EstimationError, r"^B0: no first-pose prior, GNSS fix or landmark prior", build_graph, floating)
     # ranges tie it to vehicle A
     assert build_graph(floating, "straight")["prior"].subject.tolist() == [0]
 
 
 def test_fix_or_landmark_is_anchor_enough(make_fleet):
-    fixed = make_fleet(n_agents=1, gnss_every=10).noisy
+    fixed = make_fleet(n_vehicles=1, gnss_every=10).noisy
     assert len(build_graph(without_first_pose(fixed, 0))["prior"]) == 0
-    ranged = make_fleet(n_agents=1, n_landmarks=3).noisy
+    ranged = make_fleet(n_vehicles=1, n_landmarks=3).noisy
     graph = build_graph(without_first_pose(ranged, 0), "straight")
     check_anchored(graph)
     assert len(graph["fix"]) == 0
@@ -159,7 +159,7 @@ def edge_covariance(index, value):
         (edges(lambda e: replace(e, variables=e.variables[:, [0, 0]])), "^A0: odometry is .0.*two different poses"),
         (edges(lambda e: e.with_columns(position=put(e.column("position"), (0, 0), 1e200))), "^A1: odometry is .*1e.09"),
         (lambda g: replace(g, pose_number=np.zeros(g.n_poses)), "^A0: two variables of this name"),
-        (lambda g: replace(g, pose_agent=g.pose_agent + 3), "^pose: refers to vehicle 3"),
+        (lambda g: replace(g, pose_vehicle=g.pose_vehicle + 3), "^pose: refers to vehicle 3"),
         (edges(lambda e: replace(e, variables=e.variables + np.int32([0, 10**6]))), "^odometry: refers to variable"),
         (edges(lambda e: replace(e, variables=e.variables - np.int32([10**6, 0]))), "^odometry: refers to variable -"),
     ],
@@ -207,19 +207,19 @@ def test_singular_graphs_started_at_the_truth_fail_and_are_diagnosed_by_name(who
     assert "singular" in line
 
 
-@pytest.mark.parametrize("n_agents", [2, 3], ids=["held by one range", "never ranged"])
-def test_vehicle_that_ranges_do_not_hold_is_solved_with_a_prior_and_named_without(make_fleet, n_agents):
-    fleet = make_fleet(seed=1, n_agents=n_agents, n_times=8)
+@pytest.mark.parametrize("n_vehicles", [2, 3], ids=["held by one range", "never ranged"])
+def test_vehicle_that_ranges_do_not_hold_is_solved_with_a_prior_and_named_without(make_fleet, n_vehicles):
+    fleet = make_fleet(seed=1, n_vehicles=n_vehicles, n_times=8)
     graph = build_graph(fleet.noisy, "straight")
     last = graph["prior"].subject[-1]
-    if n_agents == 3:
+    if n_vehicles == 3:
         graph = graph.with_factors(range=graph["range"][(graph["range"].variables < last).all(axis=1)])
     assert GraphSolver().solve(graph, fleet.truth).status.name == "OK"
     assert diagnose(graph, fleet.truth) is None
     loose = graph.with_factors(prior=graph["prior"][:-1])
     assert not GraphSolver().solve(loose, fleet.truth).usable
     line = diagnose(loose, fleet.truth)
-    assert line.startswith("ABC"[n_agents - 1])
+    assert line.startswith("ABC"[n_vehicles - 1])
     assert "singular" in line
 
 
@@ -240,7 +240,7 @@ def test_worst_misfit_is_where_the_start_is_wrong(whole):
 
 
 def test_constant_twist_composes_to_its_exponential(make_fleet):
-    o = make_fleet(n_agents=1, n_times=41).noise_free
+    o = make_fleet(n_vehicles=1, n_times=41).noise_free
     twist = np.array([0.01, -0.02, 0.05, 30.0, 1.0, -2.0])
     step, way = se3_exp(twist)
     odometry = replace(
@@ -278,7 +278,7 @@ def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_measurements(whole
 
 
 def test_dead_reckoning_goes_backwards_and_starts_where_the_file_says_for_want_of_a_prior(make_fleet):
-    fleet = make_fleet(seed=4, n_agents=2, n_times=6)
+    fleet = make_fleet(seed=4, n_vehicles=2, n_times=6)
     graph, last = build_graph(fleet.noise_free), 5  # of A; its prior moves there, and B has none
     at_end = graph["prior"].kind.table(
         [last], [fleet.position[:1, last], fleet.quaternion[:1, last]], graph["prior"].covariance[:1]
@@ -334,7 +334,7 @@ def one_more(graph, name, truth):
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_a_factor_of_every_kind_moves_the_estimate_of_every_solver(make_fleet, name):
     """A kind that is counted and then ignored would leave the estimate where it is."""
-    fleet = make_fleet(n_agents=1, n_times=6, n_landmarks=1)
+    fleet = make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
     graph = build_graph(fleet.noisy, "straight")
     more = one_more(graph, name, fleet.truth)
     assert more.degrees_of_freedom == graph.degrees_of_freedom + KINDS[name].rows
@@ -349,7 +349,7 @@ def test_a_factor_of_every_kind_moves_the_estimate_of_every_solver(make_fleet, n
 
 
 def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
-    fleet = make_fleet(n_agents=1, n_times=6, n_landmarks=1)
+    fleet = make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
     graph = build_graph(fleet.noisy, "straight")
     kinds = {"beacon": replace(KINDS["sighting"], what="beacon", plural="beacons"), **KINDS}
     monkeypatch.setattr("pymantaray.estimation.graph.KINDS", kinds)

@@ -131,9 +131,9 @@ def wound(rings, angle, length, seed=0):
     root = np.diag([angle] * 3 + [length] * 3) @ (np.eye(6) + 0.2 * rng.normal(size=(one.size, 6, 6)))
     edges = KINDS["edge"].table(np.stack([one, other], axis=1), [step, turn], root @ np.swapaxes(root, 1, 2))
     graph = FactorGraph(
-        agent_name=np.array(["A"]),
+        vehicle_name=np.array(["A"]),
         landmark_name=np.array([], dtype=str),
-        pose_agent=np.zeros(n, dtype=int),
+        pose_vehicle=np.zeros(n, dtype=int),
         pose_number=np.arange(n),
         pose_time=np.arange(n, dtype=float),
         factors={"edge": edges},

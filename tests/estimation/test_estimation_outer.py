@@ -152,7 +152,7 @@ def test_constant_speed_as_a_distance_and_as_a_model_agree(make_fleet):
 
 
 def test_gated_links_are_counted_and_do_as_if_never_measured(make_fleet):
-    fleet = make_fleet(seed=7, n_agents=4, gnss_every=10)
+    fleet = make_fleet(seed=7, n_vehicles=4, gnss_every=10)
     o = measured(fleet.noisy, fleet.position, WATER)
     distance = lengths(o, fleet.position)
     ordered = np.sort(distance)
@@ -169,7 +169,7 @@ def test_gated_links_are_counted_and_do_as_if_never_measured(make_fleet):
 
 
 def test_link_becomes_possible_again_where_the_estimate_has_moved(make_fleet):
-    fleet = make_fleet(seed=7, n_agents=4, gnss_every=3)
+    fleet = make_fleet(seed=7, n_vehicles=4, gnss_every=3)
     o = measured(fleet.noise_free, fleet.position, WATER)
     far = fleet.position + 0.2 * (fleet.position - fleet.position.mean(axis=0)) * [1.0, 1.0, 0.0]
     apart = lengths(o, far)
@@ -206,7 +206,7 @@ class Shared:
 
 
 def test_error_that_all_links_share_costs_little_once_that_is_known(make_fleet):
-    fleet = make_fleet(seed=10, n_agents=4, gnss_every=10)
+    fleet = make_fleet(seed=10, n_vehicles=4, gnss_every=10)
     o = measured(fleet.noise_free, fleet.position, WATER)
     late = 5e-3 * np.sin(o.range_sample)  # s, 7 m; the same for all links of a ping
     o = replace(o, refracted_range=o.refracted_range + o.transmitter_sound_speed * late)
@@ -253,7 +253,7 @@ def test_outer_iterations_and_vector_factors_reach_the_same_optimum(make_fleet, 
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     o, model, clocks = known_or_joint(fleet, joint)
     graph, timed = build_graph(o, "refracted"), timed_ranges(o, "refracted", "refracted")
-    unknowns = Unknowns(model, timed, graph.pose_agent, list("ABC"), clocks=clocks) if joint else None
+    unknowns = Unknowns(model, timed, graph.pose_vehicle, list("ABC"), clocks=clocks) if joint else None
     believed = BelievedRanges(model, timed, unknowns=unknowns)
     outer = GraphSolver().solve(graph, getattr(fleet, start), believed=believed)
     vector = nonlinear_vector_factors(graph, believed, getattr(fleet, start))
@@ -343,7 +343,7 @@ def test_clocks_act_on_predictions_as_they_do_on_measurements(make_fleet, timing
     clocks = Clocks(offset=[4e-3, -7e-3, 2e-3], skew=[1e-6, -5e-7, 3e-7])
     timed, graph = timed_ranges(o, "refracted", "refracted"), build_graph(o, "refracted")
     prior = CLOCKS._replace(turn_around=getattr(timing, "turn_around", None))
-    unknowns = Unknowns(TransmitterSpeed(), timed, graph.pose_agent, list("ABC"), clocks=prior)
+    unknowns = Unknowns(TransmitterSpeed(), timed, graph.pose_vehicle, list("ABC"), clocks=prior)
     place = np.concatenate([fleet.position.reshape(-1, 3), o.landmark_position])
     links = timed.links(place[timed.transmitter], place[timed.receiver])
     u = np.concatenate([clocks.offset, clocks.skew]) / unknowns.sigma

@@ -27,7 +27,7 @@ EDGE_RANGE 200 A1 L0 8.5 4
 
 
 def assert_same(a, b):
-    for name in ("agent_name", "landmark_name", "pose_agent", "pose_number", "pose_time"):
+    for name in ("vehicle_name", "landmark_name", "pose_vehicle", "pose_number", "pose_time"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
     for kind in KINDS:
         for part in ("variables", "measured", "covariance"):
@@ -55,7 +55,7 @@ def test_round_trip_keeps_every_bit(tmp_path, make_fleet, n_landmarks):
 
 def test_hand_written_file_means_what_it_says(tmp_path):
     graph, values = read_text(tmp_path, HAND)
-    assert graph.agent_name.tolist() == ["A"]
+    assert graph.vehicle_name.tolist() == ["A"]
     assert graph.landmark_name.tolist() == ["L0"]
     np.testing.assert_array_equal(values.quaternion[1], [0.8, 0, 0, 0.6])  # ours has w first
     # rotation comes first in the tangent, last in the file
@@ -142,11 +142,11 @@ def test_file_without_a_graph_is_refused(tmp_path):
 
 
 def named(graph, *names):
-    return replace(graph, agent_name=np.array(names))
+    return replace(graph, vehicle_name=np.array(names))
 
 
 def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path, make_fleet):
-    fleet = make_fleet(n_agents=3, n_times=6, n_landmarks=1)
+    fleet = make_fleet(n_vehicles=3, n_times=6, n_landmarks=1)
     graph = replace(
         named(build_graph(fleet.noisy), "beacon", "float-1", "L"), landmark_name=np.array(["buoy_7"])
     )
@@ -158,7 +158,7 @@ def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path,
     again, _ = read_pyfg(path)
     assert_same(again, graph)
     table.rename(tmp_path / "elsewhere.csv")
-    assert read_pyfg(path)[0].agent_name.tolist() == ["A", "B", "C"]
+    assert read_pyfg(path)[0].vehicle_name.tolist() == ["A", "B", "C"]
     # a table belongs to its file: one without names of its own has none
     table.write_text("symbol,name\nA,stale\n")
     write_pyfg(read_pyfg(tmp_path / "g.pyfg")[0], path, initial=fleet.truth)
@@ -186,13 +186,13 @@ def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, rows):
     refused(EstimationError, r"graph\.names\.csv: (needs a line|not a readable)", read_text, tmp_path, HAND)
 
 
-@pytest.mark.parametrize("n_agents", [26, 30])
-def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, n_agents):
-    fleet = make_fleet(n_agents=2, n_times=n_agents)  # as many vehicles of two poses
+@pytest.mark.parametrize("n_vehicles", [26, 30])
+def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, n_vehicles):
+    fleet = make_fleet(n_vehicles=2, n_times=n_vehicles)  # as many vehicles of two poses
     many = replace(
-        named(without(build_graph(fleet.noisy), "edge"), *(f"glider-{i:03d}" for i in range(n_agents))),
-        pose_agent=np.repeat(np.arange(n_agents), 2),
-        pose_number=np.tile([0, 1], n_agents),
+        named(without(build_graph(fleet.noisy), "edge"), *(f"glider-{i:03d}" for i in range(n_vehicles))),
+        pose_vehicle=np.repeat(np.arange(n_vehicles), 2),
+        pose_number=np.tile([0, 1], n_vehicles),
     )
     path = tmp_path / "many.pyfg"
     write_pyfg(many, path, initial=fleet.truth)
@@ -200,7 +200,7 @@ def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, 
     assert_same(read_pyfg(path)[0], many)
     (tmp_path / "many.names.csv").unlink()
     bare, values = read_pyfg(path)
-    assert bare.agent_name.tolist()[-1] == {26: "BA", 30: "BE"}[n_agents]
+    assert bare.vehicle_name.tolist()[-1] == {26: "BA", 30: "BE"}[n_vehicles]
     write_pyfg(bare, path, initial=values)  # names that are symbols need no table
     assert [p.name for p in tmp_path.iterdir()] == ["many.pyfg"]
     assert_same(read_pyfg(path)[0], bare)
@@ -269,7 +269,7 @@ def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path
 
 
 def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_path, make_fleet):
-    fleet = make_fleet(n_agents=1, n_times=4)
+    fleet = make_fleet(n_vehicles=1, n_times=4)
     write_pyfg(build_graph(fleet.noisy), tmp_path / "g.pyfg", initial=fleet.truth)
     lines = [x.split() for x in (tmp_path / "g.pyfg").read_text().splitlines() if ":PRIOR" in x]
     corner = np.cumsum([0, 6, 5, 4, 3, 2])  # where the diagonal stands in an upper triangle by rows

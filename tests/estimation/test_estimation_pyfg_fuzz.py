@@ -82,7 +82,7 @@ def outcome_of(path):
 @pytest.fixture
 def texts(tmp_path, make_fleet):
     """Three small graphs with every word of the grammar between them."""
-    fleet = make_fleet(seed=2, n_agents=2, n_times=8, n_landmarks=1, gnss_every=4)
+    fleet = make_fleet(seed=2, n_vehicles=2, n_times=8, n_landmarks=1, gnss_every=4)
     write_pyfg(build_graph(fleet.noisy, "straight"), tmp_path / "whole.pyfg", initial=fleet.truth)
     full = "0.25 0.01 0 0 0 0 0.25 0 0 0 0 0.25 0 0 0 1e-4 0 0"
     hand = (

@@ -75,7 +75,7 @@ def test_optimizer_that_gives_up_at_once_is_caught(fleet, monkeypatch):
 
 
 def test_straight_line_with_a_fix_at_its_end_has_a_closed_form(make_fleet):
-    o = make_fleet(n_agents=1, n_times=5).noise_free
+    o = make_fleet(n_vehicles=1, n_times=5).noise_free
     s0, s, g, step, fix = 2.0, 3.0, 0.5, 100.0, 415.0
     stiff = [1e-9] * 3  # in rotation, so that the problem is linear
     line = replace(
@@ -85,7 +85,7 @@ def test_straight_line_with_a_fix_at_its_end_has_a_closed_form(make_fleet):
         odometry_sigma=np.tile([*stiff, s, s, s], (1, 4, 1)),
         depth=np.zeros((1, 5)),
         depth_sigma=np.full(1, 1e-2),
-        gnss_agent=[0],
+        gnss_vehicle=[0],
         gnss_sample=[4],
         gnss_position=[[fix, 0.0, 0.0]],
         gnss_sigma=[g],
@@ -107,7 +107,7 @@ def test_straight_line_with_a_fix_at_its_end_has_a_closed_form(make_fleet):
     "rotation_vector", [(0, 0, 0), (0.7, -0.4, 0.2), (0, np.pi / 2, 0), (2.0, 1.0, -1.0)]
 )
 def test_depth_moves_a_turned_body_down_and_nowhere_else(make_fleet, rotation_vector):
-    o = make_fleet(n_agents=1, n_times=2).noise_free
+    o = make_fleet(n_vehicles=1, n_times=2).noise_free
     rotation = quaternion_from_matrix(so3_exp(np.array(rotation_vector, dtype=float)))
     prior, sigma, depth, depth_sigma = np.array([100.0, -50.0, 300.0]), 5.0, 320.0, 0.01
     sunk = replace(
@@ -120,7 +120,7 @@ def test_depth_moves_a_turned_body_down_and_nowhere_else(make_fleet, rotation_ve
         odometry_translation=np.zeros((1, 1, 3)),
     )
     graph = without(build_graph(sunk), "edge")
-    graph = replace(graph, pose_agent=[0], pose_number=[0], pose_time=[0.0])
+    graph = replace(graph, pose_vehicle=[0], pose_number=[0], pose_time=[0.0])
     graph = graph.with_factors(depth=graph["depth"][:1])
     start = GraphValues(prior[None], rotation[None], np.empty((0, 3)))
     solution = GraphSolver(TIGHT).solve(graph, start, model_is_right=False)
@@ -133,7 +133,7 @@ def test_depth_moves_a_turned_body_down_and_nowhere_else(make_fleet, rotation_ve
 
 def test_badly_surveyed_landmarks_are_found_together_with_the_vehicles(make_fleet):
     # many ranges from well-known places move a badly surveyed landmark towards where it is
-    known = make_fleet(seed=5, n_agents=4, n_landmarks=2, gnss_every=1)
+    known = make_fleet(seed=5, n_vehicles=4, n_landmarks=2, gnss_every=1)
     o = known.noisy
     truth = known.noise_free.landmark_position
     off = replace(o, landmark_position=truth + 30.0, landmark_sigma=np.full(2, 30.0))
@@ -145,7 +145,7 @@ def test_badly_surveyed_landmarks_are_found_together_with_the_vehicles(make_flee
 def test_cost_is_chi_square_where_the_model_is_right(make_fleet):
     solver, cost, freedom = GraphSolver(), [], []
     for seed in range(30):
-        fleet = make_fleet(seed=seed, n_agents=3, n_times=16, gnss_every=5)
+        fleet = make_fleet(seed=seed, n_vehicles=3, n_times=16, gnss_every=5)
         solution = solve_conditions(fleet.noisy, ["straight"], fleet.start, solver=solver)["straight"]
         assert solution.status == SolveStatus.OK
         cost.append(2.0 * solution.final_cost)
@@ -246,7 +246,7 @@ def test_a_wrong_basin_is_left_for_the_lower_one_and_the_status_says_so(make_fle
 
 
 def test_estimates_hold_every_condition_and_realization(make_fleet):
-    runs = [make_fleet(seed=s, n_agents=2, n_times=12, n_landmarks=1, gnss_every=5) for s in (0, 1)]
+    runs = [make_fleet(seed=s, n_vehicles=2, n_times=12, n_landmarks=1, gnss_every=5) for s in (0, 1)]
     solved = [solve_conditions(r.noisy, list(CONDITIONS)) for r in runs]
     estimates = collect_estimates(runs[0].noisy, solved)
     assert estimates.condition.tolist() == list(CONDITIONS)

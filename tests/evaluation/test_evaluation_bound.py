@@ -114,7 +114,7 @@ def test_a_fleet_turns_unseen_about_its_only_anchor():
 
 
 def test_an_estimator_of_straight_ranges_reaches_the_bound_and_one_without_them_its_own():
-    fleet = factories.make_fleet(seed=5, n_agents=4, n_times=20, turn=0.0, gnss_every=19)
+    fleet = factories.make_fleet(seed=5, n_vehicles=4, n_times=20, turn=0.0, gnss_every=19)
     truth = factories.trajectories(
         fleet.position, time=np.arange(20) * factories.PERIOD, quaternion=fleet.quaternion
     )

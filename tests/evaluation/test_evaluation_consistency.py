@@ -22,7 +22,7 @@ from pymantaray.records import PoseCovariances, SolveStatus
 from pymantaray.study import load_study, parse_study, run_study
 
 SAMPLES = np.array([4, 9])
-N_TIMES, N_AGENTS = 10, 4
+N_TIMES, N_VEHICLES = 10, 4
 
 
 def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shift=0.0):
@@ -32,27 +32,27 @@ def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shi
     The first condition errs by what it believes, scaled by `believed[0]`; so does the second, shifted north.
     """
     rng = np.random.default_rng(seed)
-    position = rng.normal(0, 500.0, (N_AGENTS, N_TIMES, 3))
-    quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (N_AGENTS, N_TIMES, 3))))
+    position = rng.normal(0, 500.0, (N_VEHICLES, N_TIMES, 3))
+    quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (N_VEHICLES, N_TIMES, 3))))
     truth = factories.trajectories(position, time=3600.0 * np.arange(N_TIMES), quaternion=quaternion)
     shape = (2, n_realizations)
     own = np.array([2.0, 1.0, 0.01])
     # a measurement of standard deviation 1 of something with prior 2: closed form, the same in each axis
-    joint = np.einsum("ab,ij->aibj", np.eye(N_AGENTS), np.diag(own**2))
-    joint += common**2 * np.einsum("ab,ij->aibj", np.ones((N_AGENTS, N_AGENTS)), np.diag([1.0, 1.0, 0.0]))
-    flat = joint.reshape(3 * N_AGENTS, -1)
+    joint = np.einsum("ab,ij->aibj", np.eye(N_VEHICLES), np.diag(own**2))
+    joint += common**2 * np.einsum("ab,ij->aibj", np.ones((N_VEHICLES, N_VEHICLES)), np.diag([1.0, 1.0, 0.0]))
+    flat = joint.reshape(3 * N_VEHICLES, -1)
     root = np.linalg.cholesky(flat)
-    error = np.einsum("ij,crtj->crti", root, rng.standard_normal((*shape, N_TIMES, 3 * N_AGENTS)))
-    error = np.swapaxes(error.reshape(*shape, N_TIMES, N_AGENTS, 3), 2, 3)
+    error = np.einsum("ij,crtj->crti", root, rng.standard_normal((*shape, N_TIMES, 3 * N_VEHICLES)))
+    error = np.swapaxes(error.reshape(*shape, N_TIMES, N_VEHICLES, 3), 2, 3)
     error[1, ..., 0] += shift
-    turn = 0.01 * rng.standard_normal((*shape, N_AGENTS, N_TIMES, 3))
+    turn = 0.01 * rng.standard_normal((*shape, N_VEHICLES, N_TIMES, 3))
     estimate = matrix_from_quaternion(quaternion) @ so3_exp(turn)
     estimates = factories.estimates(truth, position + error, quaternion=quaternion_from_matrix(estimate))
     scale = np.array(believed)[:, None, None, None, None, None, None] ** 2
     size = (*shape, SAMPLES.size)
     believed_joint = scale * np.broadcast_to(joint, (*size, *joint.shape))
     to_body = np.swapaxes(estimate[..., SAMPLES, :, :], 2, 3).swapaxes(-1, -2)
-    pose = np.zeros((*size, N_AGENTS, 6, 6))
+    pose = np.zeros((*size, N_VEHICLES, 6, 6))
     pose[..., :3, :3] = 0.01**2 * np.eye(3)
     block = np.einsum("creaiaj->creaij", believed_joint)
     pose[..., 3:, 3:] = to_body @ block @ np.swapaxes(to_body, -1, -2)
@@ -121,9 +121,9 @@ def test_share_of_false_alarms_is_five_percent_though_vehicles_are_correlated():
         truth, estimates, covariances = make_case(seed=100 + seed, n_realizations=8, common=10.0)
         table = consistency_table(truth, estimates, covariances)
         alarms.append((~table["inside"]).groupby(table["statistic"]).sum())
-        each = consistency_table(truth, estimates, covariances, by_agent=True)
+        each = consistency_table(truth, estimates, covariances, by_vehicle=True)
         pooled = each[each["statistic"] == "horizontal"].groupby(["condition", "time_h"])["ratio"].mean()
-        low, high = mean_chi_square_bounds(8 * 2 * N_AGENTS)
+        low, high = mean_chi_square_bounds(8 * 2 * N_VEHICLES)
         naive += ((pooled < low) | (pooled > high)).tolist()
     share = sum(alarms) / (4 * n)  # two conditions, two epochs
     low, high = stats.binom.ppf([0.001, 0.999], 4 * n, 0.05) / (4 * n)
@@ -132,8 +132,8 @@ def test_share_of_false_alarms_is_five_percent_though_vehicles_are_correlated():
 
 
 def test_vehicles_are_judged_one_by_one_and_poses_in_six_dimensions():
-    table = consistency_table(*make_case(seed=3, n_realizations=60), by_agent=True)
-    assert set(table["agent"]) == set("ABCD")
+    table = consistency_table(*make_case(seed=3, n_realizations=60), by_vehicle=True)
+    assert set(table["vehicle"]) == set("ABCD")
     freedom = table.groupby("statistic")["degrees_of_freedom"].first()
     assert freedom.to_dict() == {"horizontal": 120, "position": 180, "pose": 360}
     summary = consistency_summary(table)
@@ -222,7 +222,7 @@ def test_straight_ranges_and_odometry_are_consistent_and_refracted_ranges_far_fr
     assert not refracted["inside"].any()
     assert (refracted["ratio"] > 10.0 * refracted["high"]).all(), "not by a little"
     assert summary.loc["straight", "consistent"].all()
-    vehicles = consistency_summary(consistency_table(*small_study, by_agent=True))
+    vehicles = consistency_summary(consistency_table(*small_study, by_vehicle=True))
     assert vehicles.loc[vehicles["condition"] != "refracted", "consistent"].all(), vehicles
     coverage = coverage_table(*small_study)
     good = coverage[coverage["condition"] != "refracted"]

@@ -16,15 +16,15 @@ from pymantaray.records import SolveStatus
 
 
 def make_run(
-    seed=0, *, n_realizations=4, n_agents=3, n_times=40, conditions=("straight", "refracted"), shift=0.0
+    seed=0, *, n_realizations=4, n_vehicles=3, n_times=40, conditions=("straight", "refracted"), shift=0.0
 ):
     """Truth by random walk; the estimates err by noise, by `shift` metres north in the last condition."""
     rng = np.random.default_rng(seed)
-    position = np.cumsum(rng.normal(0, 50.0, (n_agents, n_times, 3)), axis=1)
-    quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (n_agents, n_times, 3))))
+    position = np.cumsum(rng.normal(0, 50.0, (n_vehicles, n_times, 3)), axis=1)
+    quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (n_vehicles, n_times, 3))))
     truth = factories.trajectories(position, quaternion=quaternion)
-    common = rng.normal(0, 3.0, (n_realizations, n_agents, n_times, 3))
-    error = common + rng.normal(0, 1.0, (len(conditions), n_realizations, n_agents, n_times, 3))
+    common = rng.normal(0, 3.0, (n_realizations, n_vehicles, n_times, 3))
+    error = common + rng.normal(0, 1.0, (len(conditions), n_realizations, n_vehicles, n_times, 3))
     error[-1, ..., 0] += shift
     return truth, factories.estimates(truth, position + error, conditions)
 
@@ -63,7 +63,7 @@ def test_equals_evo_on_a_whole_run():
         return trajectory.PoseTrajectory3D(position, quaternion.astype(float), np.array(truth.time))
 
     ours = trajectory_errors(truth, estimates)
-    keys = ["condition", "realization", "agent"]
+    keys = ["condition", "realization", "vehicle"]
     table = error_table(truth, estimates, by=keys[1:]).set_index(keys)
     for c, r, a in np.ndindex(*ours.shape[:3]):
         metric = metrics.APE(metrics.PoseRelation.translation_part)
@@ -106,7 +106,9 @@ def test_records_that_do_not_belong_together_are_refused():
     later = replace(truth, time=truth.time + 1.0), estimates
     refused(EvaluationError, "are of vehicles", error_table, *other)
     refused(EvaluationError, "different sample times", error_table, *later)
-    refused(EvaluationError, "allowed are 'realization' and 'agent'", error_table, truth, estimates, ["hour"])
+    refused(
+        EvaluationError, "allowed are 'realization' and 'vehicle'", error_table, truth, estimates, ["hour"]
+    )
     refused(EvaluationError, "refracted, realization 2: status is good but poses", error_table, truth, lying)
     says = "'bent' was not run; there are straight, refracted"
     refused(EvaluationError, says, comparison_table, truth, estimates, [("bent", "straight")])
@@ -142,7 +144,7 @@ def test_interval_is_the_same_again_and_absent_for_a_single_realization():
 
 def test_pairing_narrows_the_interval():
     # both conditions share errors of 3 m; only the 1 m that differs may widen the interval
-    truth, estimates = make_run(seed=2, n_realizations=25, n_agents=1, n_times=5)
+    truth, estimates = make_run(seed=2, n_realizations=25, n_vehicles=1, n_times=5)
     errors = trajectory_errors(truth, estimates).mean(axis=(2, 3))
     row = comparison_table(truth, estimates).set_index("statistic").loc["mean"]
     unpaired = stats.ttest_ind(errors[1], errors[0]).confidence_interval(0.95)
@@ -151,10 +153,10 @@ def test_pairing_narrows_the_interval():
 
 def test_bootstrap_covers_nearly_as_often_with_as_many_realizations_as_the_paper():
     shift, covered, n = 4.0, 0, 150
-    big_truth, big = make_run(seed=0, n_realizations=4000, n_agents=1, n_times=4, shift=shift)
+    big_truth, big = make_run(seed=0, n_realizations=4000, n_vehicles=1, n_times=4, shift=shift)
     expected = comparison_table(big_truth, big).set_index("statistic").loc["rmse", "pooled_difference_m"]
     for seed in range(1, n + 1):
-        truth, estimates = make_run(seed=seed, n_realizations=25, n_agents=1, n_times=4, shift=shift)
+        truth, estimates = make_run(seed=seed, n_realizations=25, n_vehicles=1, n_times=4, shift=shift)
         row = comparison_table(truth, estimates).set_index("statistic").loc["rmse"]
         covered += row["bootstrap_low_m"] <= expected <= row["bootstrap_high_m"]
     # percentile intervals of 25 are a little short: between 0.88 and all

@@ -114,9 +114,9 @@ def test_labels_flags_and_dates_are_what_xarray_selects_by(tmp_path):
     truth = replace(filled(Trajectories), name=["A", "B", "C"], time=[0.0, 200.0, 400.5, 600.0])
     truth.save(tmp_path / "truth.nc")
     with xr.open_dataset(tmp_path / "truth.nc") as data:
-        down = data.position.sel(agent="B", axis="down", time="2014-07-15T12:06:40.75")
+        down = data.position.sel(vehicle="B", axis="down", time="2014-07-15T12:06:40.75")
         assert down == truth.position[1, 2, 2]
-        np.testing.assert_array_equal(data.quaternion.sel(agent="C", quat="w"), truth.quaternion[2, :, 0])
+        np.testing.assert_array_equal(data.quaternion.sel(vehicle="C", quat="w"), truth.quaternion[2, :, 0])
         flags = dict(zip(data.status.flag_meanings.split(), data.status.flag_values.tolist(), strict=True))
         assert flags == {"ACTIVE": 0, "GROUNDED": 1, "LEFT_DOMAIN": 2, "ABSENT": 3}
         assert data.status.flag_values.dtype == data.status.dtype
@@ -127,7 +127,7 @@ def test_labels_flags_and_dates_are_what_xarray_selects_by(tmp_path):
         )  # decoded, to a nanosecond
         assert Trajectories.from_dataset(data).start == START
     unsaved = truth.to_dataset()
-    np.testing.assert_array_equal(unsaved.position.sel(agent="B"), truth.position[1])
+    np.testing.assert_array_equal(unsaved.position.sel(vehicle="B"), truth.position[1])
     assert unsaved.time.attrs["units"] == "seconds since 2014-07-15T12:00:00.250000"
 
 
@@ -145,10 +145,10 @@ def test_a_mission_without_a_date_counts_from_its_start(tmp_path):
 
 def test_rows_and_columns_of_covariances_have_the_same_labels():
     names, data = NAMES[:2], filled(PoseCovariances).to_dataset()
-    assert data.agent_column.values.tolist() == data.agent.values.tolist() == names
+    assert data.vehicle_column.values.tolist() == data.vehicle.values.tolist() == names
     assert data.axis_column.values.tolist() == ["north", "east", "down"]
     pair = data.position_covariance.sel(
-        agent=names[0], axis="north", agent_column=names[1], axis_column="down"
+        vehicle=names[0], axis="north", vehicle_column=names[1], axis_column="down"
     )
     assert pair.dims == ("condition", "realization", "epoch")
 
@@ -156,9 +156,20 @@ def test_rows_and_columns_of_covariances_have_the_same_labels():
 def test_files_without_labels_are_still_read(tmp_path):
     """Run folders of format 2: a variable ``name``, no coordinates, no date."""
     truth = replace(filled(Trajectories), start=np.datetime64("NaT", "us"), centre=None)
-    old = truth.to_dataset().drop_vars(["axis", "quat"]).rename({"agent": "name"}).swap_dims(name="agent")
+    old = truth.to_dataset().drop_vars(["axis", "quat"]).rename({"vehicle": "name"}).swap_dims(name="agent")
     old.reset_coords("name").to_netcdf(tmp_path / "old.nc")
     assert_equal(Trajectories.load(tmp_path / "old.nc"), truth)
+
+
+@pytest.mark.parametrize("kind", [Trajectories, Measurements, Estimates, PoseCovariances])
+def test_files_that_call_vehicles_agents_are_still_read(tmp_path, kind):
+    """Run folders of format 3: dimension ``agent``, variables ``gnss_agent`` and ``attitude_agent``."""
+    record = filled(kind)
+    today = record.to_dataset()
+    old = today.rename({n: n.replace("vehicle", "agent") for n in today.variables if "vehicle" in n})
+    assert "agent" in old.coords
+    old.to_netcdf(tmp_path / "old.nc")
+    assert_equal(kind.load(tmp_path / "old.nc"), record)
 
 
 def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():

@@ -29,7 +29,7 @@ FIGURES = {
     "range_error_split", "ray_picture", "sound_speed", "pipeline",
 }  # fmt: skip
 TABLES = {
-    "ate_difference", "ate_per_agent", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_agent",
+    "ate_difference", "ate_per_vehicle", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_vehicle",
     "consistency_per_epoch", "costs", "coverage", "dropouts", "ping_error", "range_error", "range_error_split", "region", "solves",
     "noise", "timing",
 }  # fmt: skip
@@ -162,7 +162,7 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
     assert len(tables["solves"]) == run.estimates.solve_status.size
     for name, expected in (
         ("ate_pooled", error_table(run.truth, run.estimates)),
-        ("ate_per_agent", error_table(run.truth, run.estimates, by=["agent"])),
+        ("ate_per_vehicle", error_table(run.truth, run.estimates, by=["vehicle"])),
         ("ate_difference", comparison_table(run.truth, run.estimates)),
         ("dropouts", dropout_table(run.measurements, run.truth)),
         ("range_error", range_error_table(run.measurements, run.ranging_truth, run.truth)),

@@ -60,8 +60,8 @@ def solved(m, truth):
 
 def test_without_levels_there_is_no_sensor_and_no_draw_moves(measured):
     off, on = measured(NoiseModel(**BAD_ODOMETRY)), measured()
-    assert off.attitude_agent.size == 0
-    assert on.attitude_agent.size == 2 * 61
+    assert off.attitude_vehicle.size == 0
+    assert on.attitude_vehicle.size == 2 * 61
     noisy = [perturb(m, root_seed=1, realization=0) for m in (off, on)]
     assert_same(*noisy, but=[f.name for f in fields(off) if f.name.startswith("attitude")])
     assert "attitude" not in {name for name, table in build_graph(off).factors.items() if len(table)}

@@ -17,12 +17,16 @@ def test_paper_has_42_epochs_and_4620_attempts():
     assert attempts(11, 0, epochs).sample.size == 4620
 
 
-@pytest.mark.parametrize(("n_agents", "n_landmarks"), [(1, 0), (1, 2), (2, 0), (3, 2), (11, 0)])
-def test_every_ordered_pair_once_an_epoch_and_every_landmark_heard(n_agents, n_landmarks):
+@pytest.mark.parametrize(("n_vehicles", "n_landmarks"), [(1, 0), (1, 2), (2, 0), (3, 2), (11, 0)])
+def test_every_ordered_pair_once_an_epoch_and_every_landmark_heard(n_vehicles, n_landmarks):
     epochs = np.array([5, 9])
-    table = attempts(n_agents, n_landmarks, epochs)
+    table = attempts(n_vehicles, n_landmarks, epochs)
     expected = [
-        (k, i, j) for k in epochs for i in range(n_agents) for j in range(n_agents + n_landmarks) if i != j
+        (k, i, j)
+        for k in epochs
+        for i in range(n_vehicles)
+        for j in range(n_vehicles + n_landmarks)
+        if i != j
     ]
     assert list(zip(*table, strict=True)) == expected
 

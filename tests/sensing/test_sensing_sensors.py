@@ -33,8 +33,8 @@ def test_gnss_fixes_exactly_while_shallow(make_truth, make_measurements):
         (np.nextafter(depth[7], np.inf), 8),
     ):  # 7: not that one itself
         m = make_measurements(gnss_depth=limit)
-        assert m.gnss_agent.size == count
-        np.testing.assert_array_equal(m.gnss_position, make_truth().position[m.gnss_agent, m.gnss_sample])
+        assert m.gnss_vehicle.size == count
+        np.testing.assert_array_equal(m.gnss_position, make_truth().position[m.gnss_vehicle, m.gnss_sample])
         assert (m.gnss_position[:, 2] < limit).all()
     with pytest.raises(SensingError, match="gnss_depth is -1 m; it must be zero or positive"):
         make_measurements(gnss_depth=-1.0)
@@ -101,7 +101,7 @@ def test_every_draw_is_a_standard_normal_of_its_own_stream_times_its_sigma(
         assert_draws(odometry[a], draws((12, 6), name, "odometry") * wide[a])
         assert_draws(first[a], draws(6, name, "first pose") * wide[a, 0])
         assert_draws(noisy.depth[a] - clean.depth[a], draws(13, name, "depth") * clean.depth_sigma[a])
-        own = clean.gnss_agent == a
+        own = clean.gnss_vehicle == a
         assert_draws(fixes[own], draws((13, 3), name, "gnss")[clean.gnss_sample[own]])
     surveys = noisy.landmark_position - clean.landmark_position
     for k, name in enumerate(clean.landmark_name):

@@ -40,16 +40,16 @@ def test_ranges_of_a_realization_have_its_noise(run):
 
 
 def test_errors_pool_to_the_tables_of_the_report(run):
-    frame, table = run.errors(), error_table(run.truth, run.estimates, by=["agent"])
+    frame, table = run.errors(), error_table(run.truth, run.estimates, by=["vehicle"])
     np.testing.assert_allclose(np.linalg.norm(frame[["north", "east", "down"]], axis=1), frame["error"])
-    rmse = frame.groupby(["condition", "agent"])["error"].apply(lambda e: np.sqrt(np.mean(e**2)))
+    rmse = frame.groupby(["condition", "vehicle"])["error"].apply(lambda e: np.sqrt(np.mean(e**2)))
     np.testing.assert_allclose(
-        table["rmse_m"], [rmse[key] for key in zip(table["condition"], table["agent"], strict=True)]
+        table["rmse_m"], [rmse[key] for key in zip(table["condition"], table["vehicle"], strict=True)]
     )
 
 
 def test_errors_are_estimates_less_the_truth(run):
-    axes, keys = ["north", "east", "down"], ["condition", "agent", "time"]
+    axes, keys = ["north", "east", "down"], ["condition", "vehicle", "time"]
     frame, poses = run.errors(), run.trajectories(1).set_index(keys)[axes]
     errors = frame[frame["realization"] == 1].set_index(keys)[axes]
     truth = poses.loc["truth"].loc[errors.index.droplevel("condition")]

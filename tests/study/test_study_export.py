@@ -48,8 +48,8 @@ def poses(run):
     """Position and quaternion, body to north, east, down, by condition and vehicle."""
     e, truth = run.estimates, run.truth
     both = {("truth", a): (truth.position[i], truth.quaternion[i]) for i, a in enumerate(truth.name)}
-    for (c, condition), (i, agent) in product(enumerate(e.condition), enumerate(truth.name)):
-        both[condition, agent] = e.position[c, REALIZATION, i], e.quaternion[c, REALIZATION, i]
+    for (c, condition), (i, vehicle) in product(enumerate(e.condition), enumerate(truth.name)):
+        both[condition, vehicle] = e.position[c, REALIZATION, i], e.quaternion[c, REALIZATION, i]
     return both
 
 
@@ -66,18 +66,20 @@ def test_evo_reads_the_same_errors_from_tum(run, exported, poses):
     interface = pytest.importorskip("evo.tools.file_interface")
     metrics = pytest.importorskip("evo.core.metrics")
     out = exported("tum")
-    assert names_in(out) == sorted(f"{condition}-{agent}.tum" for condition, agent in poses)
-    errors = run.errors().set_index(["condition", "realization", "agent"]).sort_index(kind="stable")["error"]
+    assert names_in(out) == sorted(f"{condition}-{vehicle}.tum" for condition, vehicle in poses)
+    errors = (
+        run.errors().set_index(["condition", "realization", "vehicle"]).sort_index(kind="stable")["error"]
+    )
     truth = {a: interface.read_tum_trajectory_file(out / f"truth-{a}.tum") for a in run.truth.name}
-    for condition, agent in poses:
-        read = interface.read_tum_trajectory_file(out / f"{condition}-{agent}.tum")
+    for condition, vehicle in poses:
+        read = interface.read_tum_trajectory_file(out / f"{condition}-{vehicle}.tum")
         assert read.check()[0]
-        np.testing.assert_array_equal(read.positions_xyz, poses[condition, agent][0])
-        np.testing.assert_allclose(read.orientations_quat_wxyz, poses[condition, agent][1], atol=1e-7)
+        np.testing.assert_array_equal(read.positions_xyz, poses[condition, vehicle][0])
+        np.testing.assert_allclose(read.orientations_quat_wxyz, poses[condition, vehicle][1], atol=1e-7)
         if condition != "truth":
             ape = metrics.APE(metrics.PoseRelation.translation_part)
-            ape.process_data((truth[agent], read))
-            np.testing.assert_allclose(ape.error, errors[condition, REALIZATION, agent], atol=1e-9)
+            ape.process_data((truth[vehicle], read))
+            np.testing.assert_allclose(ape.error, errors[condition, REALIZATION, vehicle], atol=1e-9)
 
 
 def test_evo_reads_kitti(run, exported, poses):
@@ -86,8 +88,8 @@ def test_evo_reads_kitti(run, exported, poses):
     assert names_in(out) == sorted(
         ["frame.json", *(f"{c}-{a}.txt" for c, a in poses), *(f"times-{a}.txt" for a in run.truth.name)]
     )
-    for (condition, agent), (position, quaternion) in poses.items():
-        read = interface.read_kitti_poses_file(out / f"{condition}-{agent}.txt")
+    for (condition, vehicle), (position, quaternion) in poses.items():
+        read = interface.read_kitti_poses_file(out / f"{condition}-{vehicle}.txt")
         matrices = np.array(read.poses_se3)
         np.testing.assert_array_equal(matrices[:, :3, 3], position)
         np.testing.assert_allclose(matrices[:, :3, :3], matrix_from_quaternion(quaternion), atol=2e-7)
@@ -131,10 +133,10 @@ def test_gtsam_reads_the_poses_and_odometry_of_g2o(run, exported, poses):
     out = exported("g2o")
     assert names_in(out) == ["frame.json", "refracted.g2o", "straight-all.g2o", "straight.g2o"]
     graph, values = gtsam.readG2o(str(out / "refracted.g2o"), True)
-    n_agents, n = run.truth.status.shape
-    assert (values.size(), graph.size()) == (n_agents * n, n_agents * (n - 1))
-    for i, agent in enumerate(run.truth.name):
-        position, quaternion = poses["refracted", agent]
+    n_vehicles, n = run.truth.status.shape
+    assert (values.size(), graph.size()) == (n_vehicles * n, n_vehicles * (n - 1))
+    for i, vehicle in enumerate(run.truth.name):
+        position, quaternion = poses["refracted", vehicle]
         pose = values.atPose3(i * n + n - 1)
         np.testing.assert_allclose(pose.translation(), position[-1], rtol=1e-15)
         np.testing.assert_allclose(
@@ -163,8 +165,8 @@ def test_rerun_reads_transforms_and_ranges(run, exported, poses):
         batch = part.to_record_batch()
         for name in batch.schema.names:
             columns.setdefault(part.entity_path, {})[name] = batch.column(name)
-    for (condition, agent), pose in poses.items():
-        entity = columns[f"/map/{condition}/{agent}"]
+    for (condition, vehicle), pose in poses.items():
+        entity = columns[f"/map/{condition}/{vehicle}"]
         position, xyzw = (
             np.array(entity[f"Transform3D:{name}"].to_pylist()).squeeze(1)
             for name in ("translation", "quaternion")
@@ -181,7 +183,7 @@ def test_rerun_reads_transforms_and_ranges(run, exported, poses):
     assert sum(map(len, strips)) == (ranges["status"] == "OK").sum()
     line = columns["/earth/B"]["GeoLineStrings:line_strings"].to_pylist()[0][0]
     np.testing.assert_allclose(
-        line, run.trajectories().query("condition == 'truth' and agent == 'B'")[["latitude", "longitude"]]
+        line, run.trajectories().query("condition == 'truth' and vehicle == 'B'")[["latitude", "longitude"]]
     )
 
 
@@ -226,8 +228,8 @@ def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, t
     instants = (
         (run.truth.start + (run.truth.time * 1e6).astype("m8[us]")).astype("M8[ns]").astype(int).tolist()
     )
-    for (condition, agent), pose in poses.items():
-        stamped = topics[f"/{names[condition]}/{agent}/pose"]
+    for (condition, vehicle), pose in poses.items():
+        stamped = topics[f"/{names[condition]}/{vehicle}/pose"]
         assert [time for time, _ in stamped] == instants
         contents = [content for _, content in stamped]
         assert {c.header.frame_id for c in contents} == {"map"}
@@ -237,10 +239,10 @@ def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, t
             [turn_of(c.pose.orientation) for c in contents],
             pose,
         )
-        ((_, path),) = topics[f"/{names[condition]}/{agent}/path"]
+        ((_, path),) = topics[f"/{names[condition]}/{vehicle}/path"]
         assert place_of(path.poses[-1].pose.position) == place_of(contents[-1].pose.position)
     last = {t.child_frame_id: t.transform for t in topics["/tf"][-1][1].transforms}
-    assert set(last) == {f"{agent}/base_link" for agent in run.truth.name}
+    assert set(last) == {f"{vehicle}/base_link" for vehicle in run.truth.name}
     assert_enu(
         place_of(last["B/base_link"].translation),
         turn_of(last["B/base_link"].rotation),
@@ -252,7 +254,7 @@ def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, t
         [place_of(t.transform.translation) for t in static], marks.landmark_position @ UP.T
     )
     fixes = [content for _, content in topics["/truth/B/fix"]]
-    here = run.trajectories().query("condition == 'truth' and agent == 'B'")
+    here = run.trajectories().query("condition == 'truth' and vehicle == 'B'")
     np.testing.assert_array_equal(
         [[f.latitude, f.longitude, -f.altitude] for f in fixes], here[["latitude", "longitude", "down"]]
     )

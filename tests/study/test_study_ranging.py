@@ -138,8 +138,8 @@ def test_loss_at_the_ice_is_heard_and_no_vehicle_is_in_it_or_has_a_fix(fly_tiny,
     less = loud.hearing.probability - quiet.hearing.probability
     assert np.nanmin(less) > -1e-12
     assert np.nanmax(less) > 0.5
-    assert tiny_run.measurements.gnss_agent.size
-    assert loud.measurements.gnss_agent.size == 0  # though 0.8 m is shallower than the antenna reaches
+    assert tiny_run.measurements.gnss_vehicle.size
+    assert loud.measurements.gnss_vehicle.size == 0  # though 0.8 m is shallower than the antenna reaches
     assert loud.truth.position[..., 2].min() >= 0.8
     assert (loud.truth.status == tiny_run.truth.status).all()
     np.testing.assert_array_equal(loud.picture["sea_ice_draft"], 0.8)

@@ -50,7 +50,7 @@ def test_survey_mows_its_lawn(survey_run):
     assert (field[:, 1] > 2800.0).all()
     assert (field[:, 0] > 300.0).all()
     assert (field[:, 2] < 1.0).all()
-    assert set(o.gnss_agent) == {0}
+    assert set(o.gnss_vehicle) == {0}
     floor = float(survey_run.ocean["sea_floor_depth"].min())
     assert (o.landmark_position[:, 2] > floor - 20.0).all()
 

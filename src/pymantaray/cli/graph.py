@@ -216,13 +216,13 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     from pymantaray.estimation.graph import KINDS
 
     g = file.graph
-    agent, number = g.pose_agent, g.pose_number.astype(int)
+    vehicle, number = g.pose_vehicle, g.pose_number.astype(int)
     a, b = g["edge"].variables.T
-    same = agent[a] == agent[b]
+    same = vehicle[a] == vehicle[b]
     odometry = same & (number[b] - number[a] == 1)
     landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
     time = g.pose_time
-    vehicles = (f"{name} ({np.count_nonzero(agent == k)} poses)" for k, name in enumerate(g.agent_name))
+    vehicles = (f"{name} ({np.count_nonzero(vehicle == k)} poses)" for k, name in enumerate(g.vehicle_name))
     unary = {kind.plural: len(g[name]) for name, kind in KINDS.items() if len(kind.ends) == 1}
     priors = [f"{plural} {count}" for plural, count in unary.items() if count]
     counts = [np.count_nonzero(landmarks == k) for k in range(3)]
@@ -243,7 +243,7 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     out.add(
         dimensions=2 if g.planar else 3,
         vehicles=[
-            {"name": name, "poses": np.count_nonzero(agent == k)} for k, name in enumerate(g.agent_name)
+            {"name": name, "poses": np.count_nonzero(vehicle == k)} for k, name in enumerate(g.vehicle_name)
         ],
         landmarks=g.landmark_name,
         times_s=[time.min(), time.max()],

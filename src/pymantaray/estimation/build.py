@@ -111,20 +111,20 @@ def _used(o: Measurements, ranges: Ranges, links: Links) -> NDArray[np.bool_]:
 
 
 def _without_ranges(o: Measurements) -> FactorGraph:
-    n_agents, n_times = o.depth.shape
-    poses = np.arange(n_agents * n_times)
-    chain = poses.reshape(n_agents, n_times)
+    n_vehicles, n_times = o.depth.shape
+    poses = np.arange(n_vehicles * n_times)
+    chain = poses.reshape(n_vehicles, n_times)
     bare = FactorGraph(
-        agent_name=o.name,
+        vehicle_name=o.name,
         landmark_name=o.landmark_name,
-        pose_agent=np.repeat(np.arange(n_agents), n_times),
-        pose_number=np.tile(np.arange(n_times), n_agents),
-        pose_time=np.tile(o.time, n_agents),
+        pose_vehicle=np.repeat(np.arange(n_vehicles), n_times),
+        pose_number=np.tile(np.arange(n_times), n_vehicles),
+        pose_time=np.tile(o.time, n_vehicles),
     )
     known = ~np.isnan(np.hstack([o.first_position, o.first_quaternion, o.first_sigma])).all(axis=1)
     edges = np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()], axis=1)
-    attitudes = chain[o.attitude_agent, o.attitude_sample]
-    fixes, landmarks = chain[o.gnss_agent, o.gnss_sample], poses.size + np.arange(o.landmark_name.size)
+    attitudes = chain[o.attitude_vehicle, o.attitude_sample]
+    fixes, landmarks = chain[o.gnss_vehicle, o.gnss_sample], poses.size + np.arange(o.landmark_name.size)
     first = [o.first_position[known], o.first_quaternion[known]]
     steps = [o.odometry_translation, o.odometry_rotation]
     tables = {
@@ -147,10 +147,10 @@ def _in_body(attitudes: Factors) -> Factors:
 
 
 def _variables(o: Measurements, participant: NDArray[Any], sample: NDArray[Any]) -> NDArray[Any]:
-    n_agents, n_times = o.depth.shape
-    landmark = participant >= n_agents
+    n_vehicles, n_times = o.depth.shape
+    landmark = participant >= n_vehicles
     pose = participant * n_times + sample
-    return np.asarray(np.where(landmark, n_agents * n_times + participant - n_agents, pose))
+    return np.asarray(np.where(landmark, n_vehicles * n_times + participant - n_vehicles, pose))
 
 
 def _table(

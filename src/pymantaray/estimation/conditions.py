@@ -125,8 +125,8 @@ def solve_conditions(
     conditions : sequence of str
         Keys of `CONDITIONS`. ``odometry`` is dead reckoning, the others are batch solves.
     initial : tuple of ndarray, optional
-        Where the solver starts under the conditions: positions of shape (n_agents, n_times, 3) [m] and
-        quaternions (w, x, y, z) of shape (n_agents, n_times, 4). The paper starts at the truth; the default
+        Where the solver starts under the conditions: positions of shape (n_vehicles, n_times, 3) [m] and
+        quaternions (w, x, y, z) of shape (n_vehicles, n_times, 4). The paper starts at the truth; the default
         is dead reckoning. Landmarks start at their surveyed positions.
     estimators : mapping of str to Estimator, optional
         Solved after the conditions, from the same measurements; their names must be no conditions.
@@ -138,7 +138,7 @@ def solve_conditions(
     Returns
     -------
     dict of str to Solution
-        In the order of ``conditions``, then of ``estimators``; arrays of shape ``(n_agents, n_times, ...)``.
+        In the order of ``conditions``, then of ``estimators``; arrays of shape ``(n_vehicles, n_times, ...)``.
 
     Raises
     ------
@@ -353,8 +353,8 @@ def _believed(graph: FactorGraph, o: Measurements, e: Estimator) -> tuple[Factor
         unknowns = Unknowns(
             e.model,
             timed,
-            graph.pose_agent,
-            graph.agent_name.tolist(),
+            graph.pose_vehicle,
+            graph.vehicle_name.tolist(),
             clocks=e.clocks,
             scale_sigma=e.scale_sigma,
             bias_sigma=e.bias_sigma,

@@ -24,17 +24,17 @@ class EpochCovariances:
     Those of positions are joint, in the world's axes; those of poses in the tangents of the estimates.
     """
 
-    position: Array  # (n_epochs, n_agents, 3, n_agents, 3) [m2]
-    pose: Array  # (n_epochs, n_agents, 6, 6) [rad, m]
+    position: Array  # (n_epochs, n_vehicles, 3, n_vehicles, 3) [m2]
+    pose: Array  # (n_epochs, n_vehicles, 6, 6) [rad, m]
     range_nis: Array
     range_dimension: Indices
 
     @classmethod
-    def unknown(cls, n_epochs: int, n_agents: int) -> "EpochCovariances":
+    def unknown(cls, n_epochs: int, n_vehicles: int) -> "EpochCovariances":
         """Of a solve that has none: NaN."""
         return cls(
-            np.full((n_epochs, n_agents, 3, n_agents, 3), np.nan),
-            np.full((n_epochs, n_agents, 6, 6), np.nan),
+            np.full((n_epochs, n_vehicles, 3, n_vehicles, 3), np.nan),
+            np.full((n_epochs, n_vehicles, 6, 6), np.nan),
             np.full(n_epochs, np.nan),
             np.zeros(n_epochs, dtype=np.intp),
         )
@@ -66,22 +66,22 @@ def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochC
     o, n_epochs = measurements, len(samples)
     position, quaternion = dead_reckon(o)
     rotation = matrix_from_quaternion(quaternion)
-    agents = np.arange(o.name.size)
+    vehicles = np.arange(o.name.size)
     # of all steps up to a sample, in the world's axes and about where each vehicle started
     adjoint = np.zeros((*position.shape[:2], 6, 6))
     adjoint[..., :3, :3] = adjoint[..., 3:, 3:] = rotation
     adjoint[..., 3:, :3] = hat(position - position[:, :1]) @ rotation
     adjoint *= np.concatenate([o.first_sigma[:, None], o.odometry_sigma], axis=1)[:, :, None]
     about_start = np.cumsum(adjoint @ np.swapaxes(adjoint, 2, 3), axis=1)[:, samples]
-    shift, turn = np.zeros((2, agents.size, n_epochs, 6, 6))
+    shift, turn = np.zeros((2, vehicles.size, n_epochs, 6, 6))
     shift[..., range(6), range(6)] = 1.0
     shift[..., 3:, :3] = -hat(position[:, samples] - position[:, :1])
     world = np.moveaxis(shift @ about_start @ np.swapaxes(shift, 2, 3), 0, 1)
     turn[..., :3, :3] = turn[..., 3:, 3:] = rotation[:, samples]
     turn = np.moveaxis(turn, 0, 1)
     pose = np.swapaxes(turn, 2, 3) @ world @ turn
-    joint = np.zeros((n_epochs, agents.size, 3, agents.size, 3))
-    joint[:, agents, :, agents, :] = np.moveaxis(world[..., 3:, 3:], 1, 0)
+    joint = np.zeros((n_epochs, vehicles.size, 3, vehicles.size, 3))
+    joint[:, vehicles, :, vehicles, :] = np.moveaxis(world[..., 3:, 3:], 1, 0)
     return EpochCovariances(joint, pose, np.full(n_epochs, np.nan), np.zeros(n_epochs, dtype=np.intp))
 
 

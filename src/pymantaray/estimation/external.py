@@ -116,7 +116,7 @@ class GraphResult:
         summary has the entries of ``more``, too; what is not finite is null there. The folder must exist.
         """
         self.graph.save(folder / "graph.nc")
-        names = ["agent_name", "landmark_name", "pose_agent", "pose_number", "pose_time"]
+        names = ["vehicle_name", "landmark_name", "pose_vehicle", "pose_number", "pose_time"]
         about = self.graph.to_dataset()[names]
         for name, values in self.trajectories.items():
             write_netcdf(values.to_dataset().merge(about, combine_attrs="override"), folder / f"{name}.nc")

@@ -34,7 +34,7 @@ def smooth_with_lag(
     lag : float
         Poses older than this are marginalized, linearized where they were believed last; at least the time between
         updates. [s]
-    covariance_poses : ndarray of int, shape (n_epochs, n_agents), optional
+    covariance_poses : ndarray of int, shape (n_epochs, n_vehicles), optional
         Poses whose joint covariances are wanted, one time each.
 
     Returns
@@ -91,13 +91,13 @@ def smooth_with_lag(
 
 def _covariances(values: GraphValues, poses: Indices, joint: dict[int, Array]) -> EpochCovariances:
     """Joint covariances by epoch, positions in the world's axes."""
-    n_epochs, n_agents = poses.shape
-    out = EpochCovariances.unknown(n_epochs, n_agents)
-    agents = np.arange(n_agents)
+    n_epochs, n_vehicles = poses.shape
+    out = EpochCovariances.unknown(n_epochs, n_vehicles)
+    vehicles = np.arange(n_vehicles)
     for epoch, matrix in joint.items():
-        blocks = matrix.reshape(n_agents, 6, n_agents, 6)
+        blocks = matrix.reshape(n_vehicles, 6, n_vehicles, 6)
         rotation = matrix_from_quaternion(values.quaternion[poses[epoch]])
-        out.pose[epoch] = blocks[agents, :, agents, :]
+        out.pose[epoch] = blocks[vehicles, :, vehicles, :]
         out.position[epoch] = np.einsum(
             "aik,akbl,bjl->aibj", rotation, blocks[:, 3:, :, 3:], rotation, optimize=True
         )

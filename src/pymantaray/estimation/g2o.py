@@ -216,12 +216,12 @@ class _Reader:
         """Graph, values of its variables, and whether these are no more than places to begin at."""
         poses, landmarks, valueless = self._vertices()
         names = [_name(k) for k in poses]
-        agents = list(dict.fromkeys(letter for letter, _ in names))
+        vehicles = list(dict.fromkeys(letter for letter, _ in names))
         numbers = [number for _, number in names]
         graph = FactorGraph(
-            agent_name=np.array(agents),
+            vehicle_name=np.array(vehicles),
             landmark_name=np.array([_landmark_name(k) for k in landmarks], dtype=str),
-            pose_agent=np.array([agents.index(letter) for letter, _ in names]),
+            pose_vehicle=np.array([vehicles.index(letter) for letter, _ in names]),
             pose_number=np.array(numbers),
             pose_time=np.array(numbers, dtype=float),
             planar=self._planar,
@@ -380,16 +380,16 @@ def _angle_scale(factor: float) -> Array:
 
 
 def _symbols(graph: FactorGraph, path: Path) -> list[int]:
-    agents = graph.agent_name.tolist()
-    if not all(len(a) == 1 and a.isascii() and a.isalpha() for a in agents) or graph.pose_number.min() < 0:
+    vehicles = graph.vehicle_name.tolist()
+    if not all(len(a) == 1 and a.isascii() and a.isalpha() for a in vehicles) or graph.pose_number.min() < 0:
         raise EstimationError(
-            f"{path}: symbols need vehicles named by one letter; found {', '.join(agents[:5])}"
+            f"{path}: symbols need vehicles named by one letter; found {', '.join(vehicles[:5])}"
         )
-    poses = zip(graph.pose_agent.tolist(), graph.pose_number.tolist(), strict=True)
+    poses = zip(graph.pose_vehicle.tolist(), graph.pose_number.tolist(), strict=True)
     names = [_SYMBOL.fullmatch(name) for name in graph.landmark_name.tolist()]
     landmarks = [("L", i) if name is None else (name[1], int(name[2])) for i, name in enumerate(names)]
     ids = [
-        ord(letter) << _SYMBOL_SHIFT | k for letter, k in [*((agents[a], k) for a, k in poses), *landmarks]
+        ord(letter) << _SYMBOL_SHIFT | k for letter, k in [*((vehicles[a], k) for a, k in poses), *landmarks]
     ]
     if len(set(ids)) != len(ids):
         raise EstimationError(

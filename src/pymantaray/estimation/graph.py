@@ -252,9 +252,9 @@ class FactorGraph(Record):
 
     kind: ClassVar[str] = "factor_graph"
 
-    agent_name: Column = column("agent", "", "vehicle name", "U")
+    vehicle_name: Column = column("vehicle", "", "vehicle name", "U")
     landmark_name: Column = column("landmark", "", "landmark name", "U")
-    pose_agent: Column = column("pose", "1", "index of the vehicle", "i4")
+    pose_vehicle: Column = column("pose", "1", "index of the vehicle", "i4")
     pose_number: Column = column("pose", "1", "number of the pose in its vehicle's chain", "i4")
     pose_time: Column = column("pose", "s", "time since the start of the mission")
     factors: Mapping[str, Factors] = field(default_factory=dict)
@@ -276,7 +276,7 @@ class FactorGraph(Record):
     @property
     def n_poses(self) -> int:
         """Number of poses; the first landmark has this number as variable."""
-        return int(self.pose_agent.size)
+        return int(self.pose_vehicle.size)
 
     @property
     def n_variables(self) -> int:
@@ -296,7 +296,7 @@ class FactorGraph(Record):
         """Name of a variable for people: ``A17``, ``float-1:17`` where the vehicle's name is longer, ``L0``."""
         if variable >= self.n_poses:
             return str(self.landmark_name[variable - self.n_poses])
-        name, number = str(self.agent_name[self.pose_agent[variable]]), int(self.pose_number[variable])
+        name, number = str(self.vehicle_name[self.pose_vehicle[variable]]), int(self.pose_number[variable])
         return f"{name}{number}" if len(name) == 1 and not name.isdigit() else f"{name}:{number}"
 
     def to_dataset(self) -> "xr.Dataset":
@@ -402,13 +402,13 @@ def connected_parts(graph: FactorGraph) -> Parts:
 
 
 def _check_names(graph: FactorGraph) -> None:
-    wrong = (graph.pose_agent < 0) | (graph.pose_agent >= graph.agent_name.size)
+    wrong = (graph.pose_vehicle < 0) | (graph.pose_vehicle >= graph.vehicle_name.size)
     if wrong.any():
         raise EstimationError(
-            f"pose: refers to vehicle {graph.pose_agent[wrong][0]}; allowed are 0 to {graph.agent_name.size - 1}"
+            f"pose: refers to vehicle {graph.pose_vehicle[wrong][0]}; allowed are 0 to {graph.vehicle_name.size - 1}"
         )
     # one integer for each name: the chain's number is 32 bits wide
-    pose = graph.pose_agent.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
+    pose = graph.pose_vehicle.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
     for names, first in ((pose, 0), (graph.landmark_name, graph.n_poses)):
         distinct = np.unique(names, return_index=True)[1]
         if distinct.size != names.size:

@@ -33,7 +33,7 @@ def covariances_at(
 
     Parameters
     ----------
-    poses : ndarray of int, shape (n_epochs, n_agents)
+    poses : ndarray of int, shape (n_epochs, n_vehicles)
         Each with a prior or odometry.
     innovations : bool
         Compute the innovations of the ranges, too; else they are NaN. With many ranges per epoch they take longer than all the rest.
@@ -71,7 +71,7 @@ def group_marginals(
     problem: Problem, last: LastStep, poses: Indices, groups: list[Indices], *, innovations: bool = True
 ) -> EpochCovariances:
     r"""
-    Covariances of poses, shape (n_epochs, n_agents), joint within each epoch, from the factor of the last step.
+    Covariances of poses, shape (n_epochs, n_vehicles), joint within each epoch, from the factor of the last step.
 
     With whitened residuals :math:`b` of the ranges of a group at the optimum, their Jacobian :math:`A` and the
     covariance :math:`P`, residuals have the covariance :math:`S = I - A P A^\top`, and
@@ -83,8 +83,8 @@ def group_marginals(
     inverse = last.factor.inverse(groups)
     joint = np.stack([p[: SIZE * members, : SIZE * members] for p in inverse])
     joint = joint.reshape(n_epochs, members, SIZE, members, SIZE)
-    agents = np.arange(members)
-    own = np.moveaxis(joint[:, agents, :, agents, :], 0, 1)
+    vehicles = np.arange(members)
+    own = np.moveaxis(joint[:, vehicles, :, vehicles, :], 0, 1)
     turn = np.tile(np.eye(SIZE), (n_epochs, members, 1, 1))
     turn[..., 3:, 3:] = last.state.rotation[poses]  # from the world's axes to the body's
     fits = [(np.nan, 0)] * n_epochs

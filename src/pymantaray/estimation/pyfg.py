@@ -126,21 +126,23 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     """
     path = Path(path)
     check_values(graph, initial)
-    agents, landmarks = _symbols(graph)
-    full = graph.agent_name.tolist() + graph.landmark_name.tolist()
+    vehicles, landmarks = _symbols(graph)
+    full = graph.vehicle_name.tolist() + graph.landmark_name.tolist()
     table = names_file(path)
-    if agents + landmarks != full:
+    if vehicles + landmarks != full:
         odd = next((name for name in full if not _OUTER_NAME.fullmatch(name)), None)
         if odd is not None or len(set(full)) != len(full):
             what = "a name twice" if odd is None else f"the name {odd!r}"
             raise EstimationError(f"{path}: {what}; needs different names of letters, digits, _ and -")
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(_lines(graph, initial, agents, landmarks))
-        if agents + landmarks == full:
+        file.writelines(_lines(graph, initial, vehicles, landmarks))
+        if vehicles + landmarks == full:
             table.unlink(missing_ok=True)  # of a file that is being replaced
         else:
             with whole_file(table) as beside, beside.open("w", encoding="utf-8", newline="") as names:
-                csv.writer(names).writerows([("symbol", "name"), *zip(agents + landmarks, full, strict=True)])
+                csv.writer(names).writerows(
+                    [("symbol", "name"), *zip(vehicles + landmarks, full, strict=True)]
+                )
 
 
 def names_file(path: Path) -> Path:
@@ -227,14 +229,14 @@ class _Reader:
                     self._lines.refuse(f"second vertex named {name}", "one vertex for each name", line)
                 self._variable[name] = len(self._variable)
         of_pose = [name.rstrip(string.digits) for name in poses]
-        agents = list(dict.fromkeys(of_pose))
-        place = {agent: i for i, agent in enumerate(agents)}
+        vehicles = list(dict.fromkeys(of_pose))
+        place = {vehicle: i for i, vehicle in enumerate(vehicles)}
         graph = FactorGraph(
-            agent_name=np.array([names.get(agent, agent) for agent in agents]),
+            vehicle_name=np.array([names.get(vehicle, vehicle) for vehicle in vehicles]),
             landmark_name=np.array([names.get(name, name) for name in landmarks], dtype=str),
-            pose_agent=np.array([place[agent] for agent in of_pose]),
+            pose_vehicle=np.array([place[vehicle] for vehicle in of_pose]),
             pose_number=np.array(
-                [int(name[len(agent) :]) for agent, name in zip(of_pose, poses, strict=True)]
+                [int(name[len(vehicle) :]) for vehicle, name in zip(of_pose, poses, strict=True)]
             ),
             pose_time=self._values[POSE][:, 0],
             planar=self._planar,
@@ -398,24 +400,24 @@ def _read_names(path: Path) -> dict[str, str]:
 
 def _symbols(graph: FactorGraph) -> tuple[list[str], list[str]]:
     """What vehicles and landmarks are called in the file."""
-    agents: list[str] = graph.agent_name.tolist()
+    vehicles: list[str] = graph.vehicle_name.tolist()
     width = 1
-    while len(_LETTERS) ** width < len(agents):
+    while len(_LETTERS) ** width < len(vehicles):
         width += 1
-    if not all(re.fullmatch(f"[{_LETTERS}]{{{width}}}", name) for name in agents):
+    if not all(re.fullmatch(f"[{_LETTERS}]{{{width}}}", name) for name in vehicles):
         letters = itertools.product(_LETTERS, repeat=width)
-        agents = ["".join(next(letters)) for _ in agents]
+        vehicles = ["".join(next(letters)) for _ in vehicles]
     landmarks: list[str] = graph.landmark_name.tolist()
     if not all(re.fullmatch("L(0|[1-9][0-9]{0,8})", name) for name in landmarks):
         landmarks = [f"L{i}" for i in range(len(landmarks))]
-    return agents, landmarks
+    return vehicles, landmarks
 
 
 def _lines(
-    graph: FactorGraph, initial: GraphValues, agents: list[str], landmarks: list[str]
+    graph: FactorGraph, initial: GraphValues, vehicles: list[str], landmarks: list[str]
 ) -> Iterator[str]:
-    numbers = zip(graph.pose_agent.tolist(), graph.pose_number.tolist(), strict=True)
-    names = [f"{agents[a]}{k}" for a, k in numbers] + landmarks
+    numbers = zip(graph.pose_vehicle.tolist(), graph.pose_number.tolist(), strict=True)
+    names = [f"{vehicles[a]}{k}" for a, k in numbers] + landmarks
     time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
     poses = [f"{t} {name}" for t, name in zip(time, names[: graph.n_poses], strict=False)]
     planar = graph.planar

@@ -208,7 +208,7 @@ class Unknowns:
     Parameters that the ranges of one graph share, each with a Gaussian prior about zero.
 
     The amplitudes of an `AdjustableModel` are unknowns; so are, with priors of theirs, a factor on all travel times, the
-    clocks of the vehicles that ``pose_agent`` gives for each pose, and a bias of each ordered pair. ``sigma``, the prior
+    clocks of the vehicles that ``pose_vehicle`` gives for each pose, and a bias of each ordered pair. ``sigma``, the prior
     standard deviations, has one entry for each; ``name`` and ``unit`` leave out the biases, which come last.
 
     The solver has them in units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
@@ -224,14 +224,14 @@ class Unknowns:
         self,
         model: RangeModel,
         ranges: TimedRanges,
-        pose_agent: NDArray[np.int32],
-        agent_name: Sequence[str],
+        pose_vehicle: NDArray[np.int32],
+        vehicle_name: Sequence[str],
         *,
         clocks: ClockPrior | None = None,
         scale_sigma: float | None = None,
         bias_sigma: float | None = None,
     ) -> None:
-        self._model, self._clocks, n = model, clocks, len(agent_name)
+        self._model, self._clocks, n = model, clocks, len(vehicle_name)
         modes = np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
         names = [f"mode {k + 1}" for k in range(modes.size)]
         units, sigma = ["m/s"] * modes.size, [*modes]
@@ -242,14 +242,14 @@ class Unknowns:
         self._known = [prior == 0.0 for prior in priors]
         for prior, what, unit in zip(priors, ("offset", "skew"), ("s", "1"), strict=True):
             if prior != 0.0:
-                names += [f"clock {what} {name}" for name in agent_name]
+                names += [f"clock {what} {name}" for name in vehicle_name]
                 units += [unit] * n
                 sigma += [prior] * n
         self.name, self.unit, self._pair = tuple(names), tuple(units), np.empty(0, dtype=np.intp)
         if bias_sigma is not None:
             # landmarks are numbered after the vehicles
             who = np.append(
-                np.asarray(pose_agent, dtype=np.intp), n + np.arange(_most_landmarks(ranges, pose_agent))
+                np.asarray(pose_vehicle, dtype=np.intp), n + np.arange(_most_landmarks(ranges, pose_vehicle))
             )
             pairs = np.stack([who[ranges.transmitter], who[ranges.receiver]], axis=1)
             distinct, self._pair = np.unique(pairs, axis=0, return_inverse=True)
@@ -266,12 +266,12 @@ class Unknowns:
             raise EstimationError(
                 f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; needs a positive finite value"
             )
-        self._n_modes, self._n_agents = modes.size, n
-        # all landmarks as one agent, left out in the end
-        agent = np.append(np.asarray(pose_agent, dtype=np.intp), n)
-        last = agent.size - 1
+        self._n_modes, self._n_vehicles = modes.size, n
+        # all landmarks as one vehicle, left out in the end
+        vehicle = np.append(np.asarray(pose_vehicle, dtype=np.intp), n)
+        last = vehicle.size - 1
         self._transmitter, self._receiver = (
-            agent[np.minimum(v, last)] for v in (ranges.transmitter, ranges.receiver)
+            vehicle[np.minimum(v, last)] for v in (ranges.transmitter, ranges.receiver)
         )
 
     def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
@@ -308,7 +308,7 @@ class Unknowns:
     def _by_clocks(self, sent: Array, time: Array, rows: Rows) -> Array:
         """Change of measured travel times by the offsets of all clocks, then by their skews; without the known ones."""
         assert self._clocks is not None  # asked only then
-        n = self._n_agents
+        n = self._n_vehicles
         offset, skew = np.zeros((rows.size, n + 1)), np.zeros((rows.size, n + 1))
         row, t, r = np.arange(rows.size), self._transmitter[rows], self._receiver[rows]
         if self._clocks.turn_around is None:
@@ -358,10 +358,10 @@ class BelievedRanges:
         return self.unknowns.predict(links, rows, u)
 
 
-def _most_landmarks(ranges: TimedRanges, pose_agent: NDArray[np.int32]) -> int:
+def _most_landmarks(ranges: TimedRanges, pose_vehicle: NDArray[np.int32]) -> int:
     """How many landmarks there are at least, by the ranges to them."""
     last = max((int(end.max(initial=-1)) for end in (ranges.transmitter, ranges.receiver)), default=-1)
-    return max(last + 1 - len(pose_agent), 0)
+    return max(last + 1 - len(pose_vehicle), 0)
 
 
 def _mean_inverse(c1: Array, c2: Array) -> Array:

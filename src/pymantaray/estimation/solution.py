@@ -117,7 +117,7 @@ class Solution:
     Values that a solve ended with, and its health; the values are NaN unless ``usable``.
 
     Fields mean what they mean in `Estimates`; ``position`` and ``quaternion`` have one row for each pose of
-    the graph, or the shape ``(n_agents, n_times, ...)`` where `solve_conditions` returns them. Of a solve
+    the graph, or the shape ``(n_vehicles, n_times, ...)`` where `solve_conditions` returns them. Of a solve
     with a range model, ``gated_links`` counts the ranges that the believed ocean does not allow in the end,
     and ``expansions`` the times that the model was asked and the graph solved. ``seconds`` of CPU time are told by
     `solve_conditions`; what estimators share is paid by the first that needs it.

@@ -58,7 +58,7 @@ class GraphSolver:
         believed : BelievedRanges, optional
             Range model and what was measured, for outer iterations. By default the graph's ranges are
             distances.
-        covariance_poses : ndarray of int, shape (n_epochs, n_agents), optional
+        covariance_poses : ndarray of int, shape (n_epochs, n_vehicles), optional
             Poses whose covariances are wanted. By default none are computed. Under a robust loss they are
             those of the ranges as they are weighted at the end, as if the weights were known.
 

@@ -25,9 +25,9 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
 
     Returns
     -------
-    position : ndarray, shape (n_agents, n_times, 3)
+    position : ndarray, shape (n_vehicles, n_times, 3)
         North, east, down in the local frame. [m]
-    quaternion : ndarray, shape (n_agents, n_times, 4)
+    quaternion : ndarray, shape (n_vehicles, n_times, 4)
         Rotation body to world, (w, x, y, z) with w >= 0.
 
     Raises
@@ -45,9 +45,9 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
             raise EstimationError(
                 f"vehicle {o.name[np.argmin(fine)]}: {what} is not finite; dead reckoning needs all of it"
             )
-    n_agents, n_times = o.depth.shape
+    n_vehicles, n_times = o.depth.shape
     step = matrix_from_quaternion(o.odometry_rotation)
-    rotation = np.empty((n_times, n_agents, 3, 3))
+    rotation = np.empty((n_times, n_vehicles, 3, 3))
     rotation[0] = matrix_from_quaternion(o.first_quaternion)
     for k in range(n_times - 1):
         np.matmul(rotation[k], step[:, k], out=rotation[k + 1])
@@ -247,8 +247,8 @@ def _shortest_tree(
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)
-    agent, number = graph.pose_agent.astype(int)[ends], graph.pose_number.astype(int)[ends]
-    next_one = (agent[:, 0] == agent[:, 1]) & (np.abs(number[:, 0] - number[:, 1]) == 1)
+    vehicle, number = graph.pose_vehicle.astype(int)[ends], graph.pose_number.astype(int)[ends]
+    next_one = (vehicle[:, 0] == vehicle[:, 1]) & (np.abs(number[:, 0] - number[:, 1]) == 1)
     weight = np.where(next_one, 1.0, _JUMP)
     tree_edge: dict[tuple[int, int], int] = {}
     for k in np.argsort(weight, kind="stable").tolist():

@@ -20,13 +20,13 @@ def ping_samples(measurements: Measurements) -> NDArray[np.intp]:
 
 
 def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArray[np.bool_]:
-    """Which vehicles are active and have no GNSS fix at each ping, shape (n_pings, n_agents)."""
+    """Which vehicles are active and have no GNSS fix at each ping, shape (n_pings, n_vehicles)."""
     if truth.name.tolist() != measurements.name.tolist():
         raise EvaluationError(
             f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
         )
     under = np.asarray(truth.status == VehicleStatus.ACTIVE)
-    under[measurements.gnss_agent, measurements.gnss_sample] = False
+    under[measurements.gnss_vehicle, measurements.gnss_sample] = False
     return np.asarray(under[:, ping_samples(measurements)].T)
 
 
@@ -45,7 +45,7 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
 
     Returns
     -------
-    ndarray, shape (n_pings, n_agents, 3, n_agents, 3)
+    ndarray, shape (n_pings, n_vehicles, 3, n_vehicles, 3)
         Joint covariance of all positions at each ping. [m²]
 
     Raises
@@ -122,7 +122,7 @@ def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame
     rows = []
     for e, (sample, under) in enumerate(zip(samples, submerged, strict=True)):
         fixed = np.zeros(under.size, dtype=bool)
-        fixed[measurements.gnss_agent[measurements.gnss_sample == sample]] = True
+        fixed[measurements.gnss_vehicle[measurements.gnss_sample == sample]] = True
         place = truth.position[:, sample]
         anchors = np.concatenate([place[fixed], measurements.landmark_position])
         turn, share = _rotation(place[under], anchors, best[e][under][:, :2][..., under, :2])

@@ -20,7 +20,7 @@ _SIGMAS = (1.0, 3.0)
 
 
 class Errors(NamedTuple):
-    """Errors at the epochs, NaN where a solve is not usable; (conditions, realizations, epochs, agents, 3 or 6)."""
+    """Errors at the epochs, NaN where a solve is not usable; (conditions, realizations, epochs, vehicles, 3 or 6)."""
 
     position: Array
     """Estimate minus truth. [m]"""
@@ -96,7 +96,7 @@ def consistency_table(
     estimates: Estimates,
     covariances: PoseCovariances,
     *,
-    by_agent: bool = False,
+    by_vehicle: bool = False,
     confidence: float = 0.95,
 ) -> pd.DataFrame:
     """
@@ -104,7 +104,7 @@ def consistency_table(
 
     Parameters
     ----------
-    by_agent : bool
+    by_vehicle : bool
         One row for each vehicle instead of one for the fleet.
     confidence : float
         Of the bounds. [-]
@@ -112,7 +112,7 @@ def consistency_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``agent`` if asked, ``time_h``, ``statistic``, ``realizations``, ``degrees_of_freedom``
+        Columns ``condition``, ``vehicle`` if asked, ``time_h``, ``statistic``, ``realizations``, ``degrees_of_freedom``
         (dimension times realizations), ``ratio`` (sum over the realizations divided by the degrees of freedom, expected 1),
         ``low`` and ``high`` (its bounds), ``inside`` and ``p_value`` (two-sided).
         Statistics of the fleet are ``horizontal`` and ``position``, 2 and 3 dimensions a vehicle in the joint
@@ -130,7 +130,7 @@ def consistency_table(
     independent. The fleet is therefore judged by one joint statistic for each epoch, and epochs are not pooled.
     """
     errors = epoch_errors(truth, estimates, covariances)
-    statistics = _by_agent(errors, covariances) if by_agent else _of_fleet(errors, covariances)
+    statistics = _by_vehicle(errors, covariances) if by_vehicle else _of_fleet(errors, covariances)
     parts = []
     for name, (value, dimension) in statistics.items():
         good = np.isfinite(value) & (dimension > 0)
@@ -142,7 +142,7 @@ def consistency_table(
         columns = {
             "order": place[0],
             "condition": covariances.condition[place[0]],
-            **({"agent": covariances.name[place[2]]} if by_agent else {}),
+            **({"vehicle": covariances.name[place[2]]} if by_vehicle else {}),
             "time_h": covariances.time[place[1]] / 3600.0,
             "statistic": name,
             "realizations": good.sum(axis=1)[place],
@@ -262,7 +262,7 @@ def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDAr
     return out
 
 
-def _by_agent(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
+def _by_vehicle(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
     """Statistic and its dimension by condition, realization, epoch and vehicle."""
     block = np.einsum("creaiaj->creaij", c.position_covariance)
     statistics = {

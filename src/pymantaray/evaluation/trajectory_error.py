@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 USABLE = tuple(status for status in SolveStatus if status.usable)
 _PERCENTILES = (5, 25, 75, 95)
-_AXES = {"condition": 0, "realization": 1, "agent": 2}
+_AXES = {"condition": 0, "realization": 1, "vehicle": 2}
 
 
 def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
@@ -62,7 +62,9 @@ def graph_errors(
     if truth is None:
         return {}
     errors = ape(values.position, truth.position)
-    table = {str(n): ate_statistics(errors[graph.pose_agent == a]) for a, n in enumerate(graph.agent_name)}
+    table = {
+        str(n): ate_statistics(errors[graph.pose_vehicle == a]) for a, n in enumerate(graph.vehicle_name)
+    }
     return {**table, "(all)": ate_statistics(errors)}
 
 
@@ -72,7 +74,7 @@ def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
 
     Returns
     -------
-    ndarray, shape (n_conditions, n_realizations, n_agents, n_times)
+    ndarray, shape (n_conditions, n_realizations, n_vehicles, n_times)
         NaN for a solve that failed. [m]
 
     Raises
@@ -106,7 +108,7 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
 
     Parameters
     ----------
-    by : sequence of {"realization", "agent"}
+    by : sequence of {"realization", "vehicle"}
         What not to pool over besides the condition; pooling joins the errors of all poses into one set.
 
     Returns
@@ -120,15 +122,15 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
     EvaluationError
         If ``by`` has another word, or for what `trajectory_errors` refuses.
     """
-    if not set(by) <= {"realization", "agent"}:
-        raise EvaluationError(f"by={list(by)}; allowed are 'realization' and 'agent'")
+    if not set(by) <= {"realization", "vehicle"}:
+        raise EvaluationError(f"by={list(by)}; allowed are 'realization' and 'vehicle'")
     errors = trajectory_errors(truth, estimates)
     usable = np.isin(estimates.solve_status, USABLE)
     keys = ["condition", *by]
     names: dict[str, NDArray[Any]] = {
         "condition": estimates.condition,
         "realization": estimates.realization,
-        "agent": estimates.name,
+        "vehicle": estimates.name,
     }
     rows = []
     for index in np.ndindex(*(names[k].size for k in keys)):

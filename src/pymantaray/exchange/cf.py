@@ -282,10 +282,10 @@ def write_cf(recording: Recording, folder: Path) -> None:
     for condition, fleet in files.items():
         columns = np.full((len(_VARIABLES), len(fleet), max(p.samples.size for p in fleet)), np.nan)
         for k, p in enumerate(fleet):
-            local = Poses(p.agent, truth.time[p.samples], p.position, p.quaternion, False, recording.name)
+            local = Poses(p.vehicle, truth.time[p.samples], p.position, p.quaternion, False, recording.name)
             columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
         data = xr.Dataset(
-            {"trajectory": ("trajectory", [p.agent for p in fleet], {"cf_role": "trajectory_id"})},
+            {"trajectory": ("trajectory", [p.vehicle for p in fleet], {"cf_role": "trajectory_id"})},
             attrs={
                 "title": f"{recording.name}: {condition}",
                 "featureType": "trajectory",

@@ -17,16 +17,16 @@ class FleetPoses(NamedTuple):
     """Poses of all vehicles at the times of the truth."""
 
     position: Array
-    """North, east, down (agent, time, 3). [m]"""
+    """North, east, down (vehicle, time, 3). [m]"""
     quaternion: Array
-    """Body to world (w, x, y, z), of length 1 (agent, time, 4)."""
+    """Body to world (w, x, y, z), of length 1 (vehicle, time, 4)."""
 
 
 class VehiclePoses(NamedTuple):
     """One vehicle's poses under one condition, where it is there at all."""
 
     condition: str
-    agent: str
+    vehicle: str
     samples: NDArray[np.intp]
     """Indices into the times of the truth, (n,)."""
     position: Array
@@ -53,8 +53,8 @@ class Recording:
         there = [np.flatnonzero(status != VehicleStatus.ABSENT) for status in truth.status]
         fleets = {TRUTH: FleetPoses(truth.position, truth.quaternion), **self.estimates}
         for condition, fleet in fleets.items():
-            for agent, rows, position, quaternion in zip(truth.name.tolist(), there, *fleet, strict=True):
-                yield VehiclePoses(condition, agent, rows, position[rows], quaternion[rows])
+            for vehicle, rows, position, quaternion in zip(truth.name.tolist(), there, *fleet, strict=True):
+                yield VehiclePoses(condition, vehicle, rows, position[rows], quaternion[rows])
 
     @property
     def participants(self) -> list[str]:

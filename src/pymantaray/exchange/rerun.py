@@ -57,11 +57,11 @@ def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
     if m.landmark_name.size:
         yield "map/landmarks", rr.Points3D(swap_enu(recording.landmarks), labels=m.landmark_name.tolist())
     for p in recording.poses:
-        yield f"map/path/{p.condition}/{p.agent}", rr.LineStrips3D([swap_enu(p.position)])
-        yield f"map/{p.condition}/{p.agent}", rr.Points3D([[0.0, 0.0, 0.0]], labels=[p.agent])
+        yield f"map/path/{p.condition}/{p.vehicle}", rr.LineStrips3D([swap_enu(p.position)])
+        yield f"map/{p.condition}/{p.vehicle}", rr.Points3D([[0.0, 0.0, 0.0]], labels=[p.vehicle])
         if p.condition == TRUTH and truth.frame is not None:
             places = np.stack(truth.frame.to_geodetic(*p.position[:, :2].T), axis=-1)
-            yield f"earth/{p.agent}", rr.GeoLineStrings(lat_lon=[places])
+            yield f"earth/{p.vehicle}", rr.GeoLineStrings(lat_lon=[places])
 
 
 def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
@@ -71,13 +71,13 @@ def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
     for p in recording.poses:
         xyzw = swap_enu_attitude(p.quaternion)[:, [1, 2, 3, 0]]
         yield (
-            f"map/{p.condition}/{p.agent}",
+            f"map/{p.condition}/{p.vehicle}",
             p.samples,
             rr.Transform3D.columns(translation=swap_enu(p.position), quaternion=xyzw),
         )
         if p.condition != TRUTH:
-            error = np.linalg.norm(p.position - true[p.agent][p.samples], axis=1)
-            yield f"error/{p.condition}/{p.agent}", p.samples, rr.Scalars.columns(scalars=error)
+            error = np.linalg.norm(p.position - true[p.vehicle][p.samples], axis=1)
+            yield f"error/{p.condition}/{p.vehicle}", p.samples, rr.Scalars.columns(scalars=error)
     ends = np.stack([m.range_transmitter, m.range_receiver], axis=1)[heard]
     samples, count = np.unique(m.range_sample[heard], return_counts=True)
     places = np.array(

@@ -297,8 +297,8 @@ class _Messages:
             fixes = np.stack([*frame.to_geodetic(north, east), -down], axis=-1)
         samples = p.samples.tolist()
         return _Track(
-            f"/{names[p.condition]}/{names[p.agent]}",
-            f"{names[p.agent]}/base_link",
+            f"/{names[p.condition]}/{names[p.vehicle]}",
+            f"{names[p.vehicle]}/base_link",
             p.condition == TRUTH,
             dict(zip(samples, poses, strict=True)),
             dict(zip(samples, fixes, strict=False)),

@@ -74,8 +74,8 @@ def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -
         Files made or replaced.
     """
     files = graph_tum_files(path, graph)
-    for agent, file in enumerate(files):
-        rows = np.flatnonzero(graph.pose_agent == agent)
+    for vehicle, file in enumerate(files):
+        rows = np.flatnonzero(graph.pose_vehicle == vehicle)
         rows = rows[np.argsort(graph.pose_number[rows], kind="stable")]
         write_tum(file, graph.pose_time[rows], values.position[rows], values.quaternion[rows])
     return files
@@ -95,9 +95,9 @@ def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
     list of pathlib.Path
     """
     path = Path(path)
-    if graph.agent_name.size == 1:
+    if graph.vehicle_name.size == 1:
         return [path]
-    return [path.with_name(f"{path.stem}-{name}{path.suffix}") for name in graph.agent_name.tolist()]
+    return [path.with_name(f"{path.stem}-{name}{path.suffix}") for name in graph.vehicle_name.tolist()]
 
 
 def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:

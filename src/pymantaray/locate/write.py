@@ -173,9 +173,9 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     prior = np.array([np.diag(np.square(survey.nodes[i].sigma)) for i in has_prior])
     known = np.tile(np.diag([_LEAST_SIGMA**2] * 6), (n, 1, 1))
     graph = FactorGraph(
-        agent_name=np.array(["A"]),
+        vehicle_name=np.array(["A"]),
         landmark_name=np.array(survey.names),
-        pose_agent=np.zeros(n, dtype=np.int32),
+        pose_vehicle=np.zeros(n, dtype=np.int32),
         pose_number=np.arange(n, dtype=np.int32),
         pose_time=survey.time[rows] - survey.time[0],
         factors={

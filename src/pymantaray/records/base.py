@@ -145,6 +145,7 @@ class Record:
         kind = dataset.attrs.get("mantaray_record")
         if kind != cls.kind:
             raise RecordError(f"data set holds {kind!r}; needs {cls.kind!r}")
+        dataset = _today(dataset)
         names = {f.name: _variable(f) for f in cls._columns()}
         names |= {name: name for name in names if name in dataset.data_vars}  # labels of older files
         names = {
@@ -229,6 +230,12 @@ def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
 def _variable(f: Field[Any]) -> str:
     """Name of a column in a data set: that of its dimension if it labels it."""
     return str(f.metadata["dims"][0] if f.metadata["labels"] else f.name)
+
+
+def _today(dataset: "xr.Dataset") -> "xr.Dataset":
+    """Rename dimensions and variables of files of run formats 2 and 3, which call vehicles agents."""
+    names = [str(name) for name in {*dataset.dims, *dataset.variables}]
+    return dataset.rename({name: name.replace("agent", "vehicle") for name in names if "agent" in name})
 
 
 def _label(dataset: "xr.Dataset") -> "xr.Dataset":

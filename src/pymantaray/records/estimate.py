@@ -25,14 +25,14 @@ class Estimates(DatedRecord):
 
     condition: Column = column("condition", "", "ranging condition", "U", labels=True)
     realization: Column = column("realization", "1", "index of the realization", "i4")
-    name: Column = column("agent", "", "vehicle name", "U", labels=True)
+    name: Column = column("vehicle", "", "vehicle name", "U", labels=True)
     time: Column = column("time", "s", "time since the start of the mission")
     landmark_name: Column = column("landmark", "", "landmark name", "U", labels=True)
     position: Column = column(
-        "condition realization agent time axis", "m", "north, east, down in the local frame"
+        "condition realization vehicle time axis", "m", "north, east, down in the local frame"
     )
     quaternion: Column = column(
-        "condition realization agent time quat", "1", "rotation body to world, (w, x, y, z)", "f4"
+        "condition realization vehicle time quat", "1", "rotation body to world, (w, x, y, z)", "f4"
     )
     landmark_position: Column = column(
         "condition realization landmark axis", "m", "estimated landmark position"
@@ -57,7 +57,7 @@ class Estimates(DatedRecord):
         sizes = {
             "condition": 0,
             "realization": 1,
-            "agent": m.name.size,
+            "vehicle": m.name.size,
             "time": m.time.size,
             "axis": 3,
             "quat": 4,
@@ -85,16 +85,16 @@ class PoseCovariances(DatedRecord):
 
     condition: Column = column("condition", "", "ranging condition", "U", labels=True)
     realization: Column = column("realization", "1", "index of the realization", "i4")
-    name: Column = column("agent", "", "vehicle name", "U", labels=True)
+    name: Column = column("vehicle", "", "vehicle name", "U", labels=True)
     sample: Column = column("epoch", "1", "index of the sample", "i4")
     time: Column = column("epoch", "s", "time since the start of the mission", labels=True)
     position_covariance: Column = column(
-        "condition realization epoch agent axis agent_column axis_column",
+        "condition realization epoch vehicle axis vehicle_column axis_column",
         "m2",
         "joint covariance of the positions of all vehicles, north, east, down",
     )
     pose_covariance: Column = column(
-        "condition realization epoch agent tangent tangent_column",
+        "condition realization epoch vehicle tangent tangent_column",
         "1",
         "covariance in the tangent of the estimated pose, rotation before translation [rad, m]",
     )

@@ -13,30 +13,30 @@ class Measurements(DatedRecord):
     Measurements of a fleet at common sample times, and the noise level that each is believed to have.
 
     A sample is an index into ``time``. In the range table a participant is an index into ``name`` if it
-    is below the number of agents, else that number plus an index into ``landmark_name``. Every attempted
+    is below the number of vehicles, else that number plus an index into ``landmark_name``. Every attempted
     range has a row; ``range_status`` (`RayStatus`) says whether it was heard. The simulator fills in values
     without noise, `sensing.perturb` adds it. What an estimator may not know is in `RangingTruth`.
     """
 
     kind: ClassVar[str] = "measurements"
 
-    name: Column = column("agent", "", "vehicle name", "U", labels=True)
+    name: Column = column("vehicle", "", "vehicle name", "U", labels=True)
     time: Column = column("time", "s", "time since the start of the mission")
 
     odometry_rotation: Column = column(
-        "agent edge quat", "1", "relative rotation from pose k to k+1, (w, x, y, z)"
+        "vehicle edge quat", "1", "relative rotation from pose k to k+1, (w, x, y, z)"
     )
     odometry_translation: Column = column(
-        "agent edge body_axis", "m", "translation from pose k to k+1 in body frame k"
+        "vehicle edge body_axis", "m", "translation from pose k to k+1 in body frame k"
     )
     odometry_sigma: Column = column(
-        "agent edge tangent", "1", "sigma in the tangent: 3 rotation [rad], 3 translation [m]"
+        "vehicle edge tangent", "1", "sigma in the tangent: 3 rotation [rad], 3 translation [m]"
     )
 
-    depth: Column = column("agent time", "m", "depth, positive down")
-    depth_sigma: Column = column("agent", "m", "standard deviation of the depth measurement")
+    depth: Column = column("vehicle time", "m", "depth, positive down")
+    depth_sigma: Column = column("vehicle", "m", "standard deviation of the depth measurement")
 
-    gnss_agent: Column = column("fix", "1", "index of the vehicle", "i4")
+    gnss_vehicle: Column = column("fix", "1", "index of the vehicle", "i4")
     gnss_sample: Column = column("fix", "1", "index into time", "i4")
     gnss_position: Column = column("fix axis", "m", "GNSS position in the local frame")
     gnss_sigma: Column = column("fix", "m", "standard deviation per axis")
@@ -45,10 +45,12 @@ class Measurements(DatedRecord):
     landmark_position: Column = column("landmark axis", "m", "surveyed position of the landmark")
     landmark_sigma: Column = column("landmark", "m", "standard deviation per axis of the survey")
 
-    first_position: Column = column("agent axis", "m", "position prior of the first pose")
-    first_quaternion: Column = column("agent quat", "1", "orientation prior of the first pose, (w, x, y, z)")
+    first_position: Column = column("vehicle axis", "m", "position prior of the first pose")
+    first_quaternion: Column = column(
+        "vehicle quat", "1", "orientation prior of the first pose, (w, x, y, z)"
+    )
     first_sigma: Column = column(
-        "agent tangent", "1", "sigma of the first-pose prior: rotation [rad], translation [m]"
+        "vehicle tangent", "1", "sigma of the first-pose prior: rotation [rad], translation [m]"
     )
 
     range_transmitter: Column = column("range", "1", "participant that transmits", "i4")
@@ -62,7 +64,7 @@ class Measurements(DatedRecord):
     )
     range_sigma: Column = column("range", "m", "standard deviation of the range")
 
-    attitude_agent: Column = column("attitude", "1", "index of the vehicle", "i4", may_lack=True)
+    attitude_vehicle: Column = column("attitude", "1", "index of the vehicle", "i4", may_lack=True)
     attitude_sample: Column = column("attitude", "1", "index into time", "i4", may_lack=True)
     attitude_quaternion: Column = column(
         "attitude quat", "1", "rotation body to world, (w, x, y, z)", may_lack=True

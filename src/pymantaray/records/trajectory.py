@@ -24,14 +24,14 @@ class Trajectories(DatedRecord):
 
     kind: ClassVar[str] = "trajectories"
 
-    name: Column = column("agent", "", "vehicle name", "U", labels=True)
+    name: Column = column("vehicle", "", "vehicle name", "U", labels=True)
     role: Column = column(
-        "agent", "", "behaviour of the vehicle: float, station, drifting, twist, waypoints or track", "U"
+        "vehicle", "", "behaviour of the vehicle: float, station, drifting, twist, waypoints or track", "U"
     )
     time: Column = column("time", "s", "time since the start of the mission")
-    position: Column = column("agent time axis", "m", "north, east, down in the local frame")
-    quaternion: Column = column("agent time quat", "1", "rotation body to world, (w, x, y, z)")
-    status: Column = column("agent time", "1", "what became of the vehicle", "i1", flags=VehicleStatus)
+    position: Column = column("vehicle time axis", "m", "north, east, down in the local frame")
+    quaternion: Column = column("vehicle time quat", "1", "rotation body to world, (w, x, y, z)")
+    status: Column = column("vehicle time", "1", "what became of the vehicle", "i1", flags=VehicleStatus)
     centre: tuple[float, float] | None = field(default=None, kw_only=True)
 
     @property
@@ -42,7 +42,7 @@ class Trajectories(DatedRecord):
     def to_dataset(self) -> "xr.Dataset":
         """Give the record as an xarray data set, with latitudes and longitudes if the frame's centre is known."""
         dataset = super().to_dataset()
-        frame, dims = self.frame, ("agent", "time")
+        frame, dims = self.frame, ("vehicle", "time")
         if frame is None:
             return dataset
         latitude, longitude = frame.to_geodetic(self.position[..., 0], self.position[..., 1])

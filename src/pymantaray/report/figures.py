@@ -54,7 +54,7 @@ class Results:
         """Where a vehicle has a GNSS fix, of shape (vehicles, times)."""
         o = self.run.measurements
         fixes = np.zeros(o.depth.shape, dtype=bool)
-        fixes[o.gnss_agent, o.gnss_sample] = True
+        fixes[o.gnss_vehicle, o.gnss_sample] = True
         return fixes
 
     @property
@@ -156,13 +156,13 @@ def with_source(caption: str, *, synthetic: bool) -> str:
 
 def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, Array]:
     """True positions of transmitter and receiver of every attempted range, each of shape (ranges, 3). [m]"""
-    n_agents = len(truth.name)
+    n_vehicles = len(truth.name)
 
     def place(who: NDArray[np.int32]) -> Array:
         out = np.empty((who.size, 3))
-        agent = who < n_agents
-        out[agent] = truth.position[who[agent], measurements.range_sample[agent]]
-        out[~agent] = measurements.landmark_position[who[~agent] - n_agents]
+        vehicle = who < n_vehicles
+        out[vehicle] = truth.position[who[vehicle], measurements.range_sample[vehicle]]
+        out[~vehicle] = measurements.landmark_position[who[~vehicle] - n_vehicles]
         return out
 
     return place(measurements.range_transmitter), place(measurements.range_receiver)

@@ -76,10 +76,10 @@ def cost_table(run: Run) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _consistency(run: Run, *, by_agent: bool = False) -> pd.DataFrame | None:
+def _consistency(run: Run, *, by_vehicle: bool = False) -> pd.DataFrame | None:
     if run.covariances is None:
         return None
-    return consistency_table(run.truth, run.estimates, run.covariances, by_agent=by_agent)
+    return consistency_table(run.truth, run.estimates, run.covariances, by_vehicle=by_vehicle)
 
 
 def _summary(run: Run) -> pd.DataFrame | None:
@@ -98,10 +98,10 @@ TABLES: dict[str, Table] = {
         _solved(lambda run: error_table(run.truth, run.estimates)),
         f"condition failed_solves {_ERRORS}",
     ),
-    "ate_per_agent": Table(
+    "ate_per_vehicle": Table(
         "Position error by condition and vehicle",
-        _solved(lambda run: error_table(run.truth, run.estimates, by=("agent",))),
-        f"condition agent {_ERRORS}",
+        _solved(lambda run: error_table(run.truth, run.estimates, by=("vehicle",))),
+        f"condition vehicle {_ERRORS}",
     ),
     "ping_error": Table(
         "Position error of vehicles under water at the pings, its distance from the estimate with straight ranges, and the lower bound"
@@ -128,7 +128,7 @@ TABLES: dict[str, Table] = {
         "Errors of attitudes about the horizontal axes and about the vertical",
         lambda run: (
             attitude_table(run.truth, run.estimates)
-            if run.measurements.attitude_agent.size and run.config.solves
+            if run.measurements.attitude_vehicle.size and run.config.solves
             else None
         ),
     ),
@@ -161,9 +161,9 @@ TABLES: dict[str, Table] = {
         folded=True,
     ),
     "consistency_per_epoch": Table("Consistency at each epoch", _consistency, folded=True),
-    "consistency_per_agent": Table(
+    "consistency_per_vehicle": Table(
         "Consistency of each vehicle at each epoch",
-        lambda run: _consistency(run, by_agent=True),
+        lambda run: _consistency(run, by_vehicle=True),
         folded=True,
     ),
     "coverage": Table(

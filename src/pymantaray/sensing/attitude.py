@@ -47,22 +47,22 @@ def measure(scene: Scene, noise: AttitudeNoise) -> Columns:
     """Rotations of the truth."""
     tilt, heading = noise.attitude_tilt_sigma, noise.attitude_heading_sigma
     truth = scene.truth
-    agent, sample = np.nonzero(np.full(truth.status.shape, tilt > 0.0))
+    vehicle, sample = np.nonzero(np.full(truth.status.shape, tilt > 0.0))
     return {
-        "attitude_agent": agent,
+        "attitude_vehicle": vehicle,
         "attitude_sample": sample,
-        "attitude_quaternion": truth.quaternion[agent, sample],
-        "attitude_sigma": np.tile([tilt, tilt, heading], (agent.size, 1)),
-        "attitude_bias_sigma": np.full(agent.size, noise.attitude_heading_bias_sigma),
+        "attitude_quaternion": truth.quaternion[vehicle, sample],
+        "attitude_sigma": np.tile([tilt, tilt, heading], (vehicle.size, 1)),
+        "attitude_bias_sigma": np.full(vehicle.size, noise.attitude_heading_bias_sigma),
     }
 
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Turns about the world's axes from the left, ``Exp(xi) R``."""
     m = measurements
-    if not m.attitude_agent.size:
+    if not m.attitude_vehicle.size:
         return {}
-    who, when = m.attitude_agent, m.attitude_sample
+    who, when = m.attitude_vehicle, m.attitude_sample
     turn = np.stack([normal((m.time.size, 3), name, "attitude") for name in m.name])[who, when]
     bias = np.concatenate([normal((1,), name, "attitude bias") for name in m.name])[who]
     turn = turn * m.attitude_sigma

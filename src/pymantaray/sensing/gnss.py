@@ -20,12 +20,12 @@ def measure(scene: Scene, noise: GnssNoise) -> Columns:
     """Positions where the depth is smaller than the scene's ``gnss_depth``."""
     if not np.all(np.asarray(scene.gnss_depth) >= 0.0):
         raise SensingError(f"gnss_depth is {np.min(scene.gnss_depth):g} m; it must be zero or positive")
-    agent, sample = np.nonzero(scene.truth.position[..., 2] < scene.gnss_depth)
+    vehicle, sample = np.nonzero(scene.truth.position[..., 2] < scene.gnss_depth)
     return {
-        "gnss_agent": agent,
+        "gnss_vehicle": vehicle,
         "gnss_sample": sample,
-        "gnss_position": scene.truth.position[agent, sample],
-        "gnss_sigma": np.full(agent.size, noise.gnss_sigma),
+        "gnss_position": scene.truth.position[vehicle, sample],
+        "gnss_sigma": np.full(vehicle.size, noise.gnss_sigma),
     }
 
 
@@ -33,4 +33,4 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Noise drawn for every sample, surfaced or not, so that a fix more moves no other's."""
     m = measurements
     noise = np.stack([normal((m.time.size, 3), name, "gnss") for name in m.name])
-    return {"gnss_position": m.gnss_position + noise[m.gnss_agent, m.gnss_sample] * m.gnss_sigma[:, None]}
+    return {"gnss_position": m.gnss_position + noise[m.gnss_vehicle, m.gnss_sample] * m.gnss_sigma[:, None]}

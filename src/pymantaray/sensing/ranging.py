@@ -205,13 +205,13 @@ def _pairs(truth: Trajectories, landmarks: Sequence[Landmark], schedule: Schedul
     ends = np.stack([table.sample, np.minimum(*table[1:]), np.maximum(*table[1:])], axis=-1)
     links, link = np.unique(ends, axis=0, return_inverse=True)
     sample, first, second = links.T
-    fixed, n_agents = landmark_positions(landmarks), truth.name.size
+    fixed, n_vehicles = landmark_positions(landmarks), truth.name.size
 
     def place(who: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
-        moves, agent = who < n_agents, np.minimum(who, n_agents - 1)
-        places = truth.position[agent, sample]
-        places[~moves] = fixed[who[~moves] - n_agents]
-        return places, moves & (truth.status[agent, sample] != VehicleStatus.ACTIVE)
+        moves, vehicle = who < n_vehicles, np.minimum(who, n_vehicles - 1)
+        places = truth.position[vehicle, sample]
+        places[~moves] = fixed[who[~moves] - n_vehicles]
+        return places, moves & (truth.status[vehicle, sample] != VehicleStatus.ACTIVE)
 
     (source, one), (receiver, other) = place(first), place(second)
     return _Pairs(table, link.reshape(-1), sample, first, second, source, receiver, one | other)

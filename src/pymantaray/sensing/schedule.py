@@ -198,19 +198,19 @@ class PingList(Schedule):
         return Attempts(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
 
 
-def attempts(n_agents: int, n_landmarks: int, epochs: Indices) -> Attempts:
+def attempts(n_vehicles: int, n_landmarks: int, epochs: Indices) -> Attempts:
     """At every epoch each vehicle transmits to every other vehicle and to every landmark; by epoch, transmitter, receiver."""
     epochs = np.asarray(epochs, dtype=np.int64)
-    senders = np.tile(np.arange(n_agents), epochs.size)
-    return _to_all(np.repeat(epochs, n_agents), senders, n_agents, n_landmarks)
+    senders = np.tile(np.arange(n_vehicles), epochs.size)
+    return _to_all(np.repeat(epochs, n_vehicles), senders, n_vehicles, n_landmarks)
 
 
-def _to_all(samples: Indices, transmitter: Indices, n_agents: int, n_landmarks: int) -> Attempts:
+def _to_all(samples: Indices, transmitter: Indices, n_vehicles: int, n_landmarks: int) -> Attempts:
     """One ping a row, to all participants but the one that sends it; from landmarks to vehicles alone."""
-    n = n_agents + n_landmarks
+    n = n_vehicles + n_landmarks
     receiver = np.tile(np.arange(n), samples.size)
     sample, sender = np.repeat(samples, n), np.repeat(transmitter, n)
-    other = (receiver != sender) & (np.minimum(receiver, sender) < n_agents)
+    other = (receiver != sender) & (np.minimum(receiver, sender) < n_vehicles)
     return Attempts(sample[other], sender[other], receiver[other])
 
 

@@ -88,7 +88,7 @@ def half_round_trip(
 
 
 def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
-    """Mean velocity (n_agents, n_epochs, 3) from each sample to the one after it, at the last from the one before. [m/s]"""
+    """Mean velocity (n_vehicles, n_epochs, 3) from each sample to the one after it, at the last from the one before. [m/s]"""
     start = np.minimum(samples, truth.time.size - 2)
     step = truth.position[:, start + 1] - truth.position[:, start]
     return np.asarray(step / (truth.time[start + 1] - truth.time[start])[:, None])
@@ -103,7 +103,7 @@ class Clocks:
     """
     One realization's clocks, one of each vehicle; landmarks keep true time.
 
-    ``offset`` (n_agents,) is clock minus true time at the start of the mission [s], ``skew`` (n_agents,) its growth with time.
+    ``offset`` (n_vehicles,) is clock minus true time at the start of the mission [s], ``skew`` (n_vehicles,) its growth with time.
     """
 
     offset: Array

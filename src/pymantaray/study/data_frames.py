@@ -80,7 +80,7 @@ def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
 def _poses(data: "xr.Dataset") -> pd.DataFrame:
     position, quaternion = data["position"].to_dataset(dim="axis"), data["quaternion"].to_dataset(dim="quat")
     poses = position.merge(quaternion.rename({axis: f"q{axis}" for axis in "wxyz"}), compat="override")
-    return _rows(poses)[["agent", "time", *_POSE]]
+    return _rows(poses)[["vehicle", "time", *_POSE]]
 
 
 def _rows(data: "xr.Dataset") -> pd.DataFrame:

@@ -107,14 +107,14 @@ def record(run: Run, realization: int) -> Recording:
 
 def _tum(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
-        file, time = folder / f"{p.condition}-{p.agent}.tum", run.truth.time[p.samples]
+        file, time = folder / f"{p.condition}-{p.vehicle}.tum", run.truth.time[p.samples]
         write_tum(file, time, p.position, p.quaternion, centre=run.truth.centre)
 
 
 def _kitti(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
-        write_kitti(folder / f"{p.condition}-{p.agent}.txt", p.position, p.quaternion)
-        np.savetxt(folder / f"times-{p.agent}.txt", run.truth.time[p.samples], fmt="%.17g")
+        write_kitti(folder / f"{p.condition}-{p.vehicle}.txt", p.position, p.quaternion)
+        np.savetxt(folder / f"times-{p.vehicle}.txt", run.truth.time[p.samples], fmt="%.17g")
 
 
 def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:

@@ -20,6 +20,9 @@ from pymantaray.messages import without_secrets
 from pymantaray.study.references import Citations
 from pymantaray.study.tracks import centre_note, read_fleet
 
+FORMATS = (2, 3, 4)
+"""Formats of run folders that can be read. In 2, dimensions have no labels; before 4, vehicles are called agents."""
+
 
 class Stopwatch:
     """Wall-clock seconds of named stages, in the order in which they were entered, and when it began."""
@@ -55,7 +58,7 @@ def describe_run(
 ) -> dict[str, Any]:
     """Collect what results depend on, with checksums of inputs, and their cost; ``ocean`` has the local ocean's attributes."""
     return {
-        "format": 3,
+        "format": FORMATS[-1],
         "study": config.study.name,
         "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
         "ocean": {

@@ -237,8 +237,8 @@ def picture_of_most_bent_link(
     """Picture of the link between vehicles whose direct arrival gains most on the chord, in its ping's water."""
     first = select(arrivals, "direct")
     gain = first.chord_travel_time - first.travel_time
-    n_agents = truth.name.size
-    drawn = (first.status == RayStatus.OK) & (links.first < n_agents) & (links.second < n_agents)
+    n_vehicles = truth.name.size
+    drawn = (first.status == RayStatus.OK) & (links.first < n_vehicles) & (links.second < n_vehicles)
     if not np.any(drawn & (first.travel_time > 0.0)):
         return None
     row = int(np.nanargmax(np.where(drawn & (first.travel_time > 0.0), gain, np.nan)))

@@ -34,6 +34,7 @@ from pymantaray.records.shown import shown_html
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
+from pymantaray.study.manifest import FORMATS
 from pymantaray.water.listening import build_timing
 
 if TYPE_CHECKING:
@@ -48,7 +49,6 @@ HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
 COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
 CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
-_FORMATS = (2, 3)  # from 3 on, names of vehicles label their dimensions
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ class Run:
         Returns
         -------
         pandas.DataFrame
-            ``condition``, ``realization``, ``agent``, ``time`` and ``date``; estimate less truth ``north``, ``east``,
+            ``condition``, ``realization``, ``vehicle``, ``time`` and ``date``; estimate less truth ``north``, ``east``,
             ``down``, and their length ``error``; NaN for a solve that failed. Units are in ``attrs["units"]``.
         """
         return error_frame(self)
@@ -273,7 +273,7 @@ class Run:
         Returns
         -------
         pandas.DataFrame
-            ``condition``, ``agent``, ``time`` and ``date``, ``latitude``, ``longitude``, ``north``, ``east``, ``down``; ``qw``,
+            ``condition``, ``vehicle``, ``time`` and ``date``, ``latitude``, ``longitude``, ``north``, ``east``, ``down``; ``qw``,
             ``qx``, ``qy``, ``qz`` turn body (forward, right, down) to north, east, down; ``status`` (`VehicleStatus`). Units are in
             ``attrs["units"]``.
 
@@ -371,8 +371,10 @@ def open_run(path: str | Path) -> Run:
     if not (folder / MANIFEST).is_file():
         raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
     run = Run(folder.resolve())
-    if run.manifest.get("format") not in _FORMATS:
-        raise StudyError(f"{folder}: run format {run.manifest.get('format')!r}; this version reads 2 and 3")
+    if (number := run.manifest.get("format")) not in FORMATS:
+        raise StudyError(
+            f"{folder}: run format {number!r}; this version reads formats {FORMATS[0]} to {FORMATS[-1]}"
+        )
     return run
 
 
