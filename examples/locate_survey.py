@@ -36,7 +36,7 @@ def ship(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     along = np.where(crossing, np.cos(turn), 1.0) * RADIUS
     up = 12.0 + 0.5 * np.sin(2.0 * np.pi * time / 8.0)
     attitude = [
-        turn + np.pi / 2.0,
+        (turn + np.pi / 2.0) % (2.0 * np.pi),
         np.radians(1.5) * np.sin(2.0 * np.pi * time / 7.0),
         np.radians(2.5) * np.sin(2.0 * np.pi * time / 11.0 + 1.0),
     ]

@@ -10,6 +10,7 @@ from scipy.stats import chi2, multivariate_normal
 from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
 from pymantaray.locate import Direction, LeverArm, LocateOptions, Node, PlatformError, Survey, locate
+from pymantaray.locate.checks import check_survey
 from pymantaray.locate.evidence import posterior
 from pymantaray.locate.linear import Linearization
 from pymantaray.locate.noise import Correlation
@@ -384,6 +385,14 @@ def test_the_wrong_sign_of_a_lever_arm_is_refused(campaign, medium):
             "write attitudes in degrees",
             id="attitude in radians",
         ),
+        pytest.param(
+            lambda s: {
+                "transmit_attitude": np.radians(np.unwrap(s.transmit_attitude, axis=0)),
+                "receive_attitude": np.radians(np.unwrap(s.receive_attitude, axis=0)),
+            },
+            "write attitudes in degrees",
+            id="attitude in radians beyond a turn",
+        ),
         pytest.param(lambda s: {"travel_time": -s.travel_time}, "seconds above 0", id="negative times"),
     ],
 )
@@ -506,3 +515,12 @@ def test_two_campaigns_differ_by_what_their_covariances_explain(medium):
     low, high = chi2.ppf([0.0005, 0.9995], 3 * 40) / 40.0
     assert low <= np.mean(squares) <= high, (low, np.mean(squares), high)
     assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) >= 0.85
+
+
+@pytest.mark.parametrize("pings", [4, 12, 300])
+def test_headings_of_a_drifting_platform_are_accepted(campaign, medium, pings):
+    survey = survey_of(campaign).rows(np.arange(pings))
+    for seed in range(20):
+        heading = np.radians(90.0 + np.random.default_rng(seed).normal(0.0, 10.0, pings))
+        attitude = np.column_stack([heading, np.zeros((pings, 2))])  # nothing to do with the course
+        check_survey(survey.changed(transmit_attitude=attitude, receive_attitude=attitude), medium)

@@ -17,7 +17,8 @@ from pymantaray.locate.travel_times import transducers
 Array = NDArray[np.float64]
 _FAR = 100_000.0  # m; no node answers from there
 _MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times where the unit is wrong
-_ONE_TURN = 2.0 * math.pi
+_FEWEST_STEPS = 10  # between pings, to compare headings with the course
+_FOLLOWS = 0.8  # mean resultant length of course less heading of a platform that points where it goes
 _LEVER_GAIN = 0.6  # of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
 _BELOW = 10.0  # m that a node may lie below a profile's last level, or 1 % of its depth
@@ -104,27 +105,24 @@ def _check_turn_around(survey: Survey) -> None:
 
 
 def _check_attitude(survey: Survey) -> None:
-    """Headings that stay within a radian's turn while the course goes all around are in radians."""
+    """Refuse headings that follow the course only if the numbers of the file are radians."""
     heading = survey.transmit_attitude[:, 0]
-    spread = np.degrees(np.concatenate([survey.transmit_attitude, survey.receive_attitude]))
-    if np.ptp(heading) == 0.0 or not 0.0 < np.abs(spread[:, 0]).max() <= _ONE_TURN + 0.01:
-        return
-    as_radians = np.degrees(heading)  # what the file has, taken as radians
+    as_radians = np.degrees(heading)  # the numbers of the file, taken as radians
     if np.ptp(as_radians) < 0.5:
         return
     moved = np.diff(survey.transmit_position[:, :2], axis=0)
     gone = np.linalg.norm(moved, axis=1) > 0.5
-    if gone.sum() < 3:
+    if gone.sum() < _FEWEST_STEPS:
         return
     course = np.arctan2(moved[:, 1], moved[:, 0])[gone]
     fits = {
         kind: float(np.abs(np.mean(np.exp(1j * (course - angle[:-1][gone])))))
         for kind, angle in (("degrees", heading), ("radians", as_radians))
     }
-    if fits["radians"] > fits["degrees"]:
+    if fits["radians"] > max(_FOLLOWS, fits["degrees"] + 0.2):
         raise LocateError(
-            f"{survey.source}: headings span {spread[:, 0].min():.2f} to {spread[:, 0].max():.2f} and follow the course as radians"
-            " do; write attitudes in degrees"
+            f"{survey.source}: headings from {as_radians.min():.2f} to {as_radians.max():.2f} follow the course if they are"
+            " radians; write attitudes in degrees"
         )
 
 
