@@ -1,9 +1,11 @@
 """Quantities of a configuration: a number in the key's unit, or text with a unit of its own."""
 
+import datetime as dt
 import itertools
 import math
 import re
 
+import numpy as np
 import pytest
 from refusals import refused
 
@@ -133,3 +135,27 @@ def test_every_quantity_takes_text_in_the_unit_that_its_description_has():
             checked += len(units)
     assert checked > 60
     assert not units_in(PingRequest.model_json_schema())
+
+
+NOON = dt.datetime.fromisoformat("2014-07-15T12:00:00")
+
+
+@pytest.mark.parametrize(("time", "instant"), [
+    ("2014-07-15T12:00:00", NOON),
+    ("2014-07-15 12:00", NOON),
+    ("2014-07-15T12:00Z", NOON.replace(tzinfo=dt.UTC)),
+    ("2014-07-15", NOON.replace(hour=0)),
+    (np.datetime64("2014-07-15T12"), NOON),
+    (np.datetime64("2014-07-15T12:00:00", "ns"), NOON),
+    (dt.date(2014, 7, 15), NOON.replace(hour=0)),
+    (NOON, NOON),
+])  # fmt: skip
+def test_an_instant_is_text_or_an_object_of_date_and_time(time, instant):
+    assert load_study("quick", **{"ocean.time": time}).ocean.time == instant
+
+
+@pytest.mark.parametrize("time", ["noon", "2014-15-07", 5, np.datetime64("NaT")])
+def test_other_instants_are_refused(time):
+    message = "ocean.time: found .*; allowed: a time as 2014-07-15T12:00:00"
+    with pytest.raises(StudyError, match=message):
+        load_study("quick", **{"ocean.time": time})

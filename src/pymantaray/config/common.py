@@ -1,11 +1,13 @@
 """What all sections of a configuration have in common: strictness, the word "none", names of files, quantities with units."""
 
+import datetime as dt
 import os
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from pymantaray.geometry.units import quantity_of
@@ -48,6 +50,24 @@ RadiansPerSecond = Annotated[
     T, BeforeValidator(partial(_quantity, unit="rad/s")), Field(json_schema_extra={"unit": "rad/s"})
 ]
 Hertz = Annotated[T, BeforeValidator(partial(_quantity, unit="Hz")), Field(json_schema_extra={"unit": "Hz"})]
+
+
+def _instant(value: object) -> object:
+    """Date and time of ISO 8601 text, a date or a NumPy instant; other values are returned unchanged."""
+    if isinstance(value, np.datetime64) and not np.isnat(value):
+        return value.astype("datetime64[us]").item()
+    if isinstance(value, str):
+        try:
+            return dt.datetime.fromisoformat(value.strip())
+        except ValueError:
+            return value
+    if isinstance(value, dt.date) and not isinstance(value, dt.datetime):
+        return dt.datetime.combine(value, dt.time())
+    return value
+
+
+Instant = Annotated[dt.datetime, BeforeValidator(_instant)]
+"""Date and time, UTC unless a zone is given."""
 Depth = Metres[NonNegativeFloat]
 """Positive down."""
 

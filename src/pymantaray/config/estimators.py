@@ -1,6 +1,5 @@
 """Sections of a configuration about estimators and what they believe of the ocean."""
 
-import datetime as dt
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
@@ -12,6 +11,7 @@ from pymantaray.config.common import (
     Depth,
     Hours,
     InputFile,
+    Instant,
     Metres,
     MetresPerSecond,
     NonNegativeFloat,
@@ -162,7 +162,7 @@ class FileBelief(Section):
     """An ocean of its own."""
     source: OceanSource
     """What ``ocean.source`` takes, or a file of casts; relative to this file."""
-    time: dt.datetime | None = None
+    time: Instant | None = None
     """Which of several instants, UTC; the start of the mission unless given."""
     cast: str | None = None
     """Name of one of several casts."""

@@ -1,6 +1,5 @@
 """What a study is: strict, frozen sections whose defaults are the paper's tables, in one module because checks compare several."""
 
-import datetime as dt
 import math
 from collections.abc import Mapping
 from dataclasses import fields
@@ -19,6 +18,7 @@ from pymantaray.config.common import (
     Hours,
     InputFile,
     InputFiles,
+    Instant,
     Metres,
     MetresPerSecond,
     NonNegativeFloat,
@@ -384,7 +384,7 @@ class OceanSection(Section):
     """Leave out levels of a profile that interpolation meets within this. [m/s]"""
     smooth: Metres[PositiveFloat] | None = None
     """Average a profile over this. [m]"""
-    time: dt.datetime | None = None
+    time: Instant | None = None
     """Instant of the water, UTC; the start of the mission where it varies. The files' only one unless given."""
     time_varying: bool = False
     """Whether the water changes while the mission lasts."""
