@@ -18,9 +18,11 @@ from pymantaray.acoustics.profile_files import write_asvp, write_profiles
 from pymantaray.acoustics.profiles import read_profile, read_profiles, smooth_profile, thin_profile
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
+from pymantaray.geometry.boundary import BoundarySurface
 
 __all__ = [
     "Absorption",
+    "BoundarySurface",
     "Currents",
     "FluidBottom",
     "IceCover",

@@ -25,7 +25,7 @@ _NODE = 2e3  # m; longer pieces of a path get two nodes on the way or more, an e
 def fits(s, walls, course, q0):
     """Whether a ray may be traced here: in layers, along the horizontal and in its plane, its boundaries flat if they reflect."""
     rule = course.rule
-    flat = walls.bed.depth.size == 1 and walls.ice.depth.size == 1 and walls.held < 0.0
+    flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     kind = rule.kind == at.OPEN or (rule.kind == at.FORWARD and flat)
     return s.layered and kind and course.axis[2] == 0.0 and abs(q0) < _LEAST_SINE
 
@@ -183,10 +183,10 @@ def _arrive(course, here, rates, way, g, place, ray):
 @inlined
 def _above(walls, here, face, way, g, r):
     """Whether a direct ray is above the water at a face, at a range r, or below even ice was on its way there."""
-    if walls.ice.depth.size > 1:
+    if walls.surface.depth.size > 1:
         return face[0] < surface_at(walls, r, 0.0, r)[0]
     highest = here[0] + (1.0 / way[0] - here[1]) / g if face[4] else face[0]
-    return highest < walls.ice.depth[0, 0]
+    return highest < walls.surface.depth[0, 0]
 
 
 @kernel
@@ -196,7 +196,7 @@ def trace_arcs(s, walls, course, angle, ray):
     z, sine, cosine = course.axis[0], math.sin(angle), math.cos(angle)
     top, bottom = -2.0 * _FAR, 2.0 * _FAR
     if rule.kind == at.FORWARD:
-        top, bottom = walls.ice.depth[0, 0], walls.bed.depth[0, 0]
+        top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
     way = cosine / c_ref, -sine / c_ref, sine * sine, c_ref
     here, rates, r, tau = (z, c_ref, sine, cosine), (cosine, -sine, 0.0), 0.0, 0.0
     k, count, turns, so_far = find_level(s, z), 0, 0, (0, 0, 0)

@@ -290,7 +290,7 @@ def refine_reflected(s, walls, course, bracket, accuracy, work):
     level = bracket[inner, at.MISS]
     level = math.copysign(min(INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
     start = cubic_angle(bracket[0], bracket[1], level)
-    gridded = walls.bed.depth.size > 1 or walls.ice.depth.size > 1
+    gridded = walls.bed.depth.size > 1 or walls.surface.depth.size > 1
     none = (0.0, 0.0, 0.0, 0.0)
     for attempt in range(2):
         if attempt == 1:

@@ -138,7 +138,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     h = min(length, 60.0)
     if at_levels:
         h = min(h, _to_level(s, cell[1], axis[0], down))
-    lowest = walls.ice.depth[0, 0] if walls.ice.depth.size == 1 else math.inf  # place of the surface
+    lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # place of the surface
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
