@@ -12,6 +12,7 @@ from scipy.integrate import quad
 
 from pymantaray.acoustics import (
     Absorption,
+    BoundarySurface,
     FluidBottom,
     IceCover,
     Medium,
@@ -21,13 +22,8 @@ from pymantaray.acoustics import (
     transmission_loss,
 )
 from pymantaray.acoustics.absorption import francois_garrison_db_per_km
-from pymantaray.acoustics.loss import (
-    bubble_loss_db,
-    coherent_surface_loss_db,
-    find_bounces,
-    reflection_coefficient,
-    wave_height_rms,
-)
+from pymantaray.acoustics.loss import find_bounces
+from pymantaray.acoustics.reflection import bubble_loss_db, coherent_surface_loss_db, wave_height_rms
 from pymantaray.errors import AcousticsError
 from pymantaray.records import RayPaths
 
@@ -75,7 +71,7 @@ def test_solver_tracer_and_loss_together_are_the_image_method(arrivals, paths):
     for name in ("absorption_db", "surface_db", "bottom_db"):
         assert not np.any(getattr(bare, name))
     angle = np.arccos(RANGE / d)
-    r = reflection_coefficient(angle, SILT, sound_speed=C)
+    r = SILT.coefficient(angle, sound_speed=C)
     for cover in (WIND, IceCover(6.0)):
         loss = transmission_loss(*LINK, arrivals, FREQUENCY, bottom=SILT, surface=cover)
         np.testing.assert_array_equal(loss.geometric_db, bare.geometric_db)
@@ -89,6 +85,15 @@ def test_solver_tracer_and_loss_together_are_the_image_method(arrivals, paths):
             np.testing.assert_allclose(found, values, rtol=1e-9, atol=1e-9, err_msg=name)
         total = loss.geometric_db + loss.surface_db + loss.bottom_db
         np.testing.assert_allclose(loss.total_db, total, rtol=1e-14)
+    own = Medium.from_profile(
+        [0.0, DEPTH],
+        [C, C],
+        bottom_depth=BoundarySurface(DEPTH, reflection=SILT),
+        ice_draft=BoundarySurface(0.0, reflection=IceCover(6.0)),
+    )
+    same = transmission_loss(own, SOURCE, RECEIVER, arrivals, FREQUENCY)
+    np.testing.assert_array_equal(same.total_db, loss.total_db)  # the medium's reflections are the default
+    np.testing.assert_array_equal(same.boundary_phase, loss.boundary_phase)
     bounces = find_bounces(paths)
     counts = np.bincount(bounces.arrival, minlength=arrivals.link.size)
     np.testing.assert_array_equal(counts, arrivals.surface_bounces + arrivals.bottom_bounces)
@@ -220,7 +225,7 @@ lossless = st.builds(FluidBottom, st.floats(1200.0, 4000.0), st.floats(1100.0, 2
 
 
 def reflected(angle, bottom, *, speed=WATER):
-    return reflection_coefficient(angle, bottom, sound_speed=speed)
+    return bottom.coefficient(angle, sound_speed=speed)
 
 
 @settings(max_examples=50)

@@ -162,9 +162,9 @@ class Medium:
         depth: ArrayLike,
         sound_speed: ArrayLike,
         *,
-        bottom_depth: float,
+        bottom_depth: float | BoundarySurface,
         interpolation: Interpolation = "smooth",
-        ice_draft: float = 0.0,
+        ice_draft: float | BoundarySurface = 0.0,
     ) -> Self:
         """
         Horizontally uniform and unbounded medium from one profile, over a flat sea bed.
@@ -180,7 +180,7 @@ class Medium:
             [0.0],
             depth,
             c[None, None],
-            bathymetry=[[bottom_depth]],
+            bathymetry=bottom_depth,
             interpolation=interpolation,
             ice_draft=ice_draft,
         )
