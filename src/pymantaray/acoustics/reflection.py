@@ -17,7 +17,26 @@ from pymantaray.geometry.boundary import Reflection
 from pymantaray.geometry.checks import check_fields
 
 Array = NDArray[np.float64]
-Sediment = Literal["none", "clay", "silt", "sand", "gravel", "moraine"]
+Sediment = Literal[
+    "none",
+    "clay",
+    "silt",
+    "sand",
+    "gravel",
+    "moraine",
+    "sandy-gravel",
+    "coarse-sand",
+    "medium-sand",
+    "fine-sand",
+    "very-fine-sand",
+    "clayey-sand",
+    "coarse-silt",
+    "sandy-silt",
+    "medium-silt",
+    "fine-silt",
+    "sandy-clay",
+    "silty-clay",
+]
 """Sediment of a sea bed in a configuration, see `bed_reflection`."""
 _WATER_DENSITY = 1025.0  # kg/m3
 _GRAVITY = 9.81
@@ -163,13 +182,106 @@ class IceCover(_Scattering):
         return np.full(np.shape(grazing_angle), self.db_per_bounce)
 
 
+@dataclass(frozen=True)
+class GrainSizeBottom(_PlaneWave):
+    """
+    Sea bed as a fluid half-space with the properties of a sediment of a mean grain size, for 10 to 100 kHz.
+
+    The handbook of APL-UW [1]_ gives density, sound speed and loss of the upper decimetres relative to the water above, by
+    equations 2 to 5. Its beds are softer than those of `FluidBottom.standard`, which are for lower frequencies.
+
+    Parameters
+    ----------
+    grain_size : float
+        Mean grain size M, -1 (sandy gravel) to 9 (clay): a diameter of 2**-M mm. [phi units]
+
+    References
+    ----------
+    .. [1] Applied Physics Laboratory, University of Washington (1994), APL-UW High-Frequency Ocean Environmental Acoustic
+       Models Handbook, TR 9407, section IV.
+    """
+
+    grain_size: float
+
+    def __post_init__(self) -> None:
+        if not -1.0 <= self.grain_size <= 9.0:
+            raise AcousticsError(
+                f"GrainSizeBottom: grain_size is {self.grain_size:g} phi; the model is for -1 to 9"
+            )
+
+    @property
+    def density_ratio(self) -> float:
+        """Density over that of the water (equation 2)."""
+        if self.grain_size < 1.0:
+            return self._polynomial(2.3139, -0.17057, 0.007797)
+        if self.grain_size < 5.3:
+            return self._polynomial(3.0455, -1.1069031, 0.2290201, -0.0165406)
+        return self._polynomial(1.1565, -0.0012973)
+
+    @property
+    def sound_speed_ratio(self) -> float:
+        """Sound speed over that of the water (equation 3)."""
+        if self.grain_size < 1.0:
+            return self._polynomial(1.2778, -0.056452, 0.002709)
+        if self.grain_size < 5.3:
+            return self._polynomial(1.3425, -0.1382798, 0.0213937, -0.0014881)
+        return self._polynomial(1.0019, -0.0024324)
+
+    @property
+    def attenuation_db_per_m_khz(self) -> float:
+        """Attenuation by frequency (equation 5). [dB/(m kHz)]"""
+        if self.grain_size < 0.0:
+            return 0.4556
+        if self.grain_size < 2.6:
+            return self._polynomial(0.4556, 0.0245)
+        if self.grain_size < 4.5:
+            return self._polynomial(0.1978, 0.1245)
+        if self.grain_size < 6.0:
+            return self._polynomial(8.0399, -2.5228, 0.20098)
+        return self._polynomial(0.9431, -0.2041, 0.0117)
+
+    @property
+    def loss_tangent(self) -> float:
+        """Imaginary over real part of the wavenumber, in water of the handbook's 1.528 m/ms (equation 4)."""
+        per_wavelength = self.attenuation_db_per_m_khz * self.sound_speed_ratio * 1.528  # dB
+        return per_wavelength * math.log(10.0) / (40.0 * math.pi)
+
+    def _polynomial(self, *coefficients: float) -> float:
+        return float(np.polynomial.polynomial.polyval(self.grain_size, coefficients))
+
+    def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
+        """Rayleigh coefficient, see `rayleigh_coefficient`; the same at every sound speed of the water."""
+        index = np.full(np.shape(sound_speed), (1.0 + 1j * self.loss_tangent) / self.sound_speed_ratio)
+        return rayleigh_coefficient(grazing_angle, index, self.density_ratio)
+
+
+_GRAIN_SIZES = {  # phi units
+    "sandy-gravel": -1.0,
+    "coarse-sand": 0.5,
+    "medium-sand": 1.5,
+    "fine-sand": 2.5,
+    "very-fine-sand": 3.5,
+    "clayey-sand": 4.0,
+    "coarse-silt": 4.5,
+    "sandy-silt": 5.0,
+    "medium-silt": 6.0,
+    "fine-silt": 6.5,
+    "sandy-clay": 7.0,
+    "silty-clay": 8.0,
+}
+
+
 def bed_reflection(sediment: Sediment) -> Reflection | None:
     """Reflection at a sea bed of a sediment; None if it reflects all sound."""
+    if sediment in _GRAIN_SIZES:
+        return GrainSizeBottom(_GRAIN_SIZES[sediment])
     return None if sediment == "none" else FluidBottom.standard(sediment)
 
 
 def sediment_source(sediment: Sediment) -> str | None:
     """Key of the reference for the properties of a sediment, as in a study's list; None if it has none."""
+    if sediment in _GRAIN_SIZES:
+        return "apl-uw1994"
     return None if sediment == "none" else "jensen"
 
 
