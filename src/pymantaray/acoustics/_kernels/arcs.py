@@ -200,6 +200,7 @@ def trace_arcs(s, walls, course, angle, ray):
     way = cosine / c_ref, -sine / c_ref, sine * sine, c_ref
     here, rates, r, tau = (z, c_ref, sine, cosine), (cosine, -sine, 0.0), 0.0, 0.0
     k, count, turns, so_far = find_level(s, z), 0, 0, (0, 0, 0)
+    xi, caustics = 0.0, 0  # in a layer XI passes through zero once at most
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0
     room = path.shape[0] - 3 if ray.K.shape[1] == at.N_FULL else -1
     if room > 0:
@@ -219,6 +220,7 @@ def trace_arcs(s, walls, course, angle, ray):
             continue
         if not r + step < course.length:
             count = _arrive(course, here, rates, way, g, (r, tau, count), ray)
+            y[at.CAUSTICS_PASSED] = caustics + (1 if xi * y[at.XI] < 0.0 else 0)
             return True, count, turns + (1 if here[2] * y[at.P] < 0.0 else 0), so_far[2]
         rates = _rates(face, here, rates, way, g)
         if room > 0:
@@ -229,11 +231,13 @@ def trace_arcs(s, walls, course, angle, ray):
         if y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, here, face, way, g, r):
             y[at.GONE] = r
         here = z, c, sine, way[0] * c
-        y[at.GROWN] = max(y[at.GROWN], abs(rates[2] * sine / here[3]))
+        before, xi = xi, -rates[2] * sine / here[3]
+        caustics += 1 if before * xi < 0.0 else 0
+        y[at.GROWN] = max(y[at.GROWN], abs(xi))
         hit = at.IN_WATER
         if z >= bottom if down else z <= top:
             hit = at.AT_BOTTOM if down else at.AT_SURFACE
-            here, rates = (z, c, -sine, here[3]), (-rates[0], rates[1], rates[2])
+            here, rates, xi = (z, c, -sine, here[3]), (-rates[0], rates[1], rates[2]), -xi
             ok, so_far = _turn_back(walls, rule, ray, r, hit, so_far)
         else:
             k += 1 if down else -1

@@ -15,7 +15,9 @@ N_FAN, N_FULL = 4, 8
 # the logarithm of how steeply it rose there. Its least and greatest offset across the axis on its way, with their derivatives.
 GONE, GROWN, GONE_RATE, GONE_BEND = range(8, 12)
 HIGHEST, HIGHEST_RATE, LOWEST, LOWEST_RATE = range(12, 16)
-N_STATE = 16
+# Kept beside it for a full ray: the number of caustics, places at which XI passes through zero on the way.
+CAUSTICS_PASSED = 16
+N_STATE = 17
 
 # Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
 # slowness along range, depth and cross-track [times the source's sound speed], boundary.
@@ -38,11 +40,11 @@ N_RAY = 17
 N_BRACKET = 7  # of these an end of a bracket has the first
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
-# both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, and along what it was traced.
+# both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis along which it was traced, and caustics.
 TRAVEL_TIME, LAUNCH_ANGLE, ARRIVAL_ANGLE, SPREADING_DB, TURNING_POINTS = range(5)
 SOURCE_SLOWNESS, RECEIVER_SLOWNESS = 5, 8
-SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS = 11, 12, 13
-N_ARRIVAL = 14
+SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS, CAUSTICS = 11, 12, 13, 14
+N_ARRIVAL = 15
 HORIZONTAL, CHORD, VERTICAL = 0, 1, 2  # as `records.RayAxis`
 
 # What belongs to a link: chord travel time [s], sound speed at both ends [m/s], least miss [m], number of rays traced, and

@@ -215,7 +215,9 @@ def _same_place(row):
     """Fill the row of a link whose ends are at one place."""
     for i in range(at.N_ARRIVAL):
         row[i] = np.nan
-    for i in (at.TRAVEL_TIME, at.TURNING_POINTS, at.SURFACE_BOUNCES, at.BOTTOM_BOUNCES, at.RAY_AXIS):
+    for i in (at.TRAVEL_TIME, at.TURNING_POINTS, at.CAUSTICS):
+        row[i] = 0.0
+    for i in (at.SURFACE_BOUNCES, at.BOTTOM_BOUNCES, at.RAY_AXIS):
         row[i] = 0.0
 
 

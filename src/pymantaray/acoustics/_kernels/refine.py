@@ -371,6 +371,7 @@ def finish(row, y, launch, course, link, inset):
     width = abs(y[at.XI] * y[at.DY_DQ] / math.cos(angle) * (h1 / n1) * h0)
     row[at.SPREADING_DB] = 10.0 * math.log10(max(width, 1e-300) * n1 / (link.length * link.length))
     row[at.TURNING_POINTS], row[at.RAY_AXIS] = launch.turns, ray_axis(course)
+    row[at.CAUSTICS] = y[at.CAUSTICS_PASSED]
     sb_end = -sb if course.rule.kind == at.LEGS and course.rule.legs % 2 == 0 else sb
     _finish_end(row, (p0, q, h0), (cb, sb), link, at.LAUNCH_ANGLE, at.SOURCE_SLOWNESS)
     _finish_end(row, (p1, q1, h1), (cb, sb_end), link, at.ARRIVAL_ANGLE, at.RECEIVER_SLOWNESS)

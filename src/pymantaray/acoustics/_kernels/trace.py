@@ -213,6 +213,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 h = h_hit
         pos = span if last else pos + h
         h = h_next
+        if full and y[at.XI] * ray.ynew[at.XI] < 0.0:
+            y[at.CAUSTICS_PASSED] += 1.0
         for i in range(n_eq):
             y[i] = ray.ynew[i]
             K[0, i] = K[6, i]
