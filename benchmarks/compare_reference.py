@@ -171,7 +171,7 @@ def compare_multipath(folder: Path) -> None:
                             worst, found = max(worst, gap.min()), found + 1
                             mine = np.delete(mine, gap.argmin())
                     if name == "a_iso" and mine.size:
-                        bed = float(medium.bathymetry[0, 0])
+                        bed = float(medium.bed.depth[0, 0])
                         image = image_times(source[link], receiver[link], 1500.0, bed, n_s, n_b)
                         if len(image) == mine.size:
                             worst = max(worst, float(np.abs(np.sort(mine) - image).max()))
@@ -227,7 +227,7 @@ def direct_arrivals(medium: Medium, source: Array, receiver: Array, beams: Beams
     """Travel times of Bellhop's arrivals without a reflection [s], and the CPU time of its run. [ms]"""
     from pelagic import bellhop
 
-    bed = float(medium.bathymetry.max())
+    bed = float(medium.bed.depth.max())
     depth = np.append(medium.depth[medium.depth < bed], bed)
     speed = np.interp(depth, medium.depth, medium.sound_speed[0, 0])
     across = float(np.hypot(*(receiver - source)[:2]))

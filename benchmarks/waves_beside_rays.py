@@ -71,7 +71,7 @@ class Band(NamedTuple):
 
 def middle_column(sea: Medium) -> Medium:
     speed = sea.sound_speed[sea.north.size // 2, sea.east.size // 2]
-    return Medium.from_profile(sea.depth, speed, bottom_depth=float(sea.bathymetry.max()))
+    return Medium.from_profile(sea.depth, speed, bottom_depth=float(sea.bed.depth.max()))
 
 
 def ends(link: Link) -> tuple[np.ndarray, np.ndarray]:

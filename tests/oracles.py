@@ -301,7 +301,7 @@ class Shooting:
             state = self._run(state, duration)
             on_surface = walls[:, leg] == self.SURFACE
             for _ in range(3):
-                depth, slope, _ = sheet_under(m.bed_north, m.bed_east, m.bathymetry, state[:, :3])
+                depth, slope, _ = sheet_under(m.bed.north, m.bed.east, m.bed.depth, state[:, :3])
                 normal = np.column_stack([slope, -np.ones(len(slope))])
                 normal[on_surface] = [0.0, 0.0, 1.0]
                 gap = np.where(on_surface, state[:, 2], depth - state[:, 2])

@@ -139,7 +139,7 @@ class SectionFan:
     def _bed(self, source, azimuth, step, n_steps):
         m, r = self.medium, step * np.arange(n_steps + 1)
         place = np.column_stack([source[0] + r * np.cos(azimuth), source[1] + r * np.sin(azimuth)])
-        return sheet_under(m.bed_north, m.bed_east, m.bathymetry, place)[0]
+        return sheet_under(m.bed.north, m.bed.east, m.bed.depth, place)[0]
 
     def _speed(self, layers, z):
         k = np.clip(np.searchsorted(self.medium.depth, z, side="right") - 1, 0, self.medium.depth.size - 2)

@@ -17,7 +17,10 @@ from numba import config, njit, types
 from numba.extending import intrinsic
 
 PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
-_SHARED_SOURCES = tuple(Path(__file__).parent / p for p in ("compile.py", "linking.py", "records/status.py"))
+_SHARED_SOURCES = tuple(
+    Path(__file__).parent / p
+    for p in ("compile.py", "linking.py", "records/status.py", "geometry/boundary_kernels.py")
+)
 
 # Arrays come in from outside and outlive the call, so that counting references to them in inner loops
 # (two atomic operations an access; it made a field evaluation six times slower) can be left out.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
+from pymantaray.acoustics import BoundarySurface, Medium, find_eigenrays, trace_paths
 from pymantaray.acoustics.bellhop import linear_medium
 from pymantaray.records import RayStatus
 
@@ -24,9 +24,7 @@ def medium(bed_axis=None, bed=slope, interpolation="smooth"):
         AXIS,
         DEPTH,
         SPEED,
-        bathymetry=bed(own, own),
-        bed_north=bed_axis,
-        bed_east=bed_axis,
+        bathymetry=BoundarySurface(bed(own, own), own, own),
         interpolation=interpolation,
     )
 
@@ -81,7 +79,7 @@ def test_a_local_data_set_with_its_own_floor_axes():
         coords={"north": AXIS, "east": AXIS, "depth": DEPTH, "floor_north": fine, "floor_east": fine},
     )
     water = Medium.from_dataset(ocean)
-    np.testing.assert_array_equal(water.bathymetry, hill(fine, fine))
+    np.testing.assert_array_equal(water.bed.depth, hill(fine, fine))
     halved = linear_medium(water, horizontal=2)
     place = np.stack([fine[20:60] + 60.0, np.full(40, 210.0)], axis=-1)
     np.testing.assert_allclose(halved.bottom_depth(place), water.bottom_depth(place))

@@ -10,7 +10,7 @@ import pytest
 from oracles import direct_travel_time_linear_gradient
 from refusals import refused
 
-from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics import BoundarySurface, Medium, find_eigenrays
 from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop, write_bellhop
 from pymantaray.acoustics.bellhop.run import PROGRAMS, bellhop_arrivals, find_bellhop, run_bellhop
 from pymantaray.errors import AcousticsError
@@ -127,7 +127,7 @@ def test_the_real_program_reflects_at_sloping_ice_where_we_do():
     axis = np.linspace(-2000.0, 3000.0, 6)
     draft = np.repeat(20.0 + 0.01 * (axis[:, None] + 2000.0), 6, axis=1)
     water = ([0.0], [0.0], [0.0, 1000.0], [[[1500.0, 1500.0]]])
-    ice = {"ice_draft": draft, "ice_north": axis, "ice_east": axis}
+    ice = {"ice_draft": BoundarySurface(draft, axis, axis)}
     medium = Medium.from_grid(*water, bathymetry=[[1000.0]], interpolation="linear", **ice)
     ends = [0.0, 0.0, 100.0], [1000.0, 500.0, 200.0]
     ours = find_eigenrays(medium, *ends, max_surface_bounces=1)

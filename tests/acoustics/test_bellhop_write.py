@@ -42,7 +42,7 @@ def test_a_medium_is_written_to_the_last_bit(tmp_path_factory, n_north, n_east, 
     assert (water is None) == (n_north == n_east == 1) == (read_env(env).profile == "C")
     profile = medium.sound_speed.mean(axis=(0, 1))
     np.testing.assert_array_equal(read_env(env).levels, np.stack([DEPTH, profile], axis=1))
-    grids = [(bed, medium.bathymetry)] + ([] if water is None else [(water, medium.sound_speed)])
+    grids = [(bed, medium.bed.depth)] + ([] if water is None else [(water, medium.sound_speed)])
     for (north, east, *_, values), expected in grids:
         found = np.array(values)
         for k, (axis, own) in enumerate(((north, medium.north), (east, medium.east))):
@@ -74,7 +74,7 @@ def test_positions_fan_and_box_of_a_link_with_x_north_and_bearings_clockwise(tmp
     np.testing.assert_allclose(found.declinations, slope + fan, atol=1e-12)
     np.testing.assert_allclose(found.bearings, math.atan2(east, north) + fan, atol=1e-12)
     assert np.all(found.box[:2] > np.abs(receiver - source)[:2])
-    assert found.box[2] > medium.bathymetry.max()
+    assert found.box[2] > medium.bed.depth.max()
 
 
 def test_links_share_their_grids_and_the_origin_moves_them(tmp_path):
@@ -95,9 +95,9 @@ def test_links_share_their_grids_and_the_origin_moves_them(tmp_path):
 
 def test_ice_is_bellhops_altimetry(tmp_path):
     bare = grid_medium()
-    draft = np.random.default_rng(1).uniform(0.0, 9.0, bare.bathymetry.shape)
+    draft = np.random.default_rng(1).uniform(0.0, 9.0, bare.bed.depth.shape)
     axes = (bare.north, bare.east, bare.depth, bare.sound_speed)
-    iced = Medium.from_grid(*axes, bathymetry=bare.bathymetry, interpolation="linear", ice_draft=draft)
+    iced = Medium.from_grid(*axes, bathymetry=bare.bed, interpolation="linear", ice_draft=draft)
     for medium in (iced, linear_medium(iced, horizontal=2)):
         (env,) = write_bellhop(tmp_path / "ice", medium, middle(bare, 20.0), middle(bare, 100.0))
         assert read_env(env).altimetry
@@ -141,7 +141,7 @@ def test_a_finer_linear_medium_nears_the_same_ocean(interpolation):
 
     def error(parts):
         fine = linear_medium(medium, horizontal=parts, vertical=parts)
-        assert fine.bathymetry[parts, 0] == pytest.approx(1020.0)
+        assert fine.bed.depth[parts, 0] == pytest.approx(1020.0)
         return np.abs(find_eigenrays(fine, points, points).source_sound_speed - exact).max()
 
     refused(AcousticsError, r"horizontal 1000, vertical 1000: .* points; at most 100,", error, 1000)

@@ -53,6 +53,7 @@ except Exception as error:
     raise SystemExit(77)
 from pymantaray.acoustics._kernels import cuda as kernels
 from pymantaray.acoustics._kernels import layout
+from pymantaray.geometry.boundary_kernels import BoundaryGrid
 
 
 def array(dimensions, dtype=types.float64):
@@ -60,9 +61,9 @@ def array(dimensions, dtype=types.float64):
 
 
 real, whole = types.float64, types.int64
-sheet = types.NamedTuple([array(1), array(1), array(2)], layout.Sheet)
-field = [whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(1, types.int32), real, real]
-domain = types.NamedTuple([*field, sheet, sheet], layout.Domain)
+grid = types.NamedTuple([array(2), array(1), array(1)], BoundaryGrid)
+field = [whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(2), real, real]
+domain = types.NamedTuple([*field, grid, grid, types.boolean, types.boolean], layout.Domain)
 settings = types.NamedTuple([real, real, types.boolean], layout.Settings)
 work = types.NamedTuple([array(len(shape) + 1) for shape in layout.shapes(16)], layout.Work)
 results = types.NamedTuple([array(3), array(1, whole), array(1, types.int8), array(2)], layout.Results)

@@ -12,7 +12,9 @@ from scipy.integrate import quad
 
 from pymantaray.acoustics import (
     Absorption,
+    BoundarySurface,
     FluidBottom,
+    GrainSizeBottom,
     IceCover,
     Medium,
     SeaSurface,
@@ -21,11 +23,11 @@ from pymantaray.acoustics import (
     transmission_loss,
 )
 from pymantaray.acoustics.absorption import francois_garrison_db_per_km
-from pymantaray.acoustics.loss import (
+from pymantaray.acoustics.loss import find_bounces
+from pymantaray.acoustics.reflection import (
+    bed_reflection,
     bubble_loss_db,
     coherent_surface_loss_db,
-    find_bounces,
-    reflection_coefficient,
     wave_height_rms,
 )
 from pymantaray.errors import AcousticsError
@@ -75,7 +77,7 @@ def test_solver_tracer_and_loss_together_are_the_image_method(arrivals, paths):
     for name in ("absorption_db", "surface_db", "bottom_db"):
         assert not np.any(getattr(bare, name))
     angle = np.arccos(RANGE / d)
-    r = reflection_coefficient(angle, SILT, sound_speed=C)
+    r = SILT.coefficient(angle, sound_speed=C)
     for cover in (WIND, IceCover(6.0)):
         loss = transmission_loss(*LINK, arrivals, FREQUENCY, bottom=SILT, surface=cover)
         np.testing.assert_array_equal(loss.geometric_db, bare.geometric_db)
@@ -89,6 +91,15 @@ def test_solver_tracer_and_loss_together_are_the_image_method(arrivals, paths):
             np.testing.assert_allclose(found, values, rtol=1e-9, atol=1e-9, err_msg=name)
         total = loss.geometric_db + loss.surface_db + loss.bottom_db
         np.testing.assert_allclose(loss.total_db, total, rtol=1e-14)
+    own = Medium.from_profile(
+        [0.0, DEPTH],
+        [C, C],
+        bottom_depth=BoundarySurface(DEPTH, reflection=SILT),
+        ice_draft=BoundarySurface(0.0, reflection=IceCover(6.0)),
+    )
+    same = transmission_loss(own, SOURCE, RECEIVER, arrivals, FREQUENCY)
+    np.testing.assert_array_equal(same.total_db, loss.total_db)  # the medium's reflections are the default
+    np.testing.assert_array_equal(same.boundary_phase, loss.boundary_phase)
     bounces = find_bounces(paths)
     counts = np.bincount(bounces.arrival, minlength=arrivals.link.size)
     np.testing.assert_array_equal(counts, arrivals.surface_bounces + arrivals.bottom_bounces)
@@ -220,7 +231,7 @@ lossless = st.builds(FluidBottom, st.floats(1200.0, 4000.0), st.floats(1100.0, 2
 
 
 def reflected(angle, bottom, *, speed=WATER):
-    return reflection_coefficient(angle, bottom, sound_speed=speed)
+    return bottom.coefficient(angle, sound_speed=speed)
 
 
 @settings(max_examples=50)
@@ -276,6 +287,37 @@ def test_reflection_coefficient_has_published_values(gamma, m, ratio, tangent, e
     bottom = FluidBottom(1500.0 * ratio, RHO * m, tangent * 40.0 * np.pi / np.log(10.0))
     r = reflected(gamma, bottom, speed=1500.0)
     assert 20.0 * np.log10(abs(complex(r))) == pytest.approx(expected, abs=tolerance)
+
+
+# Table 2 of the handbook of APL-UW: grain size, ratios of density and sound speed, loss parameter
+TABLE = [
+    ("sandy-gravel", -1.0, 2.492, 1.3370, 0.01705),
+    ("coarse-sand", 0.5, 2.231, 1.2503, 0.01638),
+    ("medium-sand", 1.5, 1.845, 1.1782, 0.01624),
+    ("fine-sand", 2.5, 1.451, 1.1073, 0.01602),
+    ("very-fine-sand", 3.5, 1.268, 1.0568, 0.01875),
+    ("clayey-sand", 4.0, 1.224, 1.0364, 0.02019),
+    ("coarse-silt", 4.5, 1.195, 1.0179, 0.02158),
+    ("sandy-silt", 5.0, 1.169, 0.9999, 0.01261),
+    ("medium-silt", 6.0, 1.149, 0.9873, 0.00386),
+    ("fine-silt", 6.5, 1.148, 0.9861, 0.00306),
+    ("sandy-clay", 7.0, 1.147, 0.9849, 0.00242),
+    ("silty-clay", 8.0, 1.146, 0.9824, 0.00163),
+]
+
+
+@pytest.mark.parametrize(("name", "phi", "density", "speed", "loss"), TABLE)
+def test_a_grain_size_has_the_properties_of_the_handbooks_table(name, phi, density, speed, loss):
+    bed = bed_reflection(name)
+    assert bed == GrainSizeBottom(phi)
+    assert bed.density_ratio == pytest.approx(density, abs=6e-4)
+    assert bed.sound_speed_ratio == pytest.approx(speed, abs=6e-5)
+    assert bed.loss_tangent == pytest.approx(loss, abs=6e-6)
+    own = FluidBottom(speed * WATER, density * RHO, loss * 40.0 * np.pi / np.log(10.0))
+    np.testing.assert_allclose(reflected(ANGLES, bed), reflected(ANGLES, own), atol=3e-3)
+    lost, phase = bed.loss_and_phase(ANGLES, 25e3, sound_speed=np.full(ANGLES.shape, WATER))
+    np.testing.assert_allclose(10.0 ** (-lost / 20.0) * np.exp(1j * phase), reflected(ANGLES, bed))
+    assert (lost > 0.0).all()
 
 
 # The surface under wind

@@ -9,8 +9,10 @@ from refusals import refused
 
 from pymantaray.acoustics import (
     Absorption,
+    BoundarySurface,
     Currents,
     FluidBottom,
+    GrainSizeBottom,
     IceCover,
     Medium,
     SeaSurface,
@@ -48,8 +50,8 @@ def current(velocity=((((0.0, 0.0),),),), **axes):
 def short_bed():
     """A bed on axes of its own that do not reach over the water."""
     own, c = np.linspace(-9e3, 9e3, 3), np.full((5, 5, 2), 1500.0)
-    axes = {"bed_north": own, "bed_east": own}
-    return Medium.from_grid(AXIS, AXIS, [0.0, 4e3], c, bathymetry=np.full((3, 3), 2e3), **axes)
+    bed = BoundarySurface(np.full((3, 3), 2e3), own, own)
+    return Medium.from_grid(AXIS, AXIS, [0.0, 4e3], c, bathymetry=bed)
 
 
 def salty(depth=(0.0,), temperature=(5.0,), salinity=(35.0,), **options):
@@ -67,7 +69,7 @@ REFUSED = {
     "'cubic'; allowed are 'smooth' and 'linear'": lambda: profile([1500.0] * 3, interpolation="cubic"),
     "ice_draft: -1 m; a draft is a depth, 0 or more": lambda: profile([1500.0] * 3, ice_draft=-1.0),
     "lacks sound_speed, sea_floor_depth": lambda: Medium.from_dataset(NOWHERE),
-    r"bed_north: -9000 to 9000 m; must reach over the water": short_bed,
+    r"bathymetry: north -9000 to 9000 m; it must extend over the water, -10000 to 10000 m": short_bed,
     "max_surface_bounces: -1; a whole number from 0 to 15": lambda: links(max_surface_bounces=-1),
     r"max_bottom_bounces: 1\.5; a whole number": lambda: links(max_bottom_bounces=1.5),
     r"source has shape \(2, 3\), receiver \(1, 3\)": lambda: links([LINK[1]] * 2),
@@ -90,6 +92,7 @@ REFUSED = {
     "FluidBottom: density is -1; it must be finite and positive": lambda: FluidBottom(1600.0, -1.0),
     "attenuation_db_per_wavelength is nan dB; it must be": lambda: FluidBottom(1600.0, 1800.0, np.nan),
     "'mud' is unknown; there are clay, silt": lambda: FluidBottom.standard("mud"),
+    "grain_size is 9.5 phi; the model is for -1 to 9": lambda: GrainSizeBottom(9.5),
     "wind_speed is -3 m/s": lambda: SeaSurface(-3.0),
     "IceCover: db_per_bounce is -1 dB": lambda: IceCover(-1.0),
     "'eckart'; allowed are 'bubbles' and 'coherent'": lambda: SeaSurface(3.0, "eckart"),

@@ -116,7 +116,7 @@ def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
     eigen, nodes = pd.read_csv("eigen.csv", dtype={"name": str}), pd.read_csv("trace.csv")
     number = pd.Series(arrivals.link).groupby(arrivals.link).cumcount().to_numpy()
     step = paths.position - source[arrivals.link[paths.arrival]]
-    own = ("surface_bounces", "bottom_bounces", "turning_points", "spreading_db")
+    own = ("surface_bounces", "bottom_bounces", "turning_points", "caustics", "spreading_db")
     by_arrival = {name: getattr(arrivals, name) for name in own}
     by_arrival |= {
         "row": arrivals.link,

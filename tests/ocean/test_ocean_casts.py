@@ -404,4 +404,4 @@ def test_every_real_cast_is_read_whole_and_makes_an_ocean_that_rays_can_be_trace
         ocean = cast_ocean(cast, bottom_depth=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3))
         medium = Medium.from_dataset(to_local(ocean))
         np.testing.assert_allclose(medium.sound_speed[0, 0], speed(ocean), rtol=0, atol=0.01)
-        assert medium.bathymetry.min() == ocean["depth"].values[-1]
+        assert medium.bed.depth.min() == ocean["depth"].values[-1]

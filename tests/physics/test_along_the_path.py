@@ -153,7 +153,7 @@ def test_sensitivity_is_the_derivative_of_travel_time_by_sound_speed(name, inter
                 base.east,
                 base.depth,
                 base.sound_speed + sign * amplitude * shapes[..., k],
-                bathymetry=base.bathymetry,
+                bathymetry=base.bed,
                 interpolation=interpolation,
             )
             found = find_eigenrays(moved, source, receiver, tolerance=1e-5)

@@ -38,7 +38,7 @@ def media(draw, interpolation):
 
 def places(medium, rng):
     """Thirty pairs: equal, level, vertical, on levels, surface, bottom and edge; 0.1 m to 100 km apart."""
-    wet = float(medium.bathymetry.min())
+    wet = float(medium.bed.depth.min())
     levels = medium.depth[medium.depth <= wet]
     edge = 0.5 * SIDE
     pairs = []
@@ -141,7 +141,7 @@ def check(medium, source, receiver):
 def in_open_water(medium, source, receiver, chord_time, c_max):
     """Links whose chord beats every path by way of the surface, the bed or the domain's sides."""
     horizontal = np.linalg.norm((receiver - source)[:, :2], axis=1)
-    bed = float(medium.bathymetry.min())
+    bed = float(medium.bed.depth.min())
     ways = [
         np.hypot(horizontal, source[:, 2] + receiver[:, 2]),
         np.hypot(horizontal, 2.0 * bed - source[:, 2] - receiver[:, 2]),

@@ -44,7 +44,7 @@ class Facets:
     """The bilinear bed of a medium, each cell continued beyond its edges."""
 
     def __init__(self, medium):
-        self.north, self.east, self.bed = medium.north, medium.east, medium.bathymetry
+        self.north, self.east, self.bed = medium.north, medium.east, medium.bed.depth
         self.depth_at = RegularGridInterpolator(
             (self.north, self.east), self.bed, bounds_error=False, fill_value=1e9
         )

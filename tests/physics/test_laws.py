@@ -78,8 +78,8 @@ def bounces(paths):
 
 def boundary(medium, place, on_bed):
     """Height of places in the water above the bed, or depth below the surface, normals there, and distance from grid lines."""
-    bed = sheet_under(medium.bed_north, medium.bed_east, medium.bathymetry, place)
-    ice = sheet_under(medium.ice_north, medium.ice_east, medium.ice_draft, place)
+    bed = sheet_under(medium.bed.north, medium.bed.east, medium.bed.depth, place)
+    ice = sheet_under(medium.surface.north, medium.surface.east, medium.surface.depth, place)
     gap = np.where(on_bed, bed[0] - place[:, 2], place[:, 2] - ice[0])
     normal = np.column_stack([np.where(on_bed[:, None], bed[1], ice[1]), np.full(len(place), -1.0)])
     return gap, normal / np.linalg.norm(normal, axis=1, keepdims=True), np.where(on_bed, bed[2], ice[2])
@@ -420,7 +420,7 @@ def test_turning_and_shifting_the_ocean_turns_and_shifts_the_rays():
         -front.north[::-1] + 9000.0,
         front.depth,
         np.swapaxes(front.sound_speed, 0, 1)[:, ::-1],
-        bathymetry=np.swapaxes(front.bathymetry, 0, 1)[:, ::-1],
+        bathymetry=np.swapaxes(front.bed.depth, 0, 1)[:, ::-1],
     )
     ends = [np.column_stack([p[:, 1] + 500.0, 9000.0 - p[:, 0], p[:, 2]]) for p in (source, receiver)]
     moved = find_eigenrays(turned, *ends)

@@ -38,6 +38,7 @@ PARTS = [
     (up(surface_loss="bubbles"), "apl-uw1994"),
     (up(surface_loss="coherent"), "pierson1964"),
     ({"acoustics": {"max_bottom_bounces": 1, "sediment": "silt"}, "detection": NOISE}, "jensen"),
+    ({"acoustics": {"max_bottom_bounces": 1, "sediment": "fine-silt"}, "detection": NOISE}, "apl-uw1994"),
     ({"detection": {**NOISE, "leakage": True}}, "itu-p526"),
     (estimator(loss="huber"), ""),
     (estimator(loss="gnc"), "yang2020"),

@@ -48,7 +48,7 @@ def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
     expected = Medium.from_dataset(with_ice(to_local(fram, half_extent=(HALF, HALF)), 2.0))
     for water in waters:
         np.testing.assert_array_equal(water.medium.field, expected.field)
-        np.testing.assert_array_equal(water.medium.ice_draft, expected.ice_draft)
+        np.testing.assert_array_equal(water.medium.surface.depth, expected.surface.depth)
         assert water.frame is not None
         assert water.frame.latitude_deg == waters[0].frame.latitude_deg
 
@@ -116,7 +116,7 @@ def test_several_casts_are_a_water_each(tmp_path):
 def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram):
     water = open_water(fram, half_extent=HALF, bathymetry=900.0)
     np.testing.assert_allclose(water.medium.bottom_depth([[0.0, 0.0], [9e3, -9e3]]), 900.0, rtol=0, atol=1e-9)
-    assert open_water(fram, half_extent=HALF).medium.bathymetry.min() > 2000.0
+    assert open_water(fram, half_extent=HALF).medium.bed.depth.min() > 2000.0
 
 
 def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path):

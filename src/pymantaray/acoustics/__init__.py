@@ -4,7 +4,7 @@ from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.leakage import Leakage, Leaks, find_leaks
-from pymantaray.acoustics.loss import FluidBottom, IceCover, SeaSurface, transmission_loss
+from pymantaray.acoustics.loss import transmission_loss
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.paths import (
     path_integrals,
@@ -16,13 +16,17 @@ from pymantaray.acoustics.paths import (
 )
 from pymantaray.acoustics.profile_files import write_asvp, write_profiles
 from pymantaray.acoustics.profiles import read_profile, read_profiles, smooth_profile, thin_profile
+from pymantaray.acoustics.reflection import FluidBottom, GrainSizeBottom, IceCover, SeaSurface
 from pymantaray.acoustics.selection import Rule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
+from pymantaray.geometry.boundary import BoundarySurface
 
 __all__ = [
     "Absorption",
+    "BoundarySurface",
     "Currents",
     "FluidBottom",
+    "GrainSizeBottom",
     "IceCover",
     "Leakage",
     "Leaks",

@@ -149,6 +149,7 @@ def _arrivals(results: "Results") -> Arrivals:
         surface_bounces=table[:, layout.SURFACE_BOUNCES],
         bottom_bounces=table[:, layout.BOTTOM_BOUNCES],
         turning_points=table[:, layout.TURNING_POINTS],
+        caustics=table[:, layout.CAUSTICS],
         launch_angle=table[:, layout.LAUNCH_ANGLE],
         arrival_angle=table[:, layout.ARRIVAL_ANGLE],
         spreading_db=table[:, layout.SPREADING_DB],

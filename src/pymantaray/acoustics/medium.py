@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import checked_array, told_apart
-from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.geometry.boundary import BoundarySurface, as_boundary
+from pymantaray.geometry.checks import checked_array
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
-Sheet = tuple[Array, Array, Array]  # depth of a boundary (n_north, n_east) and its axes
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
 _MOST_VALUES = 2**22  # that coefficients are worked out for at a time
 _MOST_ADDED = 100  # levels above the first
@@ -38,30 +37,22 @@ class Medium:
         Levels, positive down. [m]
     sound_speed : ndarray, shape (n_north, n_east, n_depth)
         [m/s]
-    bathymetry : ndarray, shape (n_bed_north, n_bed_east)
-        Depth of the sea bed. [m]
-    bed_north, bed_east : ndarray, shape (n_bed_north,), (n_bed_east,)
-        Its axes, those of the sound speed unless it came with its own. [m]
+    bed : BoundarySurface
+        Sea bed.
+    surface : BoundarySurface
+        Sea surface, at depth 0, or the underside of an ice cover.
     interpolation : {"smooth", "linear"}
         C2 cubic spline in depth and cubic B-spline horizontally, or piecewise linear in depth and
-        bilinear horizontally. Sea bed and ice are bilinear in both.
-    ice_draft : ndarray, shape (n_ice_north, n_ice_east)
-        Depth of the underside of an ice cover, one value 0 where there is none. [m]
-    ice_north, ice_east : ndarray, shape (n_ice_north,), (n_ice_east,)
-        Its axes. [m]
+        bilinear horizontally. Bed and surface are bilinear in both.
     """
 
     north: Array
     east: Array
     depth: Array
     sound_speed: Array
-    bathymetry: Array
-    bed_north: Array
-    bed_east: Array
+    bed: BoundarySurface
+    surface: BoundarySurface
     interpolation: Interpolation
-    ice_draft: Array
-    ice_north: Array
-    ice_east: Array
     field: Array
     knots_north: Array
     knots_east: Array
@@ -78,13 +69,9 @@ class Medium:
         depth: ArrayLike,
         sound_speed: ArrayLike,
         *,
-        bathymetry: ArrayLike,
-        bed_north: ArrayLike | None = None,
-        bed_east: ArrayLike | None = None,
+        bathymetry: BoundarySurface | ArrayLike,
         interpolation: Interpolation = "smooth",
-        ice_draft: ArrayLike = 0.0,
-        ice_north: ArrayLike | None = None,
-        ice_east: ArrayLike | None = None,
+        ice_draft: BoundarySurface | ArrayLike = 0.0,
     ) -> Self:
         """
         Medium on a grid of the local frame.
@@ -96,16 +83,14 @@ class Medium:
             level below the surface its sound speed holds, on levels that are added, see `up_to_surface`. [m]
         sound_speed : array_like, shape (n_north, n_east, n_depth)
             [m/s]
-        bathymetry : float or array_like, shape (n_bed_north, n_bed_east)
-            Depth of the sea bed. [m]
-        bed_north, bed_east : array_like, optional
-            Its axes, where they are not those of the sound speed; they must reach as far. [m]
+        bathymetry : BoundarySurface, float or array_like, shape (n_north, n_east)
+            Depth of the sea bed: one value, or values at the grid points of the sound speed. [m] A `BoundarySurface` has axes of
+            its own, which must extend over those of the sound speed, and may have a reflection.
         interpolation : {"smooth", "linear"}
-            What lies between the grid points.
-        ice_draft : float or array_like, shape (n_ice_north, n_ice_east)
-            Depth of the underside of an ice cover, which takes the place of the surface. [m]
-        ice_north, ice_east : array_like, optional
-            Its axes, where they are not those of the sound speed. [m]
+            Interpolation of the sound speed between the grid points.
+        ice_draft : BoundarySurface, float or array_like, shape (n_north, n_east)
+            Depth of the underside of an ice cover, which replaces the surface, like ``bathymetry``. [m] The reflection of an
+            open sea surface is that of ``BoundarySurface(0.0, reflection=...)``.
 
         Returns
         -------
@@ -120,8 +105,8 @@ class Medium:
         n, e, z = (
             _axis(name, values) for name, values in (("north", north), ("east", east), ("depth", depth))
         )
-        bed = _sheet("bathymetry", bathymetry, ("bed_north", bed_north, n), ("bed_east", bed_east, e))
-        ice = _sheet("ice_draft", ice_draft, ("ice_north", ice_north, n), ("ice_east", ice_east, e))
+        bed = as_boundary(bathymetry, n, e, name="bathymetry", error=AcousticsError)
+        surface = as_boundary(ice_draft, n, e, name="ice_draft", error=AcousticsError)
         if z.size < 2:
             raise AcousticsError(f"depth: {z.size} level; a medium needs at least 2")
         c = checked_array(AcousticsError, "sound_speed", sound_speed, (n.size, e.size, z.size))
@@ -152,20 +137,20 @@ class Medium:
             field = c
         lut = np.zeros((LUT_SIZE, 4))
         scale = float(depth_lut(z, lut))
-        _check_ice(ice, bed)
-        for array in (n, e, z, c, *bed, *ice, field, knots_n, knots_e, lut):
+        _check_ice(surface, bed)
+        for array in (n, e, z, c, field, knots_n, knots_e, lut):
             array.setflags(write=False)
         uniform = bool((c == c[0, 0]).all())
-        layered = uniform and interpolation == "linear" and bool(bed[0].max() <= z[-1])
-        sheets = *bed, interpolation, *ice
-        return cls(n, e, z, c, *sheets, field, knots_n, knots_e, lut, scale, uniform, layered)
+        layered = uniform and interpolation == "linear" and bool(bed.depth.max() <= z[-1])
+        between = bed, surface, interpolation
+        return cls(n, e, z, c, *between, field, knots_n, knots_e, lut, scale, uniform, layered)
 
     def __repr__(self) -> str:
         """Size, extents and kind in one line."""
         n, e, d = self.north, self.east, self.depth
         speeds = f"{self.sound_speed.min():.1f} to {self.sound_speed.max():.1f} m/s"
-        bed = f"sea bed {self.bathymetry.min():g} to {self.bathymetry.max():g} m"
-        ice = f", ice to {self.ice_draft.max():g} m" if self.ice_draft.any() else ""
+        bed = f"sea bed {self.bed.depth.min():g} to {self.bed.depth.max():g} m"
+        ice = f", ice to {self.surface.depth.max():g} m" if self.has_ice else ""
         return (
             f"<Medium {n.size} x {e.size} x {d.size}: north {n[0]:g} to {n[-1]:g} m, east {e[0]:g} to {e[-1]:g} m,"
             f" depth {d[0]:g} to {d[-1]:g} m, {speeds}, {bed}{ice}, {self.interpolation}>"
@@ -177,9 +162,9 @@ class Medium:
         depth: ArrayLike,
         sound_speed: ArrayLike,
         *,
-        bottom_depth: float,
+        bottom_depth: float | BoundarySurface,
         interpolation: Interpolation = "smooth",
-        ice_draft: float = 0.0,
+        ice_draft: float | BoundarySurface = 0.0,
     ) -> Self:
         """
         Horizontally uniform and unbounded medium from one profile, over a flat sea bed.
@@ -195,7 +180,7 @@ class Medium:
             [0.0],
             depth,
             c[None, None],
-            bathymetry=[[bottom_depth]],
+            bathymetry=bottom_depth,
             interpolation=interpolation,
             ice_draft=ice_draft,
         )
@@ -212,27 +197,29 @@ class Medium:
 
             ocean = to_local(ocean)
         require_local(ocean, "sound_speed", "sea_floor_depth", "north", "east", "depth")
-        bed = ocean["sea_floor_depth"]
-        axes = ("floor_north", "floor_east") if "floor_north" in bed.dims else ("north", "east")
+        draft = "sea_ice_draft"
         return cls.from_grid(
             ocean["north"].values,
             ocean["east"].values,
             ocean["depth"].values,
             ocean["sound_speed"].transpose("north", "east", "depth").values,
-            bathymetry=bed.transpose(*axes).values,
-            bed_north=bed[axes[0]].values,
-            bed_east=bed[axes[1]].values,
+            bathymetry=BoundarySurface.from_dataset(ocean, "sea_floor_depth", AcousticsError),
             interpolation=interpolation,
-            ice_draft=ocean["sea_ice_draft"].values if "sea_ice_draft" in ocean else 0.0,
+            ice_draft=BoundarySurface.from_dataset(ocean, draft, AcousticsError) if draft in ocean else 0.0,
         )
 
     def bottom_depth(self, position: ArrayLike) -> Array:
         """Depth of the sea bed under positions (n, 2) or (n, 3) [m], bilinear between its grid points, the edge's outside. [m]"""
-        return _sheet_depth((self.bathymetry, self.bed_north, self.bed_east), position)
+        return self.bed.depth_at(position)
 
     def surface_depth(self, position: ArrayLike) -> Array:
         """Depth of the ice's underside above positions, 0 without ice, otherwise as `bottom_depth`. [m]"""
-        return _sheet_depth((self.ice_draft, self.ice_north, self.ice_east), position)
+        return self.surface.depth_at(position)
+
+    @property
+    def has_ice(self) -> bool:
+        """True if the surface is anywhere below depth 0."""
+        return bool(self.surface.depth.any())
 
     def sound_speed_at(self, position: ArrayLike) -> Array:
         """
@@ -253,15 +240,9 @@ class Medium:
         speed: Array = find_eigenrays(self, position, position).source_sound_speed
         return speed
 
-    @property
-    def boundaries(self) -> dict[str, Array]:
-        """Sea bed and ice as `from_grid` takes them, for another medium between the same two."""
-        names = ("bathymetry", "bed_north", "bed_east", "ice_draft", "ice_north", "ice_east")
-        return {name: getattr(self, name) for name in names}
-
     def domain(self) -> "Domain":
         """Give the medium as the kernels take it; columns of a section at an eighth of a cell."""
-        from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain, Sheet
+        from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
 
         steps = [np.diff(axis).min() for axis in (self.north, self.east) if axis.size > 1]
         return Domain(
@@ -277,8 +258,8 @@ class Medium:
             self.lut,
             self.lut_scale,
             float(min([_COLUMN_STEP, *(step / 8.0 for step in steps)])),
-            Sheet(self.bed_north, self.bed_east, self.bathymetry),
-            Sheet(self.ice_north, self.ice_east, self.ice_draft),
+            self.bed.grid,
+            self.surface.grid,
             self.uniform,
             self.layered,
         )
@@ -309,43 +290,14 @@ def _axis(name: str, values: ArrayLike) -> Array:
     return checked_array(AcousticsError, name, values, (None,), rising=True)
 
 
-def _sheet(name: str, depth: ArrayLike, *axes: tuple[str, ArrayLike | None, Array]) -> Sheet:
-    """
-    A boundary on axes of its own, by default the water's, which it must cover; one number is the same everywhere.
-
-    One point of an axis means that the boundary does not vary along it.
-    """
-    if np.ndim(depth) == 0:
-        return checked_array(AcousticsError, name, np.full((1, 1), depth), (1, 1)), np.zeros(1), np.zeros(1)
-    sides = []
-    for axis_name, values, water in axes:
-        own = water if values is None else _axis(axis_name, values)
-        slack = 1e-6 * max(np.ptp(water), 1.0)
-        if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
-            first, last, low, high = told_apart(own[0], own[-1], water[0], water[-1])
-            raise AcousticsError(
-                f"{axis_name}: {first} to {last} m; must reach over the water, {low} to {high} m"
-            )
-        sides.append(own)
-    north, east = sides
-    return checked_array(AcousticsError, name, depth, (north.size, east.size)), north, east
-
-
-def _sheet_depth(sheet: Sheet, position: ArrayLike) -> Array:
-    depth, north, east = sheet
-    place = np.atleast_2d(np.asarray(position, dtype=float))
-    return linear_interpolator((north, east), depth)(place[:, :2])
-
-
-def _check_ice(ice: Sheet, bed: Sheet) -> None:
-    """Ice must float: below the surface and, at the grid points of both, above the sea bed."""
-    if ice[0].min() < 0.0:
-        raise AcousticsError(f"ice_draft: {ice[0].min():g} m; a draft is a depth, 0 or more")
-    if not ice[0].any():
+def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:
+    """Refuse ice above depth 0 or, at a grid point of either boundary, below the sea bed."""
+    if surface.depth.min() < 0.0:
+        raise AcousticsError(f"ice_draft: {surface.depth.min():g} m; a draft is a depth, 0 or more")
+    if not surface.depth.any():
         return
-    for _, north, east in (ice, bed):
-        places = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
-        gap = _sheet_depth(bed, places) - _sheet_depth(ice, places)
+    for nodes in (surface.nodes, bed.nodes):
+        gap = bed.depth_at(nodes) - surface.depth_at(nodes)
         if gap.min() <= 0.0:
             raise AcousticsError(
                 f"ice_draft: the ice reaches {-gap.min():g} m into the sea bed; sound needs water"

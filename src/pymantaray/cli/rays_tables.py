@@ -139,6 +139,7 @@ def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
             "surface_bounces": arrivals.surface_bounces,
             "bottom_bounces": arrivals.bottom_bounces,
             "turning_points": arrivals.turning_points,
+            "caustics": arrivals.caustics,
             "launch_angle_deg": np.degrees(arrivals.launch_angle),
             "arrival_angle_deg": np.degrees(arrivals.arrival_angle),
             "spreading_db": arrivals.spreading_db,

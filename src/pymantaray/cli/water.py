@@ -99,7 +99,7 @@ def water_notes(water: "Water") -> list[str]:
         return list(water.notes)
     medium, _ = water.at_start
     named = " ".join(water.record.get("ocean") or [water.record.get("run", "")])
-    bed = medium.bathymetry
+    bed = medium.bed.depth
     domain = (
         f"{named}: north +-{medium.north[-1]:.0f} m, east +-{medium.east[-1]:.0f} m about {water.frame.latitude_deg:g} N"
         f" {water.frame.longitude_deg:g} E, sea bed {bed.min():.0f} to {bed.max():.0f} m"

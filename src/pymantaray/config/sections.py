@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_a
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
+from pymantaray.acoustics.reflection import Sediment
 from pymantaray.config.checks import parse
 from pymantaray.config.common import (
     NAME,
@@ -56,7 +57,7 @@ class AcousticsSection(Section):
     """Lost at each reflection under ice, which ``ocean.ice`` gives; with ``[detection]``. [dB]"""
     max_bottom_bounces: Bounces = 0
     """Reflections at the sea bed that an eigenray may have."""
-    sediment: Literal["none", "clay", "silt", "sand", "gravel", "moraine"] = "none"
+    sediment: Sediment = "none"
     """What the sea bed is made of, for loss at reflections; ``"none"`` reflects everything; with ``[detection]``."""
     arrival: Literal["direct", "first", "strongest"] = "direct"
     """Which arrival is ranged on: the earliest that met no boundary, the earliest of all, or the one of least loss."""

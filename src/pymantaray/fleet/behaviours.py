@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, Water, floor_depth, place
+from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, Water, bed_depth, place
 from pymantaray.geometry.checks import check_fields, checked_array, told_apart
 
 Array = NDArray[np.float64]
@@ -267,7 +267,7 @@ def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
             f" east in {west} to {right} m: move it or give a larger ocean"
         )
     if state == GROUNDED:
-        deep, floor = told_apart(depth, floor_depth(water, north, east))
+        deep, floor = told_apart(depth, bed_depth(water, north, east))
         raise FleetError(
             f"{owner}: {what} is {deep} m deep; the sea floor at north {north:g}, east {east:g} m is at {floor} m:"
             " choose a smaller depth or another place"

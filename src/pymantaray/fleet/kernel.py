@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.compile import entry, kernel
+from pymantaray.geometry.boundary_kernels import BoundaryGrid, depth_at, interval_of
 from pymantaray.records.status import VehicleStatus
 
 ACTIVE = int(VehicleStatus.ACTIVE)
@@ -33,13 +34,9 @@ class Water(NamedTuple):
     time: np.ndarray
     current_north: np.ndarray
     current_east: np.ndarray
-    floor_north: float
-    floor_east: float
-    floor_per_north: float
-    floor_per_east: float
-    floor: np.ndarray
-    ice: np.ndarray
-    """Depth of the ice's underside on the ocean's axes; one value 0 without ice."""
+    bed: BoundaryGrid
+    surface: BoundaryGrid
+    """Sea surface, or the underside of ice."""
 
 
 @entry
@@ -50,35 +47,35 @@ def place(water, north, east, depth):
     _, n, m, _ = water.current_north.shape
     if not (0.0 <= x <= n - 1.0 and 0.0 <= y <= m - 1.0):
         return LEFT_DOMAIN
-    if depth > floor_depth(water, north, east) + TOUCH:
+    if depth > bed_depth(water, north, east) + TOUCH:
         return GROUNDED
     return ACTIVE
 
 
 @entry
-def floor_depth(water, north, east):
-    """Interpolate the depth of the sea floor bilinearly; constant outside the domain."""
-    x = (north - water.floor_north) * water.floor_per_north
-    y = (east - water.floor_east) * water.floor_per_east
-    return _bilinear(water.floor, x, y)
+def bed_depth(water, north, east):
+    """Depth of the sea bed, bilinear; constant beyond its edges. [m]"""
+    return _depth(water.bed, north, east)
 
 
 @entry
 def surface_depth(water, north, east):
-    """Depth of the surface, or of the ice's underside, bilinear; constant outside the domain."""
-    if water.ice.size == 1:
-        return water.ice[0, 0]
-    return _bilinear(water.ice, (north - water.north) * water.per_north, (east - water.east) * water.per_east)
+    """Depth of the surface, or of the ice's underside, bilinear; constant beyond its edges. [m]"""
+    if water.surface.depth.size == 1:
+        return water.surface.depth[0, 0]
+    return _depth(water.surface, north, east)
 
 
 @kernel
-def _bilinear(sheet, x, y):
-    """Depth of a sheet at a place counted in cells; constant beyond its edges."""
-    i, x = cell_of(x, sheet.shape[0])
-    j, y = cell_of(y, sheet.shape[1])
-    near = sheet[i, j] * (1.0 - y) + sheet[i, j + 1] * y
-    far = sheet[i + 1, j] * (1.0 - y) + sheet[i + 1, j + 1] * y
-    return near * (1.0 - x) + far * x
+def _depth(boundary, north, east):
+    """Depth of a boundary at a position moved onto its grid. [m]"""
+    return depth_at(boundary, _within(boundary.north, north), _within(boundary.east, east))
+
+
+@kernel
+def _within(axis, x):
+    """Coordinate limited to an axis. [m]"""
+    return min(max(x, axis[0]), axis[axis.size - 1])
 
 
 @kernel
@@ -273,23 +270,21 @@ class Cycle(NamedTuple):
 
 @kernel
 def _shallowest(water, i, j):
-    """Find the shallowest node of the sea floor under a cell of the ocean; it rises nowhere above that."""
-    start, stop = _under(i, water.north - water.floor_north, water.per_north, water.floor_per_north)
-    left, right = _under(j, water.east - water.floor_east, water.per_east, water.floor_per_east)
-    n, m = water.floor.shape
-    shallowest = math.inf
-    for a in range(max(start, 0), min(stop, n)):
-        for b in range(max(left, 0), min(right, m)):
-            shallowest = min(shallowest, water.floor[a, b])
+    """Depth of the shallowest grid point of the sea bed under a cell of the ocean, which the bed does not exceed there. [m]"""
+    bed, shallowest = water.bed, math.inf
+    start, stop = _under(bed.north, water.north + i / water.per_north, 1.0 / water.per_north)
+    left, right = _under(bed.east, water.east + j / water.per_east, 1.0 / water.per_east)
+    for a in range(start, stop):
+        for b in range(left, right):
+            shallowest = min(shallowest, bed.depth[a, b])
     return shallowest
 
 
 @kernel
-def _under(i, offset, per_metre, floor_per_metre):
-    """Nodes of the sea floor, first and one past the last, between which a cell's edges lie."""
-    near = (offset + i / per_metre) * floor_per_metre
-    far = (offset + (i + 1) / per_metre) * floor_per_metre
-    return math.floor(near + _SAME), math.ceil(far - _SAME) + 1
+def _under(axis, near, side):
+    """First grid point, and the one after the last, between which a cell of the ocean lies."""
+    start = interval_of(axis, near + _SAME * side)
+    return start, min(interval_of(axis, near + (1.0 - _SAME) * side) + 2, axis.size)
 
 
 @kernel

@@ -21,13 +21,12 @@ from pymantaray.fleet.behaviours import (
     check_step,
     unique_names,
 )
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.records import Trajectories
 
 Array = NDArray[np.float64]
 _DIMS = ("north", "east", "depth")
-_FLOOR = ("floor_north", "floor_east")
-_EDGE = 1e-6  # of the ocean's side; as far as this a sea floor's axis may end inside it
 _POSE_BYTES = 114  # a pose and its status, twice: as they are made, and in the record
 
 
@@ -230,8 +229,11 @@ def _water(ocean: xr.Dataset) -> kernel.Water:
         )
     north, east = _axis(ocean, "north", uniform=True), _axis(ocean, "east", uniform=True)
     depth, time = _axis(ocean, "depth", uniform=False), _times(ocean)
-    floor_north, floor_east = _floor_axes(ocean, north, east)
-    own = floor_north is not north
+    bed, surface = (
+        BoundarySurface.from_dataset(ocean, name, FleetError) if name in ocean else BoundarySurface(0.0)
+        for name in ("sea_floor_depth", "sea_ice_draft")
+    )
+    bed.check_extent(north, east, name="ocean: sea_floor_depth", error=FleetError)
     dims = _DIMS if time.size == 1 else ("time", *_DIMS)
     current_north, current_east = (
         _variable(ocean, name, dims).reshape(time.size, north.size, east.size, depth.size)
@@ -246,12 +248,8 @@ def _water(ocean: xr.Dataset) -> kernel.Water:
         time=time,
         current_north=current_north,
         current_east=current_east,
-        floor_north=float(floor_north[0]),
-        floor_east=float(floor_east[0]),
-        floor_per_north=_per_metre(floor_north),
-        floor_per_east=_per_metre(floor_east),
-        floor=_variable(ocean, "sea_floor_depth", _FLOOR if own else _DIMS[:2]),
-        ice=_ice(ocean),
+        bed=bed.grid,
+        surface=surface.grid,
     )
 
 
@@ -282,28 +280,6 @@ def _variable(ocean: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
             f"ocean: {name} has {missing} missing values; none are allowed: fill it with pymantaray.ocean.to_local"
         )
     return values
-
-
-def _ice(ocean: xr.Dataset) -> Array:
-    """Draft of ice, one value where it does not vary. [m]"""
-    if "sea_ice_draft" not in ocean:
-        return np.zeros((1, 1))
-    return np.atleast_2d(_variable(ocean, "sea_ice_draft", _DIMS[:2] if ocean["sea_ice_draft"].ndim else ()))
-
-
-def _floor_axes(ocean: xr.Dataset, north: Array, east: Array) -> tuple[Array, Array]:
-    """Axes of the sea floor, its own or the ocean's."""
-    if not set(_FLOOR) <= set(ocean["sea_floor_depth"].dims):
-        return north, east
-    axes = _axis(ocean, _FLOOR[0], uniform=True), _axis(ocean, _FLOOR[1], uniform=True)
-    for name, axis, whole in zip(_FLOOR, axes, (north, east), strict=True):
-        edge = _EDGE * (whole[-1] - whole[0])
-        if axis[0] > whole[0] + edge or axis[-1] < whole[-1] - edge:
-            raise FleetError(
-                f"ocean: axis {name!r} reaches from {axis[0]:g} to {axis[-1]:g} m, the ocean from {whole[0]:g} to"
-                f" {whole[-1]:g} m; the sea floor must lie under all of it"
-            )
-    return axes
 
 
 def _times(ocean: xr.Dataset) -> Array:

@@ -42,6 +42,7 @@ class Arrivals(Record):
     surface_bounces: Column = column("arrival", "1", "reflections at the surface", "i2")
     bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i2")
     turning_points: Column = column("arrival", "1", "vertical turning points, reflections not counted", "i2")
+    caustics: Column = column("arrival", "1", "caustics on the way, in the vertical plane of the ray", "i2")
     launch_angle: Column = column("arrival", "rad", "angle from the horizontal at the source, positive down")
     arrival_angle: Column = column(
         "arrival", "rad", "angle from the horizontal at the receiver, positive down"

@@ -8,13 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics import (
     Absorption,
-    FluidBottom,
     Medium,
     Sonar,
     transmission_loss,
 )
-from pymantaray.acoustics.loss import Surface
 from pymantaray.errors import SensingError
+from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.records.status import ARRIVES
@@ -43,16 +42,16 @@ class Detector:
         Levels, band, noise and threshold; every modem is alike.
     absorption : Absorption, optional
         By default the water absorbs nothing.
-    bottom : FluidBottom, optional
-        By default the sea bed reflects everything.
-    surface : SeaSurface or IceCover, optional
-        By default the surface reflects everything.
+    bottom : Reflection, optional
+        Reflection at the sea bed; by default that of the medium's bed.
+    surface : Reflection, optional
+        Reflection at the surface; by default that of the medium's surface.
     """
 
     sonar: Sonar
     absorption: Absorption | None = None
-    bottom: FluidBottom | None = None
-    surface: Surface | None = None
+    bottom: Reflection | None = None
+    surface: Reflection | None = None
 
     def loss_db(
         self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths

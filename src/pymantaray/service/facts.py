@@ -32,7 +32,7 @@ def facts(water: Water) -> dict[str, Any]:
         name: _ends(axis) if axis.size > 1 else None
         for name, axis in (("north", medium.north), ("east", medium.east))
     }
-    out["sea_floor_depth"] = _ends(medium.bathymetry)
+    out["sea_floor_depth"] = _ends(medium.bed.depth)
     out["sound_speed"] = _ends(_in_water(medium))
     out["start"] = water.start
     out["time"] = [float(t) for t in water.span] if water.varies else None

@@ -148,10 +148,10 @@ class Pinger:
 
 def _deepest(medium: Medium) -> Array:
     """Two places (2, 3), one above the other, in the deepest water. [m]"""
-    row, col = np.unravel_index(np.argmax(medium.bathymetry), medium.bathymetry.shape)
+    row, col = np.unravel_index(np.argmax(medium.bed.depth), medium.bed.depth.shape)
     north, east = (
         np.clip(bed[k], axis[0], axis[-1]) if axis.size > 1 else 0.0
-        for bed, k, axis in ((medium.bed_north, row, medium.north), (medium.bed_east, col, medium.east))
+        for bed, k, axis in ((medium.bed.north, row, medium.north), (medium.bed.east, col, medium.east))
     )
     top, bed = medium.surface_depth((north, east))[0], medium.bottom_depth((north, east))[0]
     return np.array([[north, east, top + share * (bed - top)] for share in (0.25, 0.75)])

@@ -34,7 +34,7 @@ from pymantaray.fleet import (
 )
 from pymantaray.fleet.simulate import fleet_refusals
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.ocean.schema import Finding
 from pymantaray.records import Trajectories
 from pymantaray.sensing import (
@@ -53,11 +53,10 @@ def gnss_depth(config: StudyConfig, ocean: OceanFields, truth: Trajectories) -> 
     """Depth above which vehicles have a GNSS fix: that of the mission, 0 under ice. [m]"""
     if "sea_ice_draft" not in ocean.local:
         return config.mission.gnss_depth
-    ice = ocean.local["sea_ice_draft"].values
-    if not ice.ndim:
-        return config.mission.gnss_depth if ice == 0.0 else 0.0
-    look_up = linear_interpolator((ocean.local["north"].values, ocean.local["east"].values), ice)
-    draft = look_up(truth.position[..., :2].reshape(-1, 2)).reshape(truth.position.shape[:2])
+    surface = BoundarySurface.from_dataset(ocean.local, "sea_ice_draft")
+    if surface.depth.size == 1:
+        return 0.0 if surface.depth.any() else config.mission.gnss_depth
+    draft = surface.depth_at(truth.position.reshape(-1, 3)).reshape(truth.position.shape[:2])
     return np.where(draft > 0.0, 0.0, config.mission.gnss_depth)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pymantaray
+from pymantaray.acoustics.reflection import sediment_source
 from pymantaray.config.estimators import FileBelief, NumericsBelief, RangeEstimatorSection
 from pymantaray.config.sections import AcousticsSection, DetectionSection, StudyConfig
 from pymantaray.ocean import holds_casts
@@ -187,8 +188,8 @@ def _sonar(s: DetectionSection, losses: AcousticsSection) -> Iterator[tuple[str,
         yield "wenz1962", "ambient noise, in the form of Coates (1990)"
     for key in _SURFACE.get(losses.surface_loss, ()):
         yield key, "loss at the surface"
-    if losses.sediment != "none":
-        yield "jensen", "sediments"
+    if (source := sediment_source(losses.sediment)) is not None:
+        yield source, "sediments"
     if s.leakage:
         yield "itu-p526", "sound behind an edge"
 

@@ -2,13 +2,13 @@
 
 from pymantaray.acoustics import (
     Absorption,
-    FluidBottom,
     IceCover,
     Leakage,
     SeaSurface,
     Sonar,
     WenzNoise,
 )
+from pymantaray.acoustics.reflection import bed_reflection
 from pymantaray.config.sections import AcousticsSection, DetectionSection, RangingSection, SoundConfig
 from pymantaray.errors import StudyError
 from pymantaray.sensing import Detector, OneWay, Reception, Timing, TwoWay
@@ -33,7 +33,7 @@ def detector_of(s: DetectionSection, losses: AcousticsSection, absorption: Absor
     return Detector(
         sonar=sonar_of(s),
         absorption=absorption,
-        bottom=None if losses.sediment == "none" else FluidBottom.standard(losses.sediment),
+        bottom=bed_reflection(losses.sediment),
         surface=_surface(s, losses),
     )
 

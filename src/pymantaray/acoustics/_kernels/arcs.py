@@ -25,7 +25,7 @@ _NODE = 2e3  # m; longer pieces of a path get two nodes on the way or more, an e
 def fits(s, walls, course, q0):
     """Whether a ray may be traced here: in layers, along the horizontal and in its plane, its boundaries flat if they reflect."""
     rule = course.rule
-    flat = walls.bed.depth.size == 1 and walls.ice.depth.size == 1 and walls.held < 0.0
+    flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     kind = rule.kind == at.OPEN or (rule.kind == at.FORWARD and flat)
     return s.layered and kind and course.axis[2] == 0.0 and abs(q0) < _LEAST_SINE
 
@@ -183,10 +183,10 @@ def _arrive(course, here, rates, way, g, place, ray):
 @inlined
 def _above(walls, here, face, way, g, r):
     """Whether a direct ray is above the water at a face, at a range r, or below even ice was on its way there."""
-    if walls.ice.depth.size > 1:
+    if walls.surface.depth.size > 1:
         return face[0] < surface_at(walls, r, 0.0, r)[0]
     highest = here[0] + (1.0 / way[0] - here[1]) / g if face[4] else face[0]
-    return highest < walls.ice.depth[0, 0]
+    return highest < walls.surface.depth[0, 0]
 
 
 @kernel
@@ -196,10 +196,11 @@ def trace_arcs(s, walls, course, angle, ray):
     z, sine, cosine = course.axis[0], math.sin(angle), math.cos(angle)
     top, bottom = -2.0 * _FAR, 2.0 * _FAR
     if rule.kind == at.FORWARD:
-        top, bottom = walls.ice.depth[0, 0], walls.bed.depth[0, 0]
+        top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
     way = cosine / c_ref, -sine / c_ref, sine * sine, c_ref
     here, rates, r, tau = (z, c_ref, sine, cosine), (cosine, -sine, 0.0), 0.0, 0.0
     k, count, turns, so_far = find_level(s, z), 0, 0, (0, 0, 0)
+    xi, caustics = 0.0, 0  # in a layer XI passes through zero once at most
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0
     room = path.shape[0] - 3 if ray.K.shape[1] == at.N_FULL else -1
     if room > 0:
@@ -219,6 +220,7 @@ def trace_arcs(s, walls, course, angle, ray):
             continue
         if not r + step < course.length:
             count = _arrive(course, here, rates, way, g, (r, tau, count), ray)
+            y[at.CAUSTICS_PASSED] = caustics + (1 if xi * y[at.XI] < 0.0 else 0)
             return True, count, turns + (1 if here[2] * y[at.P] < 0.0 else 0), so_far[2]
         rates = _rates(face, here, rates, way, g)
         if room > 0:
@@ -229,11 +231,13 @@ def trace_arcs(s, walls, course, angle, ray):
         if y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, here, face, way, g, r):
             y[at.GONE] = r
         here = z, c, sine, way[0] * c
-        y[at.GROWN] = max(y[at.GROWN], abs(rates[2] * sine / here[3]))
+        before, xi = xi, -rates[2] * sine / here[3]
+        caustics += 1 if before * xi < 0.0 else 0
+        y[at.GROWN] = max(y[at.GROWN], abs(xi))
         hit = at.IN_WATER
         if z >= bottom if down else z <= top:
             hit = at.AT_BOTTOM if down else at.AT_SURFACE
-            here, rates = (z, c, -sine, here[3]), (-rates[0], rates[1], rates[2])
+            here, rates, xi = (z, c, -sine, here[3]), (-rates[0], rates[1], rates[2]), -xi
             ok, so_far = _turn_back(walls, rule, ray, r, hit, so_far)
         else:
             k += 1 if down else -1

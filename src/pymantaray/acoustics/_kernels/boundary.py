@@ -8,7 +8,6 @@ import math
 
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import (
-    bilinear_weights,
     cubic,
     find_level,
     linear_full,
@@ -18,6 +17,7 @@ from pymantaray.acoustics._kernels.field import (
 from pymantaray.acoustics._kernels.layout import Walls
 from pymantaray.acoustics._kernels.step import step
 from pymantaray.compile import inlined, kernel
+from pymantaray.geometry.boundary_kernels import bilinear_weights
 
 TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = range(6)  # faces
@@ -51,13 +51,13 @@ def place_at(line, r, y):
 
 
 @inlined
-def _bilinear(sheet, line, cell, across):
-    """Depth of a sheet, its derivatives f_r, f_y and f_rr, and the number of its cell, from `bilinear_weights`."""
+def _bilinear(grid, line, cell, across):
+    """Depth of a boundary, its derivatives f_r, f_y and f_rr, and the number of its cell, from `bilinear_weights`."""
     i, j, sn, se, dn, de = cell
     un, ue = line.unit_north, line.unit_east
-    di = 1 if sheet.north.size > 1 else 0
-    dj = 1 if sheet.east.size > 1 else 0
-    b = sheet.depth
+    di = 1 if grid.north.size > 1 else 0
+    dj = 1 if grid.east.size > 1 else 0
+    b = grid.depth
     b00 = b[i, j]
     b10 = b[i + di, j] - b00
     b01 = b[i, j + dj] - b00
@@ -69,12 +69,12 @@ def _bilinear(sheet, line, cell, across):
         f_n * un + f_e * ue,
         across * (f_e * un - f_n * ue),
         2.0 * b11 / (dn * de) * un * ue,
-        i * sheet.east.size + j,
+        i * grid.east.size + j,
     )
 
 
 @kernel
-def floor_at(walls, r, y, r_cell):
+def bed_at(walls, r, y, r_cell):
     """Depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
     bed, line = walls.bed, walls.line
     y *= walls.across
@@ -95,40 +95,26 @@ def floor_at(walls, r, y, r_cell):
 @inlined
 def surface_at(walls, r, y, r_cell):
     """Depth of the surface, or of the ice's underside, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
-    if walls.ice.depth.size == 1:
-        return walls.ice.depth[0, 0], 0.0, 0.0, 0.0, 0
-    return _ice_at(walls.ice, walls.line, walls.across, r, y, r_cell)
+    if walls.surface.depth.size == 1:
+        return walls.surface.depth[0, 0], 0.0, 0.0, 0.0, 0
+    return _varying_surface_at(walls.surface, walls.line, walls.across, r, y, r_cell)
 
 
 @kernel
-def _ice_at(ice, line, across, r, y, r_cell):
-    """Give the same of ice that varies."""
+def _varying_surface_at(surface, line, across, r, y, r_cell):
+    """As `surface_at`, of a surface whose depth varies."""
     y *= across
     n, e = place_at(line, r, y)
     n_cell, e_cell = place_at(line, r_cell, y)
-    return _bilinear(ice, line, bilinear_weights(ice, n, e, n_cell, e_cell), across)
-
-
-@kernel
-def sheet_at(sheet, n, e):
-    """Depth of a sheet at a place."""
-    i, j, sn, se, _, _ = bilinear_weights(sheet, n, e, n, e)
-    di = 1 if sheet.north.size > 1 else 0
-    dj = 1 if sheet.east.size > 1 else 0
-    b = sheet.depth
-    b00 = b[i, j]
-    b10 = b[i + di, j]
-    b01 = b[i, j + dj]
-    b11 = b[i + di, j + dj]
-    return (b00 * (1.0 - sn) + b10 * sn) * (1.0 - se) + (b01 * (1.0 - sn) + b11 * sn) * se
+    return _bilinear(surface, line, bilinear_weights(surface, n, e, n_cell, e_cell), across)
 
 
 @kernel
 def mark_of(walls, r, y, at_bottom):
     """Mark of the boundary, with its cell, that is at a place."""
     if at_bottom:
-        return floor_at(walls, r, y, r)[4] + 2
-    return ON_SURFACE if walls.ice.depth.size == 1 else -1 - surface_at(walls, r, y, r)[4]
+        return bed_at(walls, r, y, r)[4] + 2
+    return ON_SURFACE if walls.surface.depth.size == 1 else -1 - surface_at(walls, r, y, r)[4]
 
 
 @kernel
@@ -144,7 +130,7 @@ def landed(walls, r, y, bounce):
 
     cells[LANDED] takes it, and after the last one how far beyond the edges of the held cells the ray has been reflected.
     """
-    cell = floor_at(hold(walls, -1.0), r, y, r)[4]
+    cell = bed_at(hold(walls, -1.0), r, y, r)[4]
     last = walls.cells.shape[1] - 1
     walls.cells[at.LANDED, min(bounce, last) - 1] = cell
     if walls.held >= 0.0:
@@ -166,7 +152,7 @@ def _beyond(axis, i, x):
 def across_plane(walls, share):
     """Give the same boundaries with a share of their slope across the plane."""
     return Walls(
-        walls.bed, walls.ice, walls.line, walls.breaks, walls.n_breaks, share, walls.cells, walls.held
+        walls.bed, walls.surface, walls.line, walls.breaks, walls.n_breaks, share, walls.cells, walls.held
     )
 
 
@@ -174,7 +160,7 @@ def across_plane(walls, share):
 def hold(walls, held):
     """Give the sea bed of the cell cells[HELD, held] alone, continued beyond its edges; -1: all of it."""
     return Walls(
-        walls.bed, walls.ice, walls.line, walls.breaks, walls.n_breaks, walls.across, walls.cells, held
+        walls.bed, walls.surface, walls.line, walls.breaks, walls.n_breaks, walls.across, walls.cells, held
     )
 
 
@@ -256,7 +242,7 @@ def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
         offset, q = y[at.Y], y[at.Q]
     f_r, f_y, f_rr = 0.0, 0.0, 0.0
     if hit == at.AT_BOTTOM:
-        _, f_r, f_y, f_rr, _ = floor_at(walls, r, offset, r)
+        _, f_r, f_y, f_rr, _ = bed_at(walls, r, offset, r)
     else:
         _, f_r, f_y, f_rr, _ = surface_at(walls, r, offset, r)
     if not full:
@@ -348,7 +334,7 @@ def _face_distance(s, walls, cell, face, point, axis, nudge):
     if face == SURFACE:
         top, f_r, f_y, _, _ = surface_at(walls, r, side, r + nudge * dr)
         return z - top, dz - (f_r * dr + f_y * dside)
-    bed, f_r, f_y, _, _ = floor_at(walls, r, side, r + nudge * dr)
+    bed, f_r, f_y, _, _ = bed_at(walls, r, side, r + nudge * dr)
     return bed - z, f_r * dr + f_y * dside - dz
 
 
@@ -372,7 +358,7 @@ def _gap_within(walls, face, t, pos, h, ray, axis):
     z = z_source + s * sb + w * cb
     if face == SURFACE:
         return z - surface_at(walls, r, side, r)[0]
-    return floor_at(walls, r, side, r)[0] - z
+    return bed_at(walls, r, side, r)[0] - z
 
 
 @kernel
@@ -479,7 +465,7 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
     first, past = faces
     for i in range(past - first):
         face = past - 1 - i
-        size = walls.bed.depth.size if face == BOTTOM else walls.ice.depth.size
+        size = walls.bed.depth.size if face == BOTTOM else walls.surface.depth.size
         if face >= SURFACE and size > 1:
             t = _gridded_crossing(walls, face, pos, h, ray, axis)
             if t < 2.0 and (face == BOTTOM or best_face < 0 or t * h < best - 1e-6):

@@ -9,7 +9,7 @@ cells that are there, and a ray that is found to the neighbours of its cells tha
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.boundary import floor_at, hold, place_at
+from pymantaray.acoustics._kernels.boundary import bed_at, hold, place_at
 from pymantaray.acoustics._kernels.refine import Launch, Trial, cubic_angle, newton
 from pymantaray.acoustics._kernels.search import fewer_bounces
 from pymantaray.acoustics._kernels.trace import fan_ray, trace
@@ -87,8 +87,8 @@ def add_of_bracket(s, walls, course, bracket, n, tol, work):
 @kernel
 def add_neighbours(walls, n, launch, counts, generation, work):
     """Append the cells of the ray in work.path, one of them exchanged for a neighbour within reach."""
-    path, cells, sheet, candidates, steps = work.path, walls.cells, walls.bed, work.candidates, launch.steps
-    n_e = sheet.east.size
+    path, cells, grid, candidates, steps = work.path, walls.cells, walls.bed, work.candidates, launch.steps
+    n_e = grid.east.size
     bed = hold(walls, 0.0)
     for j in range(counts % 32):
         cells[at.TRIED, j] = cells[at.LANDED, j]
@@ -103,19 +103,19 @@ def add_neighbours(walls, n, launch, counts, generation, work):
         before, after = path[i, at.TIME], path[steps, at.TIME] - path[i, at.TIME]
         lever = before * after / (before + after) / max(abs(path[i, at.P_DEPTH]), 0.1)
         cells[at.HELD, 0] = own
-        _, f_r, f_y, _, _ = floor_at(bed, r, y, r)
+        _, f_r, f_y, _, _ = bed_at(bed, r, y, r)
         for k in range(9):
             i_n, i_e = own // n_e + k // 3 - 1, own % n_e + k % 3 - 1
-            inside = 0 <= i_n < max(sheet.north.size - 1, 1) and 0 <= i_e < max(n_e - 1, 1)
+            inside = 0 <= i_n < max(grid.north.size - 1, 1) and 0 <= i_e < max(n_e - 1, 1)
             if k == 4 or not inside:
                 continue
             gap = 0.0
             if k // 3 != 1:
-                gap = abs(sheet.north[i_n + (1 if k // 3 == 0 else 0)] - north)
+                gap = abs(grid.north[i_n + (1 if k // 3 == 0 else 0)] - north)
             if k % 3 != 1:
-                gap = max(gap, abs(sheet.east[i_e + (1 if k % 3 == 0 else 0)] - east))
+                gap = max(gap, abs(grid.east[i_e + (1 if k % 3 == 0 else 0)] - east))
             cells[at.HELD, 0] = i_n * n_e + i_e
-            _, g_r, g_y, _, _ = floor_at(bed, r, y, r)
+            _, g_r, g_y, _, _ = bed_at(bed, r, y, r)
             if gap < _REACH * lever * math.hypot(g_r - f_r, g_y - f_y):
                 cells[at.TRIED, bounce] = cells[at.HELD, 0]
                 n = add_candidate(candidates, n, cells[at.TRIED], launch.angle, launch.q, counts, generation)

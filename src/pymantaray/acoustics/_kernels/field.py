@@ -15,6 +15,7 @@ import math
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.layout import Section
 from pymantaray.compile import entry, inlined, kernel, shared
+from pymantaray.geometry.boundary_kernels import bilinear_weights
 
 LUT_SIZE = 512
 _LEAST_STEP = 50.0  # m; between columns
@@ -204,19 +205,6 @@ def _cut_smooth(domain, line, r_step, n_range, work):
 
 
 @kernel
-def _cell(axis, x):
-    """Index of the axis interval that holds x, limited to the axis; 0 on an axis of one point."""
-    lo, hi = 0, axis.size - 1
-    while hi - lo > 1:
-        mid = (lo + hi) // 2
-        if x < axis[mid]:
-            hi = mid
-        else:
-            lo = mid
-    return lo
-
-
-@kernel
 def add_crossings(grid, line, r_hi, breaks, count):
     """Append the ranges up to r_hi, beyond the first of breaks, at which a line crosses lines of a grid; return their number."""
     for axis_index in range(2):
@@ -247,25 +235,6 @@ def sort_breaks(r_hi, breaks, count):
             breaks[m] = breaks[i]
             m += 1
     return m
-
-
-@kernel
-def bilinear_weights(grid, n, e, n_mid, e_mid):
-    """Cell of the point (n_mid, e_mid) and the local coordinates of (n, e) in it, with their metres."""
-    north, east = grid.north, grid.east
-    i = _cell(north, n_mid)
-    j = _cell(east, e_mid)
-    sn = 0.0
-    se = 0.0
-    dn = 1.0
-    de = 1.0
-    if north.size > 1:
-        dn = north[i + 1] - north[i]
-        sn = (n - north[i]) / dn
-    if east.size > 1:
-        de = east[j + 1] - east[j]
-        se = (e - east[j]) / de
-    return i, j, sn, se, dn, de
 
 
 @kernel

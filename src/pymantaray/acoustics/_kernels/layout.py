@@ -15,7 +15,9 @@ N_FAN, N_FULL = 4, 8
 # the logarithm of how steeply it rose there. Its least and greatest offset across the axis on its way, with their derivatives.
 GONE, GROWN, GONE_RATE, GONE_BEND = range(8, 12)
 HIGHEST, HIGHEST_RATE, LOWEST, LOWEST_RATE = range(12, 16)
-N_STATE = 16
+# Kept beside it for a full ray: the number of caustics, places at which XI passes through zero on the way.
+CAUSTICS_PASSED = 16
+N_STATE = 17
 
 # Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
 # slowness along range, depth and cross-track [times the source's sound speed], boundary.
@@ -38,11 +40,11 @@ N_RAY = 17
 N_BRACKET = 7  # of these an end of a bracket has the first
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
-# both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, and along what it was traced.
+# both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis along which it was traced, and caustics.
 TRAVEL_TIME, LAUNCH_ANGLE, ARRIVAL_ANGLE, SPREADING_DB, TURNING_POINTS = range(5)
 SOURCE_SLOWNESS, RECEIVER_SLOWNESS = 5, 8
-SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS = 11, 12, 13
-N_ARRIVAL = 14
+SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS, CAUSTICS = 11, 12, 13, 14
+N_ARRIVAL = 15
 HORIZONTAL, CHORD, VERTICAL = 0, 1, 2  # as `records.RayAxis`
 
 # What belongs to a link: chord travel time [s], sound speed at both ends [m/s], least miss [m], number of rays traced, and
@@ -62,17 +64,14 @@ N_CANDIDATE = MOST_BOUNCES + 5
 
 SMOOTH, LINEAR = 0, 1  # kinds of a field
 
-Sheet = namedtuple("Sheet", "north east depth")
-Sheet.__doc__ = """A boundary's depth on its own axes, one point where it does not vary; bilinear."""
-
 Domain = namedtuple(
     "Domain",
-    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed ice uniform layered",
+    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed surface uniform layered",
 )
-Domain.__doc__ = """A medium as the kernels take it: sound speed, `Sheet` of the sea bed and of the ice's underside.
+Domain.__doc__ = """A medium as the kernels take it: sound speed, and `BoundaryGrid` of the sea bed and of the surface.
 
-field holds, for SMOOTH, B-spline coefficients (north, east, 2 * depth), else the sound speed (north, east, depth). Water
-without ice has a sheet of one point at depth 0. A uniform one does not vary horizontally; layered is such a LINEAR one
+field holds, for SMOOTH, B-spline coefficients (north, east, 2 * depth), else the sound speed (north, east, depth). A
+surface without ice has one point at depth 0. A uniform one does not vary horizontally; layered is such a LINEAR one
 whose levels reach the sea bed.
 """
 
@@ -87,8 +86,8 @@ cubics in depth of c, c_r, c_y and c_yy in each layer; for LINEAR, (n_range, n_d
 Baseline = namedtuple("Baseline", "north east unit_north unit_east")
 Baseline.__doc__ = """Where a link starts and its horizontal direction."""
 
-Walls = namedtuple("Walls", "bed ice line breaks n_breaks across cells held")
-Walls.__doc__ = """Sea bed and ice along one baseline; breaks are the ranges at which it crosses their grid lines, the ends too.
+Walls = namedtuple("Walls", "bed surface line breaks n_breaks across cells held")
+Walls.__doc__ = """Sea bed and surface along one baseline; breaks are the ranges at which it crosses their grid lines, the ends too.
 
 across, usually 1, is the share of their slope across the plane that counts. Row LANDED of cells takes the cells of the sea
 bed in which a ray is reflected. Where held is not negative the bed is that of the cell cells[HELD, held] alone, continued
@@ -191,7 +190,7 @@ def shapes(
 def least_shapes(domain: Any, longest: float) -> Work:
     """Shapes that suffice for links of at most this horizontal distance in a medium. [m]"""
     path = min(2048 + int(0.2 * longest), MAX_PATH)  # steps are some 5 m and more
-    lines = min(sum(sheet.north.size + sheet.east.size for sheet in (domain.bed, domain.ice)), MAX_COLUMNS)
+    lines = min(sum(one.north.size + one.east.size for one in (domain.bed, domain.surface)), MAX_COLUMNS)
     n_depth = domain.depth.size
     if domain.kind == SMOOTH:  # one column more: distances may round differently on another processor
         columns = min(int(np.ceil(longest / domain.column_step)) + 2, MAX_COLUMNS)

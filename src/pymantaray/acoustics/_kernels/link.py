@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.boundary import TOUCH, clearances, sheet_at
+from pymantaray.acoustics._kernels.boundary import TOUCH, clearances
 from pymantaray.acoustics._kernels.field import (
     add_crossings,
     cut_section,
@@ -42,6 +42,7 @@ from pymantaray.acoustics._kernels.search import (
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
 from pymantaray.acoustics._kernels.trace import direct_course, full_ray, trace
 from pymantaray.compile import entry, kernel, shared
+from pymantaray.geometry.boundary_kernels import depth_at
 
 _CLEAR, _THROUGH, _BLOCKED = range(3)  # where a ray goes: in the water, through the surface, to the sea bed
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
@@ -66,8 +67,8 @@ def baseline(domain, source, unit, horizontal, work):
     breaks, end = work.wall_breaks, max(horizontal, 1e-6)
     breaks[0] = 0.0
     n = add_crossings(domain.bed, line, end, breaks, 1)
-    n = sort_breaks(end, breaks, add_crossings(domain.ice, line, end, breaks, n))
-    return s, Walls(domain.bed, domain.ice, line, breaks, n, 1.0, work.cells, -1.0)
+    n = sort_breaks(end, breaks, add_crossings(domain.surface, line, end, breaks, n))
+    return s, Walls(domain.bed, domain.surface, line, breaks, n, 1.0, work.cells, -1.0)
 
 
 @kernel
@@ -92,10 +93,10 @@ def _outside(domain, point):
         return True
     if east.size > 1 and not east[0] <= point[1] <= east[east.size - 1]:
         return True
-    top = sheet_at(domain.ice, point[0], point[1])
-    if domain.ice.depth.size > 1:
+    top = depth_at(domain.surface, point[0], point[1])
+    if domain.surface.depth.size > 1:
         top -= TOUCH
-    return not top <= point[2] <= sheet_at(domain.bed, point[0], point[1]) + TOUCH
+    return not top <= point[2] <= depth_at(domain.bed, point[0], point[1]) + TOUCH
 
 
 @kernel
@@ -214,7 +215,9 @@ def _same_place(row):
     """Fill the row of a link whose ends are at one place."""
     for i in range(at.N_ARRIVAL):
         row[i] = np.nan
-    for i in (at.TRAVEL_TIME, at.TURNING_POINTS, at.SURFACE_BOUNCES, at.BOTTOM_BOUNCES, at.RAY_AXIS):
+    for i in (at.TRAVEL_TIME, at.TURNING_POINTS, at.CAUSTICS):
+        row[i] = 0.0
+    for i in (at.SURFACE_BOUNCES, at.BOTTOM_BOUNCES, at.RAY_AXIS):
         row[i] = 0.0
 
 

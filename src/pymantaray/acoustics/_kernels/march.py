@@ -290,8 +290,8 @@ def march(s, walls, course, fan, n_rays, rows):
     """Trace rays of a fan, given by ANGLE, TOL and expected GROWTH, into its rows as `search.shoot` does; GOOD is 0 for those left to it."""
     z_source, _, _, c_ref = course.axis
     length = course.length
-    flat = walls.ice.depth.size == 1
-    lowest = walls.ice.depth[0, 0] if flat else math.inf
+    flat = walls.surface.depth.size == 1
+    lowest = walls.surface.depth[0, 0] if flat else math.inf
     running = 0
     rows[_NEXT, 0] = 0.0
     for lane in range(WIDTH):

@@ -3,7 +3,6 @@
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.boundary import sheet_at
 from pymantaray.acoustics._kernels.field import cut_section, field_at
 from pymantaray.acoustics._kernels.layout import Baseline, Course, Rule
 from pymantaray.acoustics._kernels.link import baseline, prepare
@@ -15,6 +14,7 @@ from pymantaray.acoustics._kernels.trace import (
     trace,
 )
 from pymantaray.compile import entry, kernel
+from pymantaray.geometry.boundary_kernels import depth_at
 
 _LEG = 1e3  # m; rough length of a leg
 _NEAR_END = 1e-3  # of the link
@@ -85,7 +85,7 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
         line = _line(start, end)
         for j in range(m):
             row = n + m - 1 - j if turned else n + j
-            _local_node(work.path[j], line, c, domain.ice.depth, nodes[row])
+            _local_node(work.path[j], line, c, domain.surface, nodes[row])
         last = n if turned else n + m - 1
         nodes[last, at.NODE_TIME] = times[i]
         if turned:
@@ -130,13 +130,13 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
         _, steps, _, _ = trace(s, walls, course, angles[i], 0.0, tol, full_ray(work))
         counts[i] = min(steps + 1, work.path.shape[0])
         for j in range(counts[i]):
-            _local_node(work.path[j], walls.line, c, domain.ice.depth, nodes[n + j])
+            _local_node(work.path[j], walls.line, c, domain.surface, nodes[n + j])
         n += counts[i]
     return angles.size
 
 
 @kernel
-def _local_node(row, line, c, ice, node):
+def _local_node(row, line, c, surface, node):
     """Bring a row of a path into the local frame."""
     r, y, p_r, p_y = row[at.RANGE], row[at.SIDE], row[at.P_RANGE], row[at.P_SIDE]
     un, ue = line.unit_north, line.unit_east
@@ -144,8 +144,8 @@ def _local_node(row, line, c, ice, node):
     node[at.NODE_POSITION] = line.north + r * un - y * ue
     node[at.NODE_POSITION + 1] = line.east + r * ue + y * un
     node[at.NODE_POSITION + 2] = row[at.DEPTH]
-    if row[at.BOUNDARY] == at.AT_SURFACE and ice.size == 1:  # without the last nanometres
-        node[at.NODE_POSITION + 2] = ice[0, 0]
+    if row[at.BOUNDARY] == at.AT_SURFACE and surface.depth.size == 1:  # without the last nanometres
+        node[at.NODE_POSITION + 2] = surface.depth[0, 0]
     node[at.NODE_SLOWNESS] = (p_r * un - p_y * ue) / c
     node[at.NODE_SLOWNESS + 1] = (p_r * ue + p_y * un) / c
     node[at.NODE_SLOWNESS + 2] = row[at.P_DEPTH] / c
@@ -154,15 +154,15 @@ def _local_node(row, line, c, ice, node):
 
 @entry
 def section_grid(domain, fan, ranges, depths, work, out):
-    """Sound speed (range, depth), sea bed and ice along a baseline into out; fan as in `trace_launches`."""
+    """Sound speed (range, depth), sea bed and surface along a baseline into out; fan as in `trace_launches`."""
     source, unit, distance = fan
-    speed, floor, ice = out
+    speed, floor, top = out
     line = Baseline(source[0], source[1], unit[0], unit[1])
     s = cut_section(domain, line, distance, work)
     for i in range(ranges.size):
         r = ranges[i]
         n, e = source[0] + r * unit[0], source[1] + r * unit[1]
-        floor[i] = sheet_at(domain.bed, n, e)
-        ice[i] = sheet_at(domain.ice, n, e)
+        floor[i] = depth_at(domain.bed, n, e)
+        top[i] = depth_at(domain.surface, n, e)
         for k in range(depths.size):
             speed[i, k] = field_at(s, r, depths[k])

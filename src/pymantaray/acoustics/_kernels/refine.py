@@ -290,7 +290,7 @@ def refine_reflected(s, walls, course, bracket, accuracy, work):
     level = bracket[inner, at.MISS]
     level = math.copysign(min(INSET, 0.5 * abs(level)), level) if rule.fold != 0 else 0.0
     start = cubic_angle(bracket[0], bracket[1], level)
-    gridded = walls.bed.depth.size > 1 or walls.ice.depth.size > 1
+    gridded = walls.bed.depth.size > 1 or walls.surface.depth.size > 1
     none = (0.0, 0.0, 0.0, 0.0)
     for attempt in range(2):
         if attempt == 1:
@@ -371,6 +371,7 @@ def finish(row, y, launch, course, link, inset):
     width = abs(y[at.XI] * y[at.DY_DQ] / math.cos(angle) * (h1 / n1) * h0)
     row[at.SPREADING_DB] = 10.0 * math.log10(max(width, 1e-300) * n1 / (link.length * link.length))
     row[at.TURNING_POINTS], row[at.RAY_AXIS] = launch.turns, ray_axis(course)
+    row[at.CAUSTICS] = y[at.CAUSTICS_PASSED]
     sb_end = -sb if course.rule.kind == at.LEGS and course.rule.legs % 2 == 0 else sb
     _finish_end(row, (p0, q, h0), (cb, sb), link, at.LAUNCH_ANGLE, at.SOURCE_SLOWNESS)
     _finish_end(row, (p1, q1, h1), (cb, sb_end), link, at.ARRIVAL_ANGLE, at.RECEIVER_SLOWNESS)

@@ -11,7 +11,7 @@ import math
 from collections import namedtuple
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.boundary import floor_at, mark_of, surface_at
+from pymantaray.acoustics._kernels.boundary import bed_at, mark_of, surface_at
 from pymantaray.acoustics._kernels.cells import (
     KNOWN,
     add_candidate,
@@ -57,14 +57,14 @@ def reach_of(walls, link):
     deepest, slope, across, ice_slope, ice_across = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(walls.n_breaks):
         r = walls.breaks[i]
-        here, f_r, f_y, _, _ = floor_at(walls, r, 0.0, r)
+        here, f_r, f_y, _, _ = bed_at(walls, r, 0.0, r)
         slope = max(slope, abs(f_r))
         deepest = max(deepest, here)
         across = max(across, abs(f_y))
         _, f_r, f_y, _, _ = surface_at(walls, r, 0.0, r)
         ice_slope = max(ice_slope, abs(f_r))
         ice_across = max(ice_across, abs(f_y))
-    bed = floor_at(walls, link.horizontal, 0.0, link.horizontal)[0]
+    bed = bed_at(walls, link.horizontal, 0.0, link.horizontal)[0]
     top = surface_at(walls, link.horizontal, 0.0, link.horizontal)[0]
     inset, on_boundary, thickness = 0.0, 0.0, bed - top
     if link.z1 - top < INSET:

@@ -138,7 +138,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     h = min(length, 60.0)
     if at_levels:
         h = min(h, _to_level(s, cell[1], axis[0], down))
-    lowest = walls.ice.depth[0, 0] if walls.ice.depth.size == 1 else math.inf  # place of the surface
+    lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # place of the surface
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
@@ -213,6 +213,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 h = h_hit
         pos = span if last else pos + h
         h = h_next
+        if full and y[at.XI] * ray.ynew[at.XI] < 0.0:
+            y[at.CAUSTICS_PASSED] += 1.0
         for i in range(n_eq):
             y[i] = ray.ynew[i]
             K[0, i] = K[6, i]

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.checks import told_apart
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.records.writing import whole_file
@@ -193,15 +194,17 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
                 c = make_interp_spline(axis, c, k=min(3, axis.size - 1), axis=k)(finer)
     else:
         c = _on_grid(axes, c, (north, east, depth))
-    bed = (_cut(medium.bed_north, horizontal), _cut(medium.bed_east, horizontal))
-    floor = _on_grid((medium.bed_north, medium.bed_east), medium.bathymetry, bed)
+    bed = medium.bed
+    bed_north, bed_east = _cut(bed.north, horizontal), _cut(bed.east, horizontal)
+    bed_depth = _on_grid((bed.north, bed.east), bed.depth, (bed_north, bed_east))
     return Medium.from_grid(
         north,
         east,
         depth,
         c,
         interpolation="linear",
-        **medium.boundaries | {"bathymetry": floor, "bed_north": bed[0], "bed_east": bed[1]},
+        bathymetry=BoundarySurface(bed_depth, bed_north, bed_east, bed.reflection),
+        ice_draft=medium.surface,
     )
 
 
@@ -242,12 +245,10 @@ def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
             lines += [f"{axis.size} /", _row(axis, _kilometres)]
         return lines, values
 
-    boundaries = {".bty": (medium.bathymetry, medium.bed_north, medium.bed_east)}
-    if medium.ice_draft.any():
-        boundaries[".ati"] = (medium.ice_draft, medium.ice_north, medium.ice_east)
+    boundaries = {".bty": medium.bed} | ({".ati": medium.surface} if medium.has_ice else {})
     texts = {}
     for suffix, boundary in boundaries.items():
-        lines, z = axes(*boundary)
+        lines, z = axes(boundary.depth, boundary.north, boundary.east)
         texts[suffix] = ["'R'", *lines, *map(_row, z.T)]
     if medium.sound_speed.shape[:2] != (1, 1):
         lines, c = axes(medium.sound_speed, medium.north, medium.east)
@@ -274,14 +275,14 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
     across, bearing = math.hypot(step[0], step[1]), math.atan2(step[1], step[0])
     fan = np.degrees(np.linspace(-options.cone, options.cone, options.beams))
     side = 1.05 * across + float(np.linalg.norm(step)) * math.sin(min(options.cone, 0.5 * math.pi)) + 100.0
-    deepest = 1.1 * float(max(medium.bathymetry.max(), medium.depth[-1]))
+    deepest = 1.1 * float(max(medium.bed.depth.max(), medium.depth[-1]))
     box = f"{_plain(options.step)} {_kilometres(side)} {_kilometres(side)} {_plain(deepest)}"
     last = _plain(medium.depth[-1])
     lines = [
         f"'{title} by MantaRay, x north, y east'",
         f"{_plain(options.frequency)} ! frequency [Hz]",
         "1 ! media",
-        f"'{'C' if uniform else 'H'}VW{' ~' if medium.ice_draft.any() else ''}' ! profile, vacuum above, attenuation in dB per wavelength",
+        f"'{'C' if uniform else 'H'}VW{' ~' if medium.has_ice else ''}' ! profile, vacuum above, attenuation in dB per wavelength",
         f"{medium.depth.size} 0.0 {last} ! levels, roughness [m], last level [m]",
         *(_row(level) for level in zip(medium.depth, profile, strict=True)),
         f"'{letter}~' 0.0 ! sea bed, roughness [m]",

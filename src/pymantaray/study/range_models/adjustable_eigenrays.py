@@ -55,7 +55,8 @@ class AdjustableEigenrays:
                     medium.depth,
                     medium.sound_speed + amplitudes @ self._levels,
                     interpolation=medium.interpolation,
-                    **medium.boundaries,
+                    bathymetry=medium.bed,
+                    ice_draft=medium.surface,
                 )
             )
             self._latest = other

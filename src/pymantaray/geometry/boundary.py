@@ -1,0 +1,165 @@
+"""A boundary of the water: the sea bed, or the sea surface with the underside of ice, and how it reflects sound."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import GeometryError
+from pymantaray.geometry.checks import Error, checked_array, told_apart
+from pymantaray.geometry.grid import linear_interpolator
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pymantaray.geometry.boundary_kernels import BoundaryGrid
+
+Array = NDArray[np.float64]
+_SLACK = 1e-6  # of the water's extent; a boundary may end this far inside its edge
+_AXES = ("floor_north", "floor_east"), ("north", "east")
+
+
+class Reflection(Protocol):
+    """Reflection of a plane wave at a boundary."""
+
+    def loss_and_phase(
+        self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
+    ) -> tuple[Array, Array]:
+        """
+        Loss [dB] and phase [rad] of each reflection, time as exp(-i omega t).
+
+        By grazing angle (n,) [rad], frequency [Hz] and sound speed of the water at the boundary (n,) [m/s].
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class BoundarySurface:
+    """
+    Depth of the sea bed or of the sea surface on a grid, and its reflection of sound.
+
+    Parameters
+    ----------
+    depth : float or array_like, shape (n_north, n_east)
+        Depth, positive down, bilinear between the grid points; one value if it is the same everywhere. [m]
+    north, east : array_like, shape (n_north,), (n_east,)
+        Axes, strictly increasing; one point if the depth does not vary along the axis. [m]
+    reflection : Reflection, optional
+        Loss and phase of a reflection, such as `pymantaray.acoustics.FluidBottom`. Without one, the boundary reflects all
+        sound: the sea bed without a change of phase, the surface with phase pi.
+
+    Raises
+    ------
+    GeometryError
+        If a value is not finite, an axis does not increase, or the shapes differ.
+    """
+
+    depth: Array
+    north: Array
+    east: Array
+    reflection: Reflection | None
+
+    def __init__(
+        self,
+        depth: ArrayLike,
+        north: ArrayLike = (0.0,),
+        east: ArrayLike = (0.0,),
+        reflection: Reflection | None = None,
+    ) -> None:
+        n, e = (
+            checked_array(GeometryError, f"boundary: {name}", axis, (None,), rising=True)
+            for name, axis in (("north", north), ("east", east))
+        )
+        values = np.full((1, 1), depth) if np.ndim(depth) == 0 else depth
+        z = checked_array(GeometryError, "boundary: depth", values, (n.size, e.size))
+        for name, value in (("depth", z), ("north", n), ("east", e), ("reflection", reflection)):
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        size = " x ".join(str(n) for n in self.depth.shape)
+        loss = "" if self.reflection is None else f", {self.reflection!r}"
+        return f"<BoundarySurface {size}, {self.depth.min():g} to {self.depth.max():g} m{loss}>"
+
+    @classmethod
+    def from_dataset(cls, ocean: "xr.Dataset", name: str, error: Error = GeometryError) -> Self:
+        """Boundary from a variable of a local ocean, on (floor_north, floor_east), on (north, east) or of one value."""
+        variable = ocean[name]
+        if variable.ndim == 0:
+            return cls(variable.item())
+        dims = next((pair for pair in _AXES if set(variable.dims) == set(pair)), None)
+        if dims is None:
+            raise error(
+                f"ocean: {name} has dimensions {variable.dims}; it needs (north, east), or axes of its own,"
+                " (floor_north, floor_east)"
+            )
+        depth = np.asarray(variable.transpose(*dims).values, dtype=float)
+        if missing := np.count_nonzero(~np.isfinite(depth)):
+            raise error(
+                f"ocean: {name} has {missing} missing values; none are allowed: fill it with pymantaray.ocean.to_local"
+            )
+        north, east = (
+            checked_array(error, f"ocean: axis {dim!r}", ocean[dim].values, (None,), rising=True)
+            for dim in dims
+        )
+        return cls(depth, north, east)
+
+    def check_extent(self, north: Array, east: Array, *, name: str, error: Error) -> None:
+        """Refuse a boundary that does not extend over water with these axes."""
+        for along, own, water in (("north", self.north, north), ("east", self.east, east)):
+            slack = _SLACK * max(np.ptp(water), 1.0)
+            if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
+                first, last, low, high = told_apart(own[0], own[-1], water[0], water[-1])
+                raise error(
+                    f"{name}: {along} {first} to {last} m; it must extend over the water, {low} to {high} m"
+                )
+
+    @cached_property
+    def _look_up(self) -> Callable[[ArrayLike], Array]:
+        return linear_interpolator((self.north, self.east), self.depth)
+
+    def depth_at(self, position: ArrayLike) -> Array:
+        """
+        Depth at positions.
+
+        Parameters
+        ----------
+        position : array_like, shape (n, 2), (n, 3) or one position
+            North, east and, without effect, down. [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Bilinear between the grid points, constant beyond the edges. [m]
+        """
+        return self._look_up(np.atleast_2d(np.asarray(position, dtype=float))[:, :2])
+
+    @property
+    def nodes(self) -> Array:
+        """Positions (n, 2) of the grid points. [m]"""
+        return np.stack(np.meshgrid(self.north, self.east, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    @property
+    def grid(self) -> "BoundaryGrid":
+        """Depth and axes as the kernels take them."""
+        from pymantaray.geometry.boundary_kernels import BoundaryGrid
+
+        return BoundaryGrid(self.depth, self.north, self.east)
+
+
+def as_boundary(
+    depth: BoundarySurface | ArrayLike, north: Array, east: Array, *, name: str, error: Error
+) -> BoundarySurface:
+    """
+    Boundary of water with these axes [m]: one on axes of its own, one depth, or depths at the water's grid points [m].
+
+    Name and error are for refusals.
+    """
+    if isinstance(depth, BoundarySurface):
+        depth.check_extent(north, east, name=name, error=error)
+        return depth
+    if np.ndim(depth) == 0:
+        return BoundarySurface(checked_array(error, name, np.full((1, 1), depth), (1, 1)))
+    return BoundarySurface(checked_array(error, name, depth, (north.size, east.size)), north, east)
