@@ -227,7 +227,7 @@ def test_a_direct_ray_that_is_not_among_the_arrivals_kept_is_ranged_on(few, monk
 
     options = {"max_surface_bounces": 1, "currents": CURRENT, "detector": Detector(SONAR)}
     whole = range_fleet(few, [HIDDEN], RIDGED, **options)
-    monkeypatch.setattr("pymantaray.sensing.ranging.find_eigenrays", without_direct_rays)
+    monkeypatch.setattr("pymantaray.sensing.transmission.find_eigenrays", without_direct_rays)
     assert_same(range_fleet(few, [HIDDEN], RIDGED, **options), whole)
 
 
@@ -272,7 +272,7 @@ def test_neither_water_that_is_always_the_same_nor_threads_nor_blocks_of_links_c
 ):
     stopped = stopping(truth, 1, 6)
     still = range_fleet(stopped, landmarks, REFRACTING, threads=2, **options)
-    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
+    monkeypatch.setattr("pymantaray.sensing.transmission._BLOCK", 4)
     varying = dict(options)
     if "currents" in options:
         varying["currents"] = lambda _: CURRENT
@@ -325,7 +325,7 @@ def test_media_are_made_once_a_ping_and_let_go_again(truth, landmarks):
 @pytest.mark.parametrize(("options", "stopped"), [*((o, 2) for o in OPTIONS), ({}, 0), ({}, 4)], ids=str)
 @pytest.mark.parametrize("varying", [False, True])
 def test_progress_rises_to_the_number_of_pairs(truth, options, stopped, varying, monkeypatch):
-    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
+    monkeypatch.setattr("pymantaray.sensing.transmission._BLOCK", 4)
     seen = []
     range_fleet(
         stopping(truth, slice(stopped)),

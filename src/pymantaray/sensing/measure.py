@@ -12,8 +12,8 @@ from pymantaray.geometry import stream
 from pymantaray.records import Measurements, RangingTruth, Trajectories
 from pymantaray.sensing.detection import draw_unheard
 from pymantaray.sensing.landmarks import Landmark, check_names
-from pymantaray.sensing.mistaken import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.noise import SENSORS, NoiseModel
+from pymantaray.sensing.picking import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import by_pair
 from pymantaray.sensing.sensor import Columns, Scene
