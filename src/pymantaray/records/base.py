@@ -49,7 +49,7 @@ def column(
     may_lack: bool = False,
     labels: bool = False,
     flags: type[IntEnum] | None = None,
-    default: int | None = None,
+    default: float | None = None,
 ) -> Any:
     """
     Array field of a record: dimensions separated by spaces, units as CF writes them.

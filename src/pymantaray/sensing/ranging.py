@@ -1,7 +1,7 @@
 """Ranges without noise: the pairs of every ping, their receptions, and the status and travel time of every attempt."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
@@ -14,13 +14,14 @@ from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.exchanges import (
+    Exchanges,
     exchange_times,
     exchange_values,
     selected_exchanges,
     velocities_of,
 )
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
-from pymantaray.sensing.receptions import Receptions, joined, stacked
+from pymantaray.sensing.receptions import Receptions, joined, stacked, values_at
 from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Timing
 from pymantaray.sensing.transmission import DIRECT, Reception, Transmission, find_receptions
@@ -251,19 +252,30 @@ def _ranging(
     exchanges = selected_exchanges(sound.receptions, n, link, forth)
     velocity = velocities_of(truth, attempts, timing)
     chances = exchange_values(sound.receptions.probability, exchanges, timing)
+    values = {
+        "distance": np.linalg.norm(pairs.receiver - pairs.source, axis=-1)[pair],
+        "sound_speed": chords.sound_speed[pair, forth],
+        "travel_time": exchange_times(sound.receptions, exchanges, timing, velocity),
+        "chord_travel_time": chords.travel_time[pair],
+        "near_cutoff": np.append(sound.near_cutoff, False)[link],
+    }
     return Ranging(
         attempts=attempts,
         status=np.append(sound.status, np.int8(RayStatus.STOPPED))[link],
-        truth=RangingTruth(
-            distance=np.linalg.norm(pairs.receiver - pairs.source, axis=-1)[pair],
-            sound_speed=chords.sound_speed[pair, forth],
-            travel_time=exchange_times(sound.receptions, exchanges, timing, velocity),
-            chord_travel_time=chords.travel_time[pair],
-            near_cutoff=np.append(sound.near_cutoff, False)[link],
-        ),
+        truth=RangingTruth(**values | _of_pings(sound.receptions, exchanges)),
         links=Links(sample=pairs.sample[loud], first=pairs.first[loud], second=pairs.second[loud]),
         arrivals=sound.arrivals,
         receptions=sound.receptions,
         link=link,
         probability=np.prod(chances, axis=0),
     )
+
+
+def _of_pings(receptions: Receptions, exchanges: Exchanges) -> dict[str, Array]:
+    """Other columns of the ranging truth: values of the same name at the selected reception of each ping, NaN without one."""
+    names = {f.name for f in fields(RangingTruth)} - {"travel_time"}
+    return {
+        name: values_at(getattr(receptions, name), exchanges.ping)
+        for name in names
+        if hasattr(receptions, name)
+    }
