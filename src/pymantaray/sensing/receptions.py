@@ -72,6 +72,18 @@ class Receptions(Record):
         """Number of the link and direction of each row, increasing; rows of one group compete."""
         return np.asarray(self.direction.astype(np.int64) * _LINKS + self.link)
 
+    @property
+    def departure_angle(self) -> Array:
+        """Angle of the sound from the horizontal at the end that sends, positive down. [rad]"""
+        forth = self.direction == Direction.FORTH
+        return np.where(forth, _elevation(self.source_slowness), _elevation(-self.receiver_slowness))
+
+    @property
+    def arrival_angle(self) -> Array:
+        """Angle of the sound from the horizontal at the end that receives, positive down. [rad]"""
+        forth = self.direction == Direction.FORTH
+        return np.where(forth, _elevation(self.receiver_slowness), _elevation(-self.source_slowness))
+
     def rows_of(self, link: Indices, direction: Indices) -> tuple[Indices, Indices]:
         """First row of links in a direction, and the row after their last."""
         group, wanted = self.group, direction * _LINKS + link
@@ -84,6 +96,11 @@ class Receptions(Record):
         at = np.flatnonzero(self.selected)
         rows[self.direction[at], self.link[at]] = at
         return rows
+
+
+def _elevation(along: Array) -> Array:
+    """Angle of vectors from the horizontal, positive down. [rad]"""
+    return np.arctan2(along[:, 2], np.hypot(along[:, 0], along[:, 1]))
 
 
 class AlongRays(NamedTuple):
