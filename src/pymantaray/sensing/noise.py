@@ -42,4 +42,7 @@ class NoiseModel(
     def __post_init__(self) -> None:
         """Check every value."""
         check_fields(SensingError, self, "", *vars(self))
-        super().__post_init__()
+        for sensor in NoiseModel.__bases__:
+            check = getattr(sensor, "__post_init__", None)
+            if check is not None:
+                check(self)
