@@ -188,6 +188,16 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             axes=(0, 1, 2),
             source=Source("attitude_vehicle", "attitude_sample", ("attitude_quaternion",), "attitude_sigma"),
         ),
+        "dvl": FactorKind(
+            "DVL velocity",
+            "DVL velocities",
+            ("pose", "pose"),
+            (POSITION,),
+            EDGE,
+            axes=(3, 4, 5),
+            named_after=1,
+            source=Source("dvl_vehicle", "dvl_sample", ("dvl_velocity",), "dvl_sigma", rate=True),
+        ),
         "sighting": FactorKind("sighting", "sightings", ("pose", "landmark"), (POSITION,), SIGHTING),
         "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), RANGE),
     }

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry.checks import check_fields
-from pymantaray.sensing import attitude, depth, first_pose, gnss, landmarks, odometry
+from pymantaray.sensing import attitude, depth, dvl, first_pose, gnss, landmarks, odometry
 from pymantaray.sensing.sensor import Sensor, level
 
-SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude)
+SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude, dvl)
 """All but the ranges, which `pymantaray.sensing.ranging` measures."""
 
 
@@ -20,6 +20,7 @@ class RangeNoise:
 
 @dataclass(frozen=True)
 class NoiseModel(
+    dvl.DvlNoise,
     attitude.AttitudeNoise,
     landmarks.SurveyNoise,
     first_pose.FirstPoseNoise,
