@@ -368,7 +368,7 @@ def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
 
 
 @pytest.mark.parametrize(("kind", "message"), [
-    (replace(KINDS["sighting"], what="baseline", ends=("pose", "pose")), "^baseline: no residual for position of pose and pose;"),
+    (replace(KINDS["sighting"], what="baseline", ends=("landmark", "landmark")), "^baseline: no residual for position of landmark and landmark;"),
     (replace(KINDS["range"], what="altitude", ends=("pose",)), "^altitude: no residual for distance of pose;"),
     (replace(KINDS["range"], what="second range"), "^kinds that measure distances: new, range; allowed: range alone"),
 ])  # fmt: skip

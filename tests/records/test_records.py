@@ -177,6 +177,7 @@ def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():
     assert true.near_cutoff.tolist() == [0, 0]
     older = true.to_dataset().drop_vars("near_cutoff")
     assert RangingTruth.from_dataset(older).near_cutoff.tolist() == [0, 0]
+    assert np.isnan(RangingTruth.from_dataset(older.drop_vars("departure_angle")).departure_angle).all()
     marked = RangingTruth([1.0], [2.0], [3.0], [4.0], [1])
     assert RangingTruth.from_dataset(marked.to_dataset()).near_cutoff.tolist() == [1]
 

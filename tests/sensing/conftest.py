@@ -39,7 +39,9 @@ def build_ranging(truth, landmarks=LANDMARKS, epochs=(4, 8, 12)):
         travel_time=(distance + np.where(dropout, np.nan, 7.0)) / 1450.0,
         chord_travel_time=distance / 1450.0,
     )
-    return Ranging(table, dropout.astype(np.int8), true, links=None, arrivals=None, link=None)
+    return Ranging(
+        table, dropout.astype(np.int8), true, links=None, arrivals=None, receptions=None, link=None
+    )
 
 
 @pytest.fixture(scope="session")

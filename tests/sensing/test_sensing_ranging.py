@@ -88,6 +88,28 @@ def test_every_attempt_by_closed_form(truth, landmarks, ranging):
     np.testing.assert_array_equal(true.refracted_range, true.sound_speed * true.travel_time)
 
 
+@pytest.mark.parametrize("timing", [OneWay(), TwoWay(1.0)], ids=["one-way", "two-way"])
+def test_the_angles_of_a_ping_are_tangents_of_its_circular_arc(truth, landmarks, timing):
+    """The arc's centre lies where the sound speed, continued linearly, is zero; angles are in the direction of travel."""
+    found = range_fleet(truth, landmarks, REFRACTING, timing=timing)
+    a, b = ends(truth, landmarks, found.attempts)
+    across = np.linalg.norm((b - a)[:, :2], axis=1)
+    one, other = (end[:, 2] + C0 / GRADIENT for end in (a, b))  # depths below the centre
+    middle = (across**2 + other**2 - one**2) / (2.0 * across)
+    np.testing.assert_allclose(found.truth.departure_angle, np.arctan2(middle, one), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        found.truth.arrival_angle, np.arctan2(middle - across, other), rtol=0, atol=1e-6
+    )
+
+
+def test_a_ping_that_no_ray_carries_has_no_angles(few):
+    found = range_fleet(few, [HIDDEN], RIDGED)
+    lost = found.status != RayStatus.OK
+    assert lost.any()
+    for angle in (found.truth.departure_angle, found.truth.arrival_angle):
+        np.testing.assert_array_equal(np.isnan(angle), lost)
+
+
 def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, landmarks, ranging):
     links, first = ranging.links, ranging.arrivals.first()
     assert links.sample.size == first.status.size == 3 * (6 + 4 * 2)
@@ -106,8 +128,9 @@ def test_a_stopped_vehicle_is_silent_and_the_others_are_not(truth, landmarks, ra
     silent = ((table.transmitter == 1) | (table.receiver == 1)) & (table.sample > 6)
     assert silent.sum() == 2 * (3 + 3 + 2)
     np.testing.assert_array_equal(stopped.status, np.where(silent, RayStatus.STOPPED, RayStatus.OK))
-    expected = replace(ranging.truth, travel_time=np.where(silent, np.nan, ranging.truth.travel_time))
-    assert_same(stopped.truth, expected)
+    of_arrivals = ("travel_time", "departure_angle", "arrival_angle")
+    lost = {name: np.where(silent, np.nan, getattr(ranging.truth, name)) for name in of_arrivals}
+    assert_same(stopped.truth, replace(ranging.truth, **lost))
     assert not ((links.sample > 6) & ((links.first == 1) | (links.second == 1))).any()
     assert links.sample.size == stopped.arrivals.status.size == 3 * 14 - 2 * 5
 
@@ -227,7 +250,7 @@ def test_a_direct_ray_that_is_not_among_the_arrivals_kept_is_ranged_on(few, monk
 
     options = {"max_surface_bounces": 1, "currents": CURRENT, "detector": Detector(SONAR)}
     whole = range_fleet(few, [HIDDEN], RIDGED, **options)
-    monkeypatch.setattr("pymantaray.sensing.ranging.find_eigenrays", without_direct_rays)
+    monkeypatch.setattr("pymantaray.sensing.transmission.find_eigenrays", without_direct_rays)
     assert_same(range_fleet(few, [HIDDEN], RIDGED, **options), whole)
 
 
@@ -272,7 +295,7 @@ def test_neither_water_that_is_always_the_same_nor_threads_nor_blocks_of_links_c
 ):
     stopped = stopping(truth, 1, 6)
     still = range_fleet(stopped, landmarks, REFRACTING, threads=2, **options)
-    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
+    monkeypatch.setattr("pymantaray.sensing.transmission._BLOCK", 4)
     varying = dict(options)
     if "currents" in options:
         varying["currents"] = lambda _: CURRENT
@@ -325,7 +348,7 @@ def test_media_are_made_once_a_ping_and_let_go_again(truth, landmarks):
 @pytest.mark.parametrize(("options", "stopped"), [*((o, 2) for o in OPTIONS), ({}, 0), ({}, 4)], ids=str)
 @pytest.mark.parametrize("varying", [False, True])
 def test_progress_rises_to_the_number_of_pairs(truth, options, stopped, varying, monkeypatch):
-    monkeypatch.setattr("pymantaray.sensing.ranging._BLOCK", 4)
+    monkeypatch.setattr("pymantaray.sensing.transmission._BLOCK", 4)
     seen = []
     range_fleet(
         stopping(truth, slice(stopped)),

@@ -43,8 +43,9 @@ MISSIONS = {
 
 def same_pings(one, other):
     """Two pings are equal, arrivals and all."""
-    assert_same(one, other, but=["arrivals"])
+    assert_same(one, other, but=["arrivals", "receptions"])
     assert_same(one.arrivals, other.arrivals)
+    assert_same(one.receptions, other.receptions)
 
 
 def test_a_ping_is_what_the_solver_finds(service, medium, links):

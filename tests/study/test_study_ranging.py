@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from pymantaray.acoustics import Leakage, WenzNoise
+from pymantaray.acoustics import Leakage, Medium, WenzNoise
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
@@ -170,3 +170,23 @@ def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):
     assert "expected_mistaken" not in tiny_run.manifest["outcome"]
     with pytest.raises(StudyError, match="realization 2: the run has 0 to 1"):
         tiny_run.mistaken(2)
+
+
+def test_a_velocity_log_works_within_reach_of_the_sea_floor_and_sharpens_the_estimate(tiny_run, run_tiny):
+    """Altitudes are those above the medium's own bottom; the reach lies between those of the fleet."""
+    position = tiny_run.truth.position
+    floor = Medium.from_dataset(tiny_run.ocean).bottom_depth(position.reshape(-1, 3))
+    altitude = floor.reshape(position.shape[:2]) - position[..., 2]
+    reach = float(np.median(altitude))
+    run = run_tiny(noise={"dvl_sigma": 1e-3, "dvl_reach": reach})
+    m, near = run.measurements, altitude <= reach
+    expected = np.argwhere(near[:, :-1] & near[:, 1:])
+    assert 0 < len(expected) < altitude.size
+    np.testing.assert_array_equal(np.stack([m.dvl_vehicle, m.dvl_sample], axis=1), expected)
+    unranged = tiny_run.covariances.condition.tolist().index("no-ranges")
+    sharp, blunt = (
+        np.trace(one.pose_covariance[unranged, 0, -1, :, 3:, 3:], axis1=-2, axis2=-1)
+        for one in (run.covariances, tiny_run.covariances)
+    )
+    helped = np.unique(m.dvl_vehicle)
+    assert (sharp[helped] < 0.9 * blunt[helped]).all()

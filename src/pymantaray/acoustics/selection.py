@@ -1,5 +1,6 @@
 """Which of a link's arrivals a receiver ranges on: the direct one, the first or the strongest."""
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Literal, NamedTuple, get_args
 
@@ -45,13 +46,18 @@ def choose_arrivals(
     allowed = np.ones(time.size, dtype=bool) if heard is None else heard
     if rule == "direct":
         allowed = allowed & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
-    keys = [time, arrivals.link]
+    keys = [time]
     if rule == "strongest":
-        keys.insert(1, arrivals.spreading_db if loss_db is None else _one_each("loss_db", loss_db, time.size))
-    order = np.lexsort(keys)
+        keys.insert(0, arrivals.spreading_db if loss_db is None else _one_each("loss_db", loss_db, time.size))
+    return first_rows(arrivals.link, keys, allowed)
+
+
+def first_rows(link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[np.bool_]) -> Chosen:
+    """Row of each link that comes first by the keys, the most important key first; only rows that are allowed count."""
+    order = np.lexsort([*reversed(keys), link])
     order = order[allowed[order]]
-    link, at = np.unique(arrivals.link[order], return_index=True)
-    return Chosen(link=link.astype(np.int64), row=order[at].astype(np.int64))
+    links, at = np.unique(link[order], return_index=True)
+    return Chosen(link=links.astype(np.int64), row=order[at].astype(np.int64))
 
 
 def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: Rule) -> NDArray[np.bool_]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, check_anchored, check_graph
+from pymantaray.estimation.graph import KINDS, FactorGraph, FactorKind, Factors, check_anchored, check_graph
 from pymantaray.estimation.range_models import TimedRanges
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements, RayStatus
@@ -123,20 +123,35 @@ def _without_ranges(o: Measurements) -> FactorGraph:
     )
     known = ~np.isnan(np.hstack([o.first_position, o.first_quaternion, o.first_sigma])).all(axis=1)
     edges = np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()], axis=1)
-    attitudes = chain[o.attitude_vehicle, o.attitude_sample]
-    fixes, landmarks = chain[o.gnss_vehicle, o.gnss_sample], poses.size + np.arange(o.landmark_name.size)
+    landmarks = poses.size + np.arange(o.landmark_name.size)
     first = [o.first_position[known], o.first_quaternion[known]]
     steps = [o.odometry_translation, o.odometry_rotation]
     tables = {
         "prior": (chain[known, 0], first, o.first_sigma[known]),
-        "fix": (fixes, [o.gnss_position], np.repeat(o.gnss_sigma[:, None], 3, axis=1)),
-        "attitude": (attitudes, [o.attitude_quaternion], o.attitude_sigma),
         "depth": (poses, [o.depth], np.repeat(o.depth_sigma, n_times)[:, None]),
         "survey": (landmarks, [o.landmark_position], np.repeat(o.landmark_sigma[:, None], 3, axis=1)),
         "edge": (edges, steps, o.odometry_sigma.reshape(-1, 6)),
     }
+    tables |= {name: _columns(o, chain, kind) for name, kind in KINDS.items() if kind.source is not None}
     graph = bare.with_factors(**{name: _table(bare, name, *columns) for name, columns in tables.items()})
     return graph.with_factors(attitude=_in_body(graph["attitude"]))
+
+
+def _columns(
+    o: Measurements, chain: NDArray[Any], kind: FactorKind
+) -> tuple[NDArray[Any], list[NDArray[Any]], NDArray[Any]]:
+    """Variables, measured columns and standard deviations of a kind, from the columns of its source."""
+    source = kind.source
+    assert source is not None
+    vehicle, sample, sigma = (getattr(o, name) for name in (source.vehicle, source.sample, source.sigma))
+    variables = np.stack([chain[vehicle, sample + k] for k in range(len(kind.ends))], axis=1)
+    measured = [getattr(o, name) for name in source.measured]
+    if sigma.ndim == 1:
+        sigma = np.repeat(sigma[:, None], kind.rows, axis=1)
+    if source.rate:
+        duration = (o.time[sample + 1] - o.time[sample])[:, None]
+        measured, sigma = [values * duration for values in measured], sigma * duration
+    return variables, measured, sigma
 
 
 def _in_body(attitudes: Factors) -> Factors:

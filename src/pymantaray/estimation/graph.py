@@ -49,7 +49,7 @@ class Residual(Enum):
     """Residuals that all solvers implement; each kind of factor has one of them."""
 
     POSE = "relative pose"  # of a pose in another pose or in the world; in the world also its rotation alone
-    SIGHTING = "sighting"  # of a landmark's position in the body frame of a pose
+    SIGHTING = "sighting"  # of the position of a landmark or of another pose in the body frame of a pose
     POSITION = "position"  # of a pose or a landmark in the world, or a pose's depth alone
     DISTANCE = "distance"  # between two variables
 
@@ -59,11 +59,27 @@ _RESIDUALS = {  # by the ends and the columns that are measured
     (("pose",), ("quaternion",)): Residual.POSE,
     (("pose", "pose"), ("position", "quaternion")): Residual.POSE,
     (("pose", "landmark"), ("position",)): Residual.SIGHTING,
+    (("pose", "pose"), ("position",)): Residual.SIGHTING,
     (("pose",), ("position",)): Residual.POSITION,
     (("landmark",), ("position",)): Residual.POSITION,
     (("pose",), ("depth",)): Residual.POSITION,
     (("any", "any"), ("distance",)): Residual.DISTANCE,
 }
+
+
+class Source(NamedTuple):
+    """
+    Columns of `Measurements` with the factors of a sensor, one row per vehicle and sample.
+
+    A factor between two poses is between the pose at the sample and the next one. A ``rate`` is per second: it and its standard
+    deviation are multiplied by the time between these poses.
+    """
+
+    vehicle: str
+    sample: str
+    measured: tuple[str, ...]
+    sigma: str
+    rate: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,9 +95,10 @@ class FactorKind:
     word: str  # that begins its lines in PyFactorGraph text
     axes: tuple[
         int, ...
-    ] = ()  # of a pose prior there, those of rx ry rz x y z that are measured; others are free
+    ] = ()  # of a pose prior or an edge there, those of rx ry rz x y z that are measured; others are free
     anchors: bool = False  # whether it ties its variable to the world, so that nothing else has to
     named_after: int = 0  # which of its variables messages name
+    source: Source | None = None  # of factors that `build_graph` makes without further steps
 
     @property
     def residual(self) -> Residual:
@@ -146,7 +163,14 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             anchors=True,
         ),
         "fix": FactorKind(
-            "GNSS fix", "fixes", ("pose",), (POSITION,), POSE_PRIOR, axes=(3, 4, 5), anchors=True
+            "GNSS fix",
+            "fixes",
+            ("pose",),
+            (POSITION,),
+            POSE_PRIOR,
+            axes=(3, 4, 5),
+            anchors=True,
+            source=Source("gnss_vehicle", "gnss_sample", ("gnss_position",), "gnss_sigma"),
         ),
         "depth": FactorKind("depth", "depth priors", ("pose",), (("depth", 1, "m"),), POSE_PRIOR, axes=(5,)),
         "survey": FactorKind(
@@ -155,7 +179,25 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
         "edge": FactorKind(
             "odometry", "odometry", ("pose", "pose"), (POSITION, QUATERNION), EDGE, named_after=1
         ),
-        "attitude": FactorKind("attitude", "attitudes", ("pose",), (QUATERNION,), POSE_PRIOR, axes=(0, 1, 2)),
+        "attitude": FactorKind(
+            "attitude",
+            "attitudes",
+            ("pose",),
+            (QUATERNION,),
+            POSE_PRIOR,
+            axes=(0, 1, 2),
+            source=Source("attitude_vehicle", "attitude_sample", ("attitude_quaternion",), "attitude_sigma"),
+        ),
+        "dvl": FactorKind(
+            "DVL velocity",
+            "DVL velocities",
+            ("pose", "pose"),
+            (POSITION,),
+            EDGE,
+            axes=(3, 4, 5),
+            named_after=1,
+            source=Source("dvl_vehicle", "dvl_sample", ("dvl_velocity",), "dvl_sigma", rate=True),
+        ),
         "sighting": FactorKind("sighting", "sightings", ("pose", "landmark"), (POSITION,), SIGHTING),
         "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), RANGE),
     }

@@ -265,8 +265,15 @@ class _Reader:
     def _table(self, kind: FactorKind) -> Factors:
         """Factors of a kind that has a word of its own."""
         measured, covariance = self._numbers(kind.word)
+        variables = self._variables(kind.word)
+        if kind.word == EDGE:  # with free rotation it measures the position alone
+            free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
+            mine = (free == [True] * 3 + [False] * 3).all(axis=1) == bool(kind.axes)
+            variables, measured, covariance = variables[mine], measured[mine], covariance[mine]
+            if kind.axes:
+                covariance = covariance[:, kind.axes][:, :, kind.axes]
         columns = [measured[:, place] for place in kind.columns_at.values()]
-        return kind.table(self._variables(kind.word), columns, covariance)
+        return kind.table(variables, columns, covariance)
 
     def _pose_priors(self) -> dict[str, Factors]:
         """Factors of the kinds that are written as pose priors, told apart by their free axes."""

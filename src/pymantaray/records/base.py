@@ -1,6 +1,6 @@
 """One mechanism for all records: array fields with dimensions, labels and units, to and from xarray."""
 
-from dataclasses import Field, dataclass, field, fields, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -49,13 +49,13 @@ def column(
     may_lack: bool = False,
     labels: bool = False,
     flags: type[IntEnum] | None = None,
-    default: int | None = None,
+    default: float | None = None,
 ) -> Any:
     """
     Array field of a record: dimensions separated by spaces, units as CF writes them.
 
-    One that may lack has then no rows. One with a default has it everywhere where nothing is given, nor in a file. One that labels
-    its dimension is the coordinate of that name in a data set. Flags are the values that a column of integers has, and their
+    A column that may lack has no rows if it is not given, or not in a file of an older version. A column with a default has this
+    value everywhere then. One that labels its dimension is the coordinate of that name in a data set. Flags are the values that a column of integers has, and their
     meanings.
     """
     metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
@@ -151,7 +151,8 @@ class Record:
         names = {
             f.name: names[f.name]
             for f in cls._columns()
-            if f.metadata["default"] is None or names[f.name] in dataset.variables
+            if (f.metadata["default"] is None and f.default_factory is MISSING)
+            or names[f.name] in dataset.variables
         }
         missing = [name for name, variable in names.items() if variable not in dataset.variables]
         if missing:

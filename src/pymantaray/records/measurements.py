@@ -73,3 +73,19 @@ class Measurements(DatedRecord):
         "attitude axis", "rad", "sigma of turns about north, east and down", may_lack=True
     )
     attitude_bias_sigma: Column = column("attitude", "rad", "sigma of the heading's bias", may_lack=True)
+
+    dvl_vehicle: Column = column("dvl", "1", "index of the vehicle", "i4", may_lack=True)
+    dvl_sample: Column = column(
+        "dvl", "1", "index into time of the first of two samples", "i4", may_lack=True
+    )
+    dvl_velocity: Column = column(
+        "dvl body_axis",
+        "m s-1",
+        "mean velocity over ground until the next sample, in the body frame",
+        may_lack=True,
+    )
+    dvl_sigma: Column = column(
+        "dvl body_axis", "m s-1", "standard deviation of each axis of the velocity", may_lack=True
+    )
+    dvl_bias_sigma: Column = column("dvl", "m s-1", "standard deviation of the bias", may_lack=True)
+    dvl_beam_loss: Column = column("dvl", "1", "probability that a beam is lost", may_lack=True)

@@ -1,4 +1,4 @@
-"""What was true of every range attempt, which no estimator is given."""
+"""True values of every range attempt; estimators have no access to them."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,9 +14,10 @@ class RangingTruth(Record):
     """
     True distance and travel times of all range attempts, row by row those of a `Measurements` record.
 
-    NaN where there is none: no travel time without an admitted arrival; no chord and no sound speed where an end
-    lies outside the water. Two-way, ``travel_time`` is half the round trip, less half the turn-around time. Where ``near_cutoff``
-    is 1, a cut-off of the rays' spreading 1 dB higher or lower would take another arrival, or none: there travel times jump.
+    A missing value is NaN: the travel time and the angles without an admitted arrival; the travel time along the chord and the
+    sound speed if an end lies outside the water. Two-way, ``travel_time`` is half the round trip minus half the turn-around time,
+    and the angles are those of the ping. If ``near_cutoff`` is 1, a cut-off of the rays' spreading 1 dB higher or lower selects
+    another arrival, or none: there travel times jump. Runs of older versions have no angles.
     """
 
     kind: ClassVar[str] = "ranging_truth"
@@ -31,6 +32,12 @@ class RangingTruth(Record):
         "1 where 1 dB of the cut-off decides which arrival is ranged on, else 0",
         "i1",
         default=0,
+    )
+    departure_angle: Column = column(
+        "range", "rad", "angle from the horizontal at the transmitter, positive down", default=np.nan
+    )
+    arrival_angle: Column = column(
+        "range", "rad", "angle from the horizontal at the receiver, positive down", default=np.nan
     )
 
     @property

@@ -1,9 +1,9 @@
 """Each measured travel time beside the one predicted, and what the differences say together."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
-from pymantaray.records import Arrivals, RayStatus
+from pymantaray.records import RayStatus
 from pymantaray.records.shown import shown_html
 from pymantaray.replay.clocks import reciprocity_table
 from pymantaray.replay.events import Events
-from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule, Heard
+from pymantaray.replay.rules import DEFAULT_RULE, Choice, DetectionRule
 from pymantaray.replay.summary import summary_table
 from pymantaray.replay.switching import fit_clocks, switching_table
 from pymantaray.replay.water import choose_water, ends_of, instants_in
-from pymantaray.sensing import Sound, sound_between
+from pymantaray.sensing import Detector, Transmission, find_receptions
+from pymantaray.sensing.receptions import Direction, receptions_at, values_at
 from pymantaray.water import Source, Water, open_waters
 
 Array = NDArray[np.float64]
@@ -227,13 +228,6 @@ def _measured(events: Events) -> pd.DataFrame:
     )
 
 
-def _moved(sound: Sound) -> Arrivals:
-    """Arrivals of some sound with the delays of the current in their travel times."""
-    if sound.delay is None:
-        return sound.arrivals
-    return replace(sound.arrivals, travel_time=sound.arrivals.travel_time + sound.delay)
-
-
 def _predict(
     events: Events,
     rows: NDArray[np.int64],
@@ -249,50 +243,44 @@ def _predict(
     wide = reception._replace(
         arrival="first", spreading_cutoff_db=None if cutoff is None else cutoff + NEAR_DB
     )
-    sound = sound_between(source, receiver, medium, wide, currents=currents, progress=progress)
-    a, distance = _moved(sound), np.linalg.norm(receiver - source, axis=-1)
-    loss = sound.loss_db
-    if loss is None:
-        loss = a.spreading_db + 20.0 * np.log10(np.maximum(distance[a.link], 1.0))
-    sonar = None if reception.detector is None else reception.detector.sonar
-    heard = Heard(a, loss, np.inf if cutoff is None else cutoff, sonar)
-    candidates = heard.candidates(rule)
-    picks = heard.pick(rule, candidates)
-    after = heard.next(rule, candidates, picks)
-
-    def of(values: NDArray[Any], row: NDArray[np.int64] = picks) -> Array:
-        return np.append(values.astype(float), np.nan)[row]
-
-    leaked = np.isin(sound.there.status, (RayStatus.LEAKED, RayStatus.SCATTERED))
-    within = np.bincount(a.link[~(a.spreading_db > heard.cutoff_db)], minlength=rows.size)
+    sound = find_receptions(source, receiver, medium, wide, currents=currents, progress=progress)
+    distance = np.linalg.norm(receiver - source, axis=-1)
+    choice = _choice(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
+    r, sonar = choice.receptions, choice.sonar
+    candidates = choice.candidates(rule)
+    picks = choice.pick(rule, candidates)
+    after = choice.next(rule, candidates, picks)
+    rays = np.where((picks >= 0) & (np.append(r.arrival, -1)[picks] >= 0), picks, -1)
+    within = np.bincount(r.link[choice.within_cutoff()], minlength=rows.size)
     lost = np.where(within > 0, RayStatus.UNHEARD, RayStatus.WEAK)
-    status = np.where((a.status == RayStatus.OK) & (picks < 0), lost, sound.there.status)
-    predicted, level = of(a.travel_time), of(loss)
-    if sound.leak_loss_db is not None:
-        predicted = np.where(leaked, sound.there.travel_time, predicted)
-        level = np.where(leaked, sound.leak_loss_db, level)
+    status = np.where((sound.status == RayStatus.OK) & (picks < 0), lost, sound.status)
+    level, time_s = values_at(choice.loss_db, picks), r.travel_time
     frame = pd.DataFrame(
         {
             "cast": water.name,
             "distance_m": distance,
             "status": [RayStatus(int(code)).name.lower() for code in status],
             "n_arrivals": within,
-            "predicted_s": predicted,
-            "surface_bounces": of(a.surface_bounces),
-            "bottom_bounces": of(a.bottom_bounces),
+            "predicted_s": values_at(time_s, picks),
+            "surface_bounces": values_at(r.surface_bounces, rays),
+            "bottom_bounces": values_at(r.bottom_bounces, rays),
             "loss_db": level,
             "level_db": np.nan if sonar is None else sonar.source_level_db - level,
-            "next_s": of(a.travel_time, after) - of(a.travel_time),
-            "next_db": of(loss) - of(loss, after),
-            "near_limit": heard.near_limit(rule, picks),
-            "sound_speed_m_s": a.source_sound_speed,
+            "next_s": values_at(time_s, after) - values_at(time_s, picks),
+            "next_db": level - values_at(choice.loss_db, after),
+            "near_limit": choice.near_limit(rule, picks),
+            "sound_speed_m_s": sound.arrivals.source_sound_speed,
         },
         index=rows,
     ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
-    columns = "event", "travel_time_s", "loss_db"
-    rays = rows[a.link[candidates]], a.travel_time[candidates], loss[candidates]
-    leaks = rows[leaked], predicted[leaked], level[leaked]
-    others = [
-        pd.DataFrame(dict(zip(columns, values, strict=True))) for values in (rays, leaks) if values[0].size
-    ]
-    return frame, pd.concat(others) if others else pd.DataFrame(columns=columns, dtype=float)
+    columns = {"event": rows[r.link], "travel_time_s": time_s, "loss_db": choice.loss_db}
+    return frame, pd.DataFrame(columns)[candidates]
+
+
+def _choice(sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None) -> Choice:
+    """Receptions from source to receiver; without a detector their loss is spreading alone, re 1 m."""
+    forth = receptions_at(sound.receptions, np.flatnonzero(sound.receptions.direction == Direction.FORTH))
+    loss = forth.loss_db
+    if detector is None:
+        loss = forth.spreading_db + 20.0 * np.log10(np.maximum(distance[forth.link], 1.0))
+    return Choice(forth, distance.size, loss, cutoff_db, None if detector is None else detector.sonar)

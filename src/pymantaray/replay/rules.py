@@ -1,4 +1,4 @@
-"""Which of a link's arrivals a receiver is taken to have detected: one rule, fixed before the residuals are looked at."""
+"""Rules that predict the arrival that a receiver detected; fix the rule before you look at residuals."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Self, get_args
@@ -6,11 +6,11 @@ from typing import Literal, NamedTuple, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Rule, choose_arrivals, link_loss_db
-from pymantaray.acoustics.selection import NEAR_DB
+from pymantaray.acoustics import link_loss_db
+from pymantaray.acoustics.selection import NEAR_DB, first_rows
 from pymantaray.acoustics.sonar import Sonar
 from pymantaray.errors import ReplayError
-from pymantaray.records import Arrivals
+from pymantaray.sensing import Receptions
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -55,46 +55,54 @@ class DetectionRule:
         return self.kind if self.within_db is None else f"{self.kind}:{self.within_db:g}"
 
 
-class Heard(NamedTuple):
-    """What receivers have to choose from."""
+class Choice(NamedTuple):
+    """Receptions among which receivers choose; sound without a ray passes every limit, because it has no competitor."""
 
-    arrivals: Arrivals
-    """Down to `NEAR_DB` beyond the cut-off."""
+    receptions: Receptions
+    """From source to receiver, down to `NEAR_DB` beyond the cut-off."""
+    events: int
+    """Number of events; the link of a reception is its event."""
     loss_db: Array
-    """Of each arrival."""
+    """Of each reception."""
     cutoff_db: float
     """Beyond spherical spreading; infinite for none."""
     sonar: Sonar | None
 
+    def within_cutoff(self, shift: float = 0.0) -> NDArray[np.bool_]:
+        """Eigenrays within the cut-off, which is higher by a shift. [dB]"""
+        rows = self.receptions
+        return np.asarray((rows.arrival >= 0) & ~(rows.spreading_db > self.cutoff_db + shift))
+
     def candidates(
         self, rule: DetectionRule, *, cutoff: float = 0.0, limit: float = 0.0
     ) -> NDArray[np.bool_]:
-        """Arrivals that pass the cut-off and the rule's own limit, each by so much more than it says. [dB]"""
-        a = self.arrivals
-        passes = ~(a.spreading_db > self.cutoff_db + cutoff)
+        """Receptions that pass the cut-off and the rule's own limit, each higher by a shift. [dB]"""
+        passes, link = self.within_cutoff(cutoff), self.receptions.link
         if rule.kind == "within" and rule.within_db is not None:
-            least = link_loss_db(np.where(passes, self.loss_db, np.inf), a.link, a.status.size)
-            passes &= self.loss_db <= least[a.link] + rule.within_db + limit
+            least = link_loss_db(np.where(passes, self.loss_db, np.inf), link, self.events)
+            passes &= self.loss_db <= least[link] + rule.within_db + limit
         if rule.kind == "threshold" and self.sonar is not None:
             passes &= self.loss_db <= self.sonar.figure_of_merit_db + limit
-        return passes
+        return np.asarray(passes | (self.receptions.arrival < 0))
 
     def pick(self, rule: DetectionRule, candidates: NDArray[np.bool_]) -> Rows:
-        """Row of the arrival that each link takes of its candidates, -1 for none."""
-        by: Rule = "strongest" if rule.kind == "strongest" else "first"
-        link, row = choose_arrivals(self.arrivals, by, loss_db=self.loss_db, heard=candidates)
-        picks = np.full(self.arrivals.status.size, -1)
+        """Row of the candidate that each event takes, -1 for none."""
+        keys = [self.receptions.travel_time]
+        if rule.kind == "strongest":
+            keys.insert(0, self.loss_db)
+        link, row = first_rows(self.receptions.link, keys, candidates)
+        picks = np.full(self.events, -1)
         picks[link] = row
         return picks
 
     def next(self, rule: DetectionRule, candidates: NDArray[np.bool_], picks: Rows) -> Rows:
-        """Row of the candidate that each link would take if the one it takes were not there, -1 for none."""
+        """Row of the candidate that each event would take without the one that it takes, -1 for none."""
         others = candidates.copy()
         others[picks[picks >= 0]] = False
         return self.pick(rule, others)
 
     def near_limit(self, rule: DetectionRule, picks: Rows) -> NDArray[np.bool_]:
-        """Whether another cut-off or limit of the rule, `NEAR_DB` higher or lower, would change each link's pick."""
+        """True for events whose pick changes if the cut-off or the rule's limit is `NEAR_DB` higher or lower."""
         changed = np.zeros(picks.size, dtype=bool)
         for shift in (-NEAR_DB, NEAR_DB):
             for which in ("cutoff", "limit"):

@@ -13,10 +13,12 @@ from pymantaray.sensing.noise import NoiseModel
 if TYPE_CHECKING:
     from pymantaray.sensing.detection import Detector, Hearing
     from pymantaray.sensing.measure import assemble, perturb
-    from pymantaray.sensing.mistaken import Candidates, Picker, draw_picks, find_candidates
-    from pymantaray.sensing.ranging import Links, Ranging, Reception, Sound, measure_ranges, sound_between
+    from pymantaray.sensing.picking import Candidates, Picker, draw_picks, find_candidates
+    from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
+    from pymantaray.sensing.receptions import Receptions, SoundPath
     from pymantaray.sensing.schedule import PingList, PingSchedule, Schedule, SlotSchedule
     from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
+    from pymantaray.sensing.transmission import Reception, Transmission, find_receptions
 
 __all__ = [
     "Candidates",
@@ -33,26 +35,30 @@ __all__ = [
     "PingSchedule",
     "Ranging",
     "Reception",
+    "Receptions",
     "Schedule",
     "SlotSchedule",
-    "Sound",
+    "SoundPath",
     "Timing",
+    "Transmission",
     "TwoWay",
     "assemble",
     "draw_picks",
     "find_candidates",
+    "find_receptions",
     "measure_ranges",
     "perturb",
-    "sound_between",
 ]
 
 _HOME = {
     "detection": ("Detector", "Hearing"),
     "measure": ("assemble", "perturb"),
-    "mistaken": ("Candidates", "Picker", "draw_picks", "find_candidates"),
-    "ranging": ("Links", "Ranging", "Reception", "Sound", "measure_ranges", "sound_between"),
+    "picking": ("Candidates", "Picker", "draw_picks", "find_candidates"),
+    "ranging": ("Links", "Ranging", "measure_ranges"),
+    "receptions": ("SoundPath", "Receptions"),
     "schedule": ("PingList", "PingSchedule", "Schedule", "SlotSchedule"),
     "timing": ("ClockModel", "Clocks", "OneWay", "Timing", "TwoWay"),
+    "transmission": ("Reception", "Transmission", "find_receptions"),
 }
 _LATER = {name: module for module, names in _HOME.items() for name in names}
 

@@ -12,8 +12,8 @@ from pymantaray.geometry import stream
 from pymantaray.records import Measurements, RangingTruth, Trajectories
 from pymantaray.sensing.detection import draw_unheard
 from pymantaray.sensing.landmarks import Landmark, check_names
-from pymantaray.sensing.mistaken import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.noise import SENSORS, NoiseModel
+from pymantaray.sensing.picking import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import by_pair
 from pymantaray.sensing.sensor import Columns, Scene
@@ -27,16 +27,18 @@ def assemble(
     noise: NoiseModel,
     *,
     gnss_depth: float | NDArray[np.float64] = 1.0,
+    altitude: float | NDArray[np.float64] = 0.0,
 ) -> Measurements:
     """
-    Measurements of a mission whose ranges are already measured, without noise.
+    Return the measurements of a mission without noise, from its ranges.
 
-    Ranging is what `measure_ranges` returned for the same truth and landmarks; the noise model fills the standard
+    ``ranging`` is the result of `measure_ranges` for the same truth and landmarks; the noise model fills the standard
     deviations. A vehicle has a GNSS fix while it is shallower than ``gnss_depth``, one value or (n_vehicles, n_samples) [m]; 0
-    where there is none, as under ice.
+    where there is none, as under ice. ``altitude`` is the height above the sea floor, likewise; by default the vehicles are within
+    reach of it. [m]
     """
     check_names(truth.name.tolist(), landmarks)
-    scene = Scene(truth, landmarks, gnss_depth)
+    scene = Scene(truth, landmarks, gnss_depth, altitude)
     columns: Columns = {}
     for sensor in SENSORS:
         columns |= sensor.measure(scene, noise)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 from pymantaray.errors import SensingError
 from pymantaray.geometry.checks import check_fields
-from pymantaray.sensing import attitude, depth, first_pose, gnss, landmarks, odometry
+from pymantaray.sensing import attitude, depth, dvl, first_pose, gnss, landmarks, odometry
 from pymantaray.sensing.sensor import Sensor, level
 
-SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude)
+SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude, dvl)
 """All but the ranges, which `pymantaray.sensing.ranging` measures."""
 
 
@@ -20,6 +20,7 @@ class RangeNoise:
 
 @dataclass(frozen=True)
 class NoiseModel(
+    dvl.DvlNoise,
     attitude.AttitudeNoise,
     landmarks.SurveyNoise,
     first_pose.FirstPoseNoise,
@@ -42,4 +43,7 @@ class NoiseModel(
     def __post_init__(self) -> None:
         """Check every value."""
         check_fields(SensingError, self, "", *vars(self))
-        super().__post_init__()
+        for sensor in NoiseModel.__bases__:
+            check = getattr(sensor, "__post_init__", None)
+            if check is not None:
+                check(self)

@@ -24,6 +24,8 @@ class Scene(NamedTuple):
     landmarks: Sequence["Landmark"]
     gnss_depth: float | NDArray[Any]
     """A vehicle has a GNSS fix while it is shallower; one value, or for each vehicle and sample. [m]"""
+    altitude: float | NDArray[Any] = 0.0
+    """Height of each vehicle above the sea floor; one value, or for each vehicle and sample. [m]"""
 
 
 class Sensor(Protocol):

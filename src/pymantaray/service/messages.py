@@ -9,6 +9,7 @@ from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
 from pymantaray.errors import ServiceError
 from pymantaray.records import RayStatus
+from pymantaray.sensing.receptions import Direction
 from pymantaray.service.ping import Ping
 from pymantaray.service.ranging_service import RangingService
 
@@ -155,13 +156,12 @@ _NUMBERS = ReceiverAnswer.model_fields.keys() - {"name", "status", "arrivals"}
 
 
 def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[ArrivalAnswer]]:
-    """All arrivals of each receiver."""
-    rays, detector = ping.arrivals, service.water.reception.detector
-    nothing = np.full(rays.link.size, np.nan)
-    travel = rays.travel_time + (0.0 if ping.delay is None else ping.delay)
-    level = nothing
-    if detector is not None and ping.loss_db is not None:
-        level = detector.sonar.source_level_db - ping.loss_db
+    """All eigenrays to each receiver."""
+    rays, receptions, detector = ping.arrivals, ping.receptions, service.water.reception.detector
+    rows = (receptions.direction == Direction.FORTH) & (receptions.arrival >= 0)  # in the order of the rays
+    travel, level = receptions.travel_time[rows], np.full(rays.link.size, np.nan)
+    if detector is not None:
+        level = detector.sonar.source_level_db - receptions.loss_db[rows]
     names = ("surface_bounces", "bottom_bounces", "launch_angle", "arrival_angle", "spreading_db")
     columns = {name: getattr(rays, name).tolist() for name in names}
     columns |= {

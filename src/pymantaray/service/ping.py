@@ -1,4 +1,4 @@
-"""One ping: who hears what when, by the same rays, rules and losses as the ranges of a study."""
+"""One ping: arrival times at all receivers, by the same steps as the ranges of a study."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -8,19 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
-from pymantaray.acoustics.selection import choose_arrivals
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
-from pymantaray.sensing import Sound, TwoWay, sound_between
-from pymantaray.sensing.timing import Leg, half_round_trip
+from pymantaray.sensing import Receptions, TwoWay, find_receptions
+from pymantaray.sensing.exchanges import exchange_times, exchange_values, selected_exchanges
 from pymantaray.water import Water
 
 Array = NDArray[np.float64]
-_INSTANTS = 4  # whose water stays in memory; that of a basin takes 15 MB
+_INSTANTS = 4  # number of waters in memory; that of a basin takes 15 MB
 
 
-class Ends(NamedTuple):
-    """Who takes part in a ping, where and how fast, in the local frame."""
+class Participants(NamedTuple):
+    """Positions and velocities of the participants of a ping, in the local frame."""
 
     time: float
     source: Array
@@ -36,118 +35,104 @@ class Ends(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Ping(Record):
     """
-    What becomes of a ping at each of its receivers, a row each; without noise, NaN where there is none.
+    Outcome of a ping, one row per receiver; without noise, NaN without an arrival.
 
     Attributes
     ----------
     arrivals : Arrivals
-        All that reaches the receivers; ``link`` is the receiver's row. Their travel times are those in water at rest.
-    delay : ndarray, shape (n_arrivals,), or None
-        What the current adds to each travel time; None where the water is at rest. [s]
-    loss_db : ndarray, shape (n_arrivals,), or None
-        Transmission loss of each; None without a sonar. [dB]
+        All eigenrays to the receivers; ``link`` is the receiver's row. Their travel times are those in water at rest.
+    receptions : Receptions
+        All receptions of the ping, and of the answers in the other direction; ``link`` is the receiver's row. Their travel times
+        include the current.
     """
 
     kind: ClassVar[str] = "ping"
 
     arrivals: Arrivals
-    delay: Array | None
-    loss_db: Array | None
-    status: Column = column("receiver", "1", "what becomes of the ping", "i1", flags=RayStatus)
+    receptions: Receptions
+    status: Column = column("receiver", "1", "outcome of the ping", "i1", flags=RayStatus)
     travel_time: Column = column(
-        "receiver", "s", "travel time of the arrival ranged on, two-way half of the round trip"
+        "receiver", "s", "travel time of the selected arrival, two-way half of the round trip"
     )
     arrival_time: Column = column(
-        "receiver", "s", "when the receiver hears the ping, two-way the source the answer"
+        "receiver", "s", "time at which the receiver detects the ping, two-way the source the answer"
     )
     refracted_range: Column = column("receiver", "m", "travel time times the sound speed at the source")
-    straight_range: Column = column("receiver", "m", "distance of the ends at the ping")
+    straight_range: Column = column("receiver", "m", "distance between both ends at the ping")
     source_sound_speed: Column = column("receiver", "m s-1", "sound speed at the source")
     chord_travel_time: Column = column("receiver", "s", "travel time along the straight chord")
     level_db: Column = column(
-        "receiver", "1", "received level in the band, in dB re 1 uPa, of what the receiver ranges on"
+        "receiver", "1", "received level in the band, in dB re 1 uPa, of the selected arrival"
     )
-    probability: Column = column("receiver", "1", "that it is heard, two-way the ping and the answer")
+    probability: Column = column(
+        "receiver", "1", "probability of detection, two-way of the ping and the answer"
+    )
 
 
 class Pinger:
     """
     Pings through one water, in one process and by any number of threads.
 
-    Where the ocean varies, its water is that of the last whole multiple of an interval; with 0 that of each ping. [s]
+    If the ocean varies, the water of a ping is that of the last whole multiple of an interval; with 0 that of its own time. [s]
     """
 
     def __init__(self, water: Water, interval: float = 0.0) -> None:
         self._water, self._interval = water, interval
         self._at = lru_cache(_INSTANTS)(water.at)
-        self(self.down_the_deepest())  # what compiles does so now
+        self(self.down_the_deepest())  # compiles the kernels
 
-    def __call__(self, ends: Ends) -> Ping:
-        """What becomes of a ping."""
-        water, source = self._water, np.broadcast_to(ends.source, ends.receivers.shape)
-        medium, currents = self._at(self._instant(ends.time))
-        sound = sound_between(source, ends.receivers, medium, water.reception, currents=currents)
-        there, time = sound.there, sound.there.travel_time
-        arrival_time = ends.time + time
+    def __call__(self, participants: Participants) -> Ping:
+        """Return the outcome of a ping."""
+        water, receivers = self._water, participants.receivers
+        source, n = np.broadcast_to(participants.source, receivers.shape), len(receivers)
+        medium, currents = self._at(self._instant(participants.time))
+        sound = find_receptions(source, receivers, medium, water.reception, currents=currents)
+        forth = np.zeros(n, dtype=np.int64)
+        exchanges = selected_exchanges(sound.receptions, n, np.arange(n), forth)
+        velocity = np.broadcast_to(participants.source_velocity, source.shape)
+        time = exchange_times(
+            sound.receptions, exchanges, water.timing, (velocity, participants.receiver_velocities)
+        )
+        arrival_time = participants.time + time
         if isinstance(water.timing, TwoWay):
-            ways = np.stack([there.travel_time, sound.back.travel_time])
-            ping, answer = (
-                Leg(t, gradient[:, 0], gradient[:, 1])
-                for t, gradient in zip(ways, np.moveaxis(sound.gradient, 1, 0), strict=True)
-            )
-            velocity = np.broadcast_to(ends.source_velocity, source.shape)
-            time = half_round_trip(water.timing, ping, answer, velocity, ends.receiver_velocities)
-            arrival_time = ends.time + 2.0 * time + water.timing.turn_around
+            arrival_time = participants.time + 2.0 * time + water.timing.turn_around
+        level = probability = np.full(n, np.nan)
+        if water.reception.detector is not None:
+            level = water.reception.detector.sonar.source_level_db - sound.selected("loss_db")[0]
+            chances = exchange_values(sound.receptions.probability, exchanges, water.timing)
+            probability = np.prod(chances, axis=0)
+        speed = sound.arrivals.source_sound_speed
         return Ping(
-            status=there.status,
+            status=sound.status,
             travel_time=time,
             arrival_time=arrival_time,
-            refracted_range=there.source_sound_speed * time,
-            straight_range=np.linalg.norm(ends.receivers - source, axis=-1),
-            source_sound_speed=there.source_sound_speed,
-            chord_travel_time=there.chord_travel_time,
-            level_db=self._level(sound),
-            probability=self._probability(sound),
+            refracted_range=speed * time,
+            straight_range=np.linalg.norm(receivers - source, axis=-1),
+            source_sound_speed=speed,
+            chord_travel_time=sound.arrivals.chord_travel_time,
+            level_db=level,
+            probability=probability,
             arrivals=sound.arrivals,
-            delay=sound.delay,
-            loss_db=sound.loss_db,
+            receptions=sound.receptions,
         )
 
     def _instant(self, time: float) -> float:
-        """Time of the water that a ping runs through; that of one that stands still is the same at all times."""
+        """Time of the water of a ping; always 0 if the water does not vary."""
         if not self._water.varies:
             return 0.0
         self._water.require(time)
         return max(time - time % self._interval, self._water.span[0]) if self._interval else time
 
-    def _level(self, sound: Sound) -> Array:
-        """Received level of what each receiver ranges on, an arrival or what leaks to it. [dB]"""
-        reception, n = self._water.reception, sound.there.status.size
-        if reception.detector is None or sound.loss_db is None:
-            return np.full(n, np.nan)
-        loss = np.full(n, np.nan) if sound.leak_loss_db is None else sound.leak_loss_db.copy()
-        link, row = choose_arrivals(
-            sound.arrivals, reception.arrival, loss_db=sound.loss_db, delay=sound.delay
-        )
-        loss[link] = sound.loss_db[row]
-        return np.asarray(reception.detector.sonar.source_level_db - loss)
-
-    def _probability(self, sound: Sound) -> Array:
-        if sound.probability is None:
-            return np.full(sound.there.status.size, np.nan)
-        both = isinstance(self._water.timing, TwoWay)
-        return np.asarray(sound.probability.prod(axis=-1) if both else sound.probability[:, 0])
-
-    def down_the_deepest(self) -> Ends:
-        """Who pings straight down in the deepest place, where sound surely goes."""
+    def down_the_deepest(self) -> Participants:
+        """Participants of a ping straight down in the deepest water, which always arrives."""
         time = max(self._water.span[0], 0.0)
         medium, _ = self._at(self._instant(time))
         ends = _deepest(medium)
-        return Ends(time, ends[0], ends[1:], np.zeros((1, 3)), np.zeros(3))
+        return Participants(time, ends[0], ends[1:], np.zeros((1, 3)), np.zeros(3))
 
 
 def _deepest(medium: Medium) -> Array:
-    """Two places (2, 3), one above the other, in the deepest water. [m]"""
+    """Two positions (2, 3), one above the other, in the deepest water. [m]"""
     row, col = np.unravel_index(np.argmax(medium.bed.depth), medium.bed.depth.shape)
     north, east = (
         np.clip(bed[k], axis[0], axis[-1]) if axis.size > 1 else 0.0

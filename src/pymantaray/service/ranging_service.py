@@ -18,7 +18,7 @@ from pymantaray.geometry.checks import check_number
 from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.sensing import Reception, Timing, TwoWay
 from pymantaray.service.facts import require_place
-from pymantaray.service.ping import Ends, Ping, Pinger
+from pymantaray.service.ping import Participants, Ping, Pinger
 from pymantaray.study.tracks import with_tracks
 from pymantaray.water import Source, Water, open_water
 from pymantaray.water.water import configuration_of
@@ -181,7 +181,7 @@ class RangingService:
         if len(places) != 1:
             raise ServiceError(f"source: {len(places)} positions; a ping has one source")
         require_place(self.water.at_start[0], "source", places[0])
-        ends = Ends(
+        participants = Participants(
             float(time),
             places[0],
             *self._local(
@@ -190,17 +190,17 @@ class RangingService:
             velocities[0],
         )
         if self._workers is None:
-            return self._pinger(ends)
-        return self._by_a_worker(ends, self._workers)
+            return self._pinger(participants)
+        return self._by_a_worker(participants, self._workers)
 
     @staticmethod
-    def _by_a_worker(ends: Ends, workers: Workers) -> Ping:
+    def _by_a_worker(participants: Participants, workers: Workers) -> Ping:
         """What becomes of a ping, asked once more if a worker ends meanwhile: another has taken its place."""
         answer: Ping
         try:
-            answer = workers.submit(ends).result()
+            answer = workers.submit(participants).result()
         except WorkerEndedError:
-            answer = workers.submit(ends).result()
+            answer = workers.submit(participants).result()
         return answer
 
     def _local(

@@ -60,6 +60,16 @@ def gnss_depth(config: StudyConfig, ocean: OceanFields, truth: Trajectories) -> 
     return np.where(draft > 0.0, 0.0, config.mission.gnss_depth)
 
 
+def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
+    """Height of each vehicle above the sea floor at each sample. [m]"""
+    floor = ocean.local["sea_floor_depth"]
+    if not floor.ndim:
+        return float(floor) - truth.position[..., 2]
+    axes = tuple(floor[str(name)].values for name in floor.dims)
+    depth = linear_interpolator(axes, floor.values)(truth.position[..., :2].reshape(-1, 2))
+    return np.asarray(depth.reshape(truth.position.shape[:2]) - truth.position[..., 2])
+
+
 def build_fleet(config: StudyConfig) -> list[Vehicle]:
     """Vehicles of a study, in the configured order."""
     floats = config.fleet.floats

@@ -1,13 +1,15 @@
 """A run as pandas data frames, one row a range attempt or a pose, with units in `attrs`."""
 
-from typing import TYPE_CHECKING
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pymantaray.evaluation import trajectory_errors
 from pymantaray.exchange.recording import TRUTH
-from pymantaray.records import DatedRecord, RayStatus, VehicleStatus
+from pymantaray.records import DatedRecord, RangingTruth, RayStatus, VehicleStatus
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,9 +22,8 @@ _UNITS = {
     "date": "UTC",
     **dict.fromkeys(("latitude", "longitude"), "degrees"),
     **dict.fromkeys(("north", "east", "down", "error"), "m"),
-    **dict.fromkeys(("distance", "straight_range", "refracted_range", "range_sigma"), "m"),
-    **dict.fromkeys(("travel_time", "chord_travel_time"), "s"),
-    "sound_speed": "m s-1",
+    **dict.fromkeys(("straight_range", "refracted_range", "range_sigma"), "m"),
+    **{f.name: f.metadata["units"] for f in fields(RangingTruth) if f.metadata["units"] != "1"},
     "convergence": "degrees",
 }
 
@@ -30,24 +31,26 @@ _UNITS = {
 def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
     """One row a range attempt: what was measured, without noise or in a realization, and what was true."""
     m = run.measurements if realization is None else run.noisy_measurements(realization)
-    true, names = run.ranging_truth, np.concatenate([m.name, m.landmark_name])
+    truth, names = run.ranging_truth, np.concatenate([m.name, m.landmark_name])
+    measured = {name: getattr(m, name) for name in ("straight_range", "refracted_range", "range_sigma")}
+    true = {f.name: _column(getattr(truth, f.name)) for f in fields(truth)}
     frame = pd.DataFrame(
         {
             "time": m.time[m.range_sample],
             "transmitter": names[m.range_transmitter],
             "receiver": names[m.range_receiver],
             "status": np.array([member.name for member in RayStatus])[m.range_status],
-            "distance": true.distance,
-            "straight_range": m.straight_range,
-            "refracted_range": m.refracted_range,
-            "range_sigma": m.range_sigma,
-            "sound_speed": true.sound_speed,
-            "travel_time": true.travel_time,
-            "chord_travel_time": true.chord_travel_time,
-            "near_cutoff": true.near_cutoff == 1,
+            "distance": true.pop("distance"),
+            **measured,
+            **true,
         }
     )
     return _finished(frame, m)
+
+
+def _column(values: NDArray[Any]) -> NDArray[Any]:
+    """Column of a record for a table; flags, which are bytes, are true or false."""
+    return values == 1 if values.dtype == np.int8 else values
 
 
 def error_frame(run: "Run") -> pd.DataFrame:

@@ -27,7 +27,14 @@ from pymantaray.sensing import (
     find_candidates,
     measure_ranges,
 )
-from pymantaray.study.assemble import build_fleet, build_landmarks, build_picker, build_schedule, gnss_depth
+from pymantaray.study.assemble import (
+    altitude,
+    build_fleet,
+    build_landmarks,
+    build_picker,
+    build_schedule,
+    gnss_depth,
+)
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.tracks import follow, read_fleet
 from pymantaray.water.listening import build_reception, build_sonar, build_timing
@@ -172,7 +179,12 @@ def assemble_mission(
         links=ranging.links,
         arrivals=ranging.arrivals,
         measurements=assemble(
-            truth, build_landmarks(config), ranging, noise, gnss_depth=gnss_depth(config, ocean, truth)
+            truth,
+            build_landmarks(config),
+            ranging,
+            noise,
+            gnss_depth=gnss_depth(config, ocean, truth),
+            altitude=altitude(ocean, truth),
         ),
         ranging_truth=ranging.truth,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),

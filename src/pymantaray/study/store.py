@@ -239,8 +239,8 @@ class Run:
         pandas.DataFrame
             ``time`` since the start and ``date`` (UTC, if the mission has one), ``transmitter``, ``receiver``, ``status``
             (`RayStatus`); true ``distance``; ``straight_range`` and ``refracted_range`` as measured, ``range_sigma``; true
-            ``sound_speed`` at the transmitter, ``travel_time``, ``chord_travel_time`` and ``near_cutoff``, see `RangingTruth`.
-            Units are in ``attrs["units"]``, by column.
+            ``sound_speed`` at the transmitter, ``travel_time``, ``chord_travel_time``, ``near_cutoff``, ``departure_angle`` and
+            ``arrival_angle``, see `RangingTruth`. Units are in ``attrs["units"]``, by column.
 
         Raises
         ------

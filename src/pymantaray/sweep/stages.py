@@ -14,9 +14,9 @@ from pymantaray.acoustics import Medium
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
+from pymantaray.records.base import Record
 from pymantaray.records.writing import netcdf_content, netcdf_groups
-from pymantaray.sensing import Links, Ranging
-from pymantaray.sensing.ranging import Leaked
+from pymantaray.sensing import Links, Ranging, Receptions
 from pymantaray.sensing.schedule import Attempts
 from pymantaray.study import StudyConfig
 from pymantaray.study.mission import range_fleet, simulate_fleet
@@ -26,7 +26,12 @@ from pymantaray.water.ocean import OceanFields, build_medium, is_profile, missio
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
-_OPTIONAL = ("probability", "loss_db", "delay")
+_RECORDS: dict[str, type[Record]] = {
+    "truth": RangingTruth,
+    "links": Links,
+    "arrivals": Arrivals,
+    "receptions": Receptions,
+}
 
 
 class Stages:
@@ -136,32 +141,20 @@ def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
 
 
 def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:
-    attempts = {name: ("attempt", values) for name, values in ranging.attempts._asdict().items()}
-    attempts |= {"status": ("attempt", ranging.status), "link": ("attempt", ranging.link)}
-    optional = {name: getattr(ranging, name) for name in _OPTIONAL}
-    leaked = {} if ranging.leaked is None else ranging.leaked._asdict()
-    return {
-        "leaked": xr.Dataset({n: (tuple(f"{n}_{k}" for k in range(v.ndim)), v) for n, v in leaked.items()}),
-        "attempts": xr.Dataset(attempts),
-        "optional": xr.Dataset({name: (name, v) for name, v in optional.items() if v is not None}),
-        "truth": ranging.truth.to_dataset(),
-        "links": ranging.links.to_dataset(),
-        "arrivals": ranging.arrivals.to_dataset(),
-    }
+    """Group of each record, and one of everything that has a row per attempt."""
+    groups = {name: getattr(ranging, name).to_dataset() for name in _RECORDS}
+    attempts = {**ranging.attempts._asdict(), "status": ranging.status, "link": ranging.link}
+    if ranging.probability is not None:
+        attempts["probability"] = ranging.probability
+    groups["attempts"] = xr.Dataset({name: ("attempt", values) for name, values in attempts.items()})
+    return groups
 
 
 def _unpack_rays(groups: dict[str, xr.Dataset]) -> Ranging:
-    attempts, optional, leaked = (groups[name] for name in ("attempts", "optional", "leaked"))
-    return Ranging(
-        attempts=Attempts(**{name: attempts[name].values for name in Attempts._fields}),
-        status=attempts["status"].values,
-        truth=RangingTruth.from_dataset(groups["truth"]),
-        links=Links.from_dataset(groups["links"]),
-        arrivals=Arrivals.from_dataset(groups["arrivals"]),
-        link=attempts["link"].values,
-        leaked=Leaked(**{name: leaked[name].values for name in Leaked._fields}) if leaked else None,
-        **{name: optional[name].values for name in _OPTIONAL if name in optional},
-    )
+    columns: dict[str, Any] = {str(name): values.values for name, values in groups["attempts"].items()}
+    columns["attempts"] = Attempts(**{name: columns.pop(name) for name in Attempts._fields})
+    columns |= {name: record.from_dataset(groups[name]) for name, record in _RECORDS.items()}
+    return Ranging(**columns)
 
 
 _PACK: dict[str, Callable[[Any], dict[str, xr.Dataset]]] = {

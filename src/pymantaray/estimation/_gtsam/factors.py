@@ -109,11 +109,10 @@ def _edges(factors: Factors, noise: list[Any]) -> Iterator[Any]:
 
 
 def _sightings(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    """Factors in Python, for GTSAM's own is not wrapped (4.3)."""
-    for (pose, landmark), place, model in zip(
-        factors.variables.tolist(), factors.column("position"), noise, strict=True
-    ):
-        yield gtsam.CustomFactor(model, [pose, landmark], partial(_sighting_error, place))
+    """Factors in Python, because GTSAM 4.3 does not wrap its own; the second variable is a landmark or a pose."""
+    error = _stride_error if factors.kind.ends == ("pose", "pose") else _sighting_error
+    for ends, place, model in zip(factors.variables.tolist(), factors.column("position"), noise, strict=True):
+        yield gtsam.CustomFactor(model, ends, partial(error, place))
 
 
 def _sighting_error(measured: Array, factor: Any, values: Any, jacobians: list[Array] | None) -> Array:
@@ -124,6 +123,17 @@ def _sighting_error(measured: Array, factor: Any, values: Any, jacobians: list[A
     if jacobians is not None:
         jacobians[0] = np.hstack([gtsam.Rot3.Hat(seen), -np.eye(3)])
         jacobians[1] = turn
+    return np.asarray(seen - measured)
+
+
+def _stride_error(measured: Array, factor: Any, values: Any, jacobians: list[Array] | None) -> Array:
+    """Error of the position of one pose in the body frame of another; the other pose moves in its own body frame."""
+    at, to = (values.atPose3(key) for key in factor.keys())  # noqa: SIM118  a method of GTSAM
+    turn = at.rotation().matrix().T
+    seen = turn @ (to.translation() - at.translation())
+    if jacobians is not None:
+        jacobians[0] = np.hstack([gtsam.Rot3.Hat(seen), -np.eye(3)])
+        jacobians[1] = np.hstack([np.zeros((3, 3)), turn @ to.rotation().matrix()])
     return np.asarray(seen - measured)
 
 

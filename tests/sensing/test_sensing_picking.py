@@ -26,7 +26,7 @@ from pymantaray.sensing import (
     find_candidates,
     perturb,
 )
-from pymantaray.sensing.mistaken import range_on_picks
+from pymantaray.sensing.picking import range_on_picks
 from pymantaray.sensing.schedule import chances
 
 C = 1480.0
@@ -211,14 +211,12 @@ def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth):
 
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.0)])
 def test_the_direct_candidate_comes_first_even_if_it_is_not_the_earliest(truth, timing):
-    """A surface duct can do that; here the bounces of each link's first two arrivals are exchanged."""
+    """A surface duct can do that; here each link's direct arrival and the next one exchange their travel times."""
     ranging, _, _ = mission(truth, RIDGED, BARE[1])
-    arrivals = ranging.arrivals
-    first = np.unique(arrivals.link, return_index=True)[1]
-    direct = first[(arrivals.surface_bounces + arrivals.bottom_bounces)[first] == 0]
-    surface, bottom = arrivals.surface_bounces.copy(), arrivals.bottom_bounces.copy()
-    surface[direct], surface[direct + 1], bottom[direct + 1] = 1, 0, 0
-    other = ranging._replace(arrivals=replace(arrivals, surface_bounces=surface, bottom_bounces=bottom))
+    receptions = ranging.receptions
+    direct, time = np.flatnonzero(receptions.selected), receptions.travel_time.copy()
+    time[direct], time[direct + 1] = time[direct + 1], time[direct].copy()
+    other = ranging._replace(receptions=replace(receptions, travel_time=time))
     found = find_candidates(other, truth, BARE[1], timing=timing)
     rows = np.flatnonzero(found.direct)
     assert rows.size > 5

@@ -1,20 +1,21 @@
 """Ranges on another arrival than the direct one: which arrivals a receiver may take, how probably, and which by chance."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, NamedTuple, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics import Sonar, probability_of_excess
-from pymantaray.acoustics.selection import choose_arrivals
 from pymantaray.errors import SensingError
 from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
 from pymantaray.records.status import ARRIVES
+from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values, velocities_of
 from pymantaray.sensing.ranging import Ranging
+from pymantaray.sensing.receptions import Direction, Receptions
 from pymantaray.sensing.schedule import Attempts, chances
-from pymantaray.sensing.timing import ONE_WAY, Leg, OneWay, Timing, half_round_trip, velocities
+from pymantaray.sensing.timing import ONE_WAY, Timing
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -199,108 +200,47 @@ def find_candidates(
     ranging: Ranging, truth: Trajectories, picker: Picker, *, timing: Timing = ONE_WAY
 ) -> Candidates:
     """
-    List what each range attempt may take for its direct arrival.
+    List the arrivals that each range attempt can mistake for the direct one, and the direct one.
 
     ``ranging`` was measured by the rule ``direct``, with a detector if the picker has a sonar, and by the same timing. A
-    link without a direct arrival has its reflected ones; a stopped vehicle's attempts have none. Without a sonar the losses
-    are the arrivals' spreading alone: reflection and absorption lose nothing. Two-way, ping and answer are picked
+    link without a direct arrival has its reflected ones; attempts of a stopped vehicle have none. Without a sonar the losses
+    are the arrivals' spreading alone, without reflection and absorption. Two-way, ping and answer are picked
     independently.
     """
-    table = ranging.attempts
-    if picker.sonar is not None and ranging.loss_db is None:
-        raise SensingError(
-            "find_candidates: a picker with a sonar needs ranges that were measured with a detector"
+    attempts = ranging.attempts
+    receptions = pick_receptions(ranging.receptions, picker)
+    forth = (attempts.transmitter > attempts.receiver).astype(np.int64)
+    attempt, exchanges = all_exchanges(receptions, ranging.link, forth, timing)
+    velocity = velocities_of(truth, Attempts(*(values[attempt] for values in attempts)), timing)
+    time = exchange_times(receptions, exchanges, timing, velocity)
+    probability, direct, bounces = (
+        exchange_values(values, exchanges, timing)
+        for values in (
+            receptions.probability,
+            receptions.selected,
+            receptions.surface_bounces + receptions.bottom_bounces,
         )
-    link, time, loss, direct, bounces, ends = _heard(ranging, picker)
-    chance = np.stack([picker.probabilities(loss, link, one) for one in time])
-    attempt = np.flatnonzero(ranging.link >= 0)
-    start, stop = (np.searchsorted(link, ranging.link[attempt], side=s) for s in ("left", "right"))
-    row, ping = _spread_out(start, stop)  # which of `attempt`, which arrival
-    forth = (table.transmitter[attempt] > table.receiver[attempt]).astype(np.int64)
-    if isinstance(timing, OneWay):
-        attempt, there = attempt[row], (forth[row], ping)
-        columns = time[there], chance[there], direct[there], bounces[ping]
-    else:
-        one, answer = _spread_out(start[row], stop[row])
-        row, ping = row[one], ping[one]
-        attempt, own, other = attempt[row], forth[row], 1 - forth[row]
-        there, back = (own, ping), (other, answer)
-        one_leg, other_leg = (
-            Leg(time[leg], ends[own, arrival], ends[other, arrival])
-            for leg, arrival in ((there, ping), (back, answer))
-        )
-        half = half_round_trip(timing, one_leg, other_leg, *_velocities(truth, table, attempt))
-        columns = (
-            half,
-            chance[there] * chance[back],
-            direct[there] & direct[back],
-            bounces[ping] + bounces[answer],
-        )
-    order = np.lexsort((columns[0], ~columns[2], attempt))
+    )
+    columns = time, np.prod(probability, axis=0), np.prod(direct, axis=0), np.sum(bounces, axis=0)
+    order = np.lexsort((time, -columns[2], attempt))
     return Candidates(attempt[order], *(values[order] for values in columns))
 
 
-class _Heard(NamedTuple):
-    """All that may be heard, rows by link: arrivals, and what leaks to links without a ray, which stands for the direct one."""
-
-    link: Indices
-    travel_time: Array
-    """From source to receiver, and back, shape (2, n). [s]"""
-    loss_db: Array
-    direct: NDArray[np.bool_]
-    """Whether it is ranged on without mistakes, as the times."""
-    bounces: Indices
-    ends: Array
-    """Change of the travel time with source and receiver, shape (2, n, 3). [s/m]"""
-
-
-def _heard(ranging: Ranging, picker: Picker) -> _Heard:
-    arrivals, delay, leaked = ranging.arrivals, ranging.delay, ranging.leaked
-    late = 0.0 if delay is None else delay
-    time = np.stack([arrivals.travel_time + late, arrivals.travel_time - late])
-    direct = np.zeros(time.shape, dtype=bool)
-    for way, sign in enumerate((1.0, -1.0)):
-        own = None if delay is None else sign * delay
-        direct[way, choose_arrivals(arrivals, "direct", delay=own).row] = True
-    rays = _Heard(
-        arrivals.link,
-        time,
-        arrivals.spreading_db if picker.sonar is None or ranging.loss_db is None else ranging.loss_db,
-        direct,
-        arrivals.surface_bounces + arrivals.bottom_bounces,
-        np.stack([-arrivals.source_slowness, arrivals.receiver_slowness]),
-    )
-    if leaked is None or not leaked.link.size:
-        return rays
-    n = leaked.link.size
-    dark = _Heard(
-        leaked.link,
-        leaked.travel_time.T,
-        leaked.loss_db,
-        np.ones((2, n), dtype=bool),
-        np.zeros(n, dtype=np.int64),
-        np.moveaxis(leaked.slowness, 1, 0),
-    )
-    order = np.argsort(np.concatenate([rays.link, dark.link]), kind="stable")
-    axes = (0, 1, 0, 1, 0, 1)
-    both = zip(rays, dark, axes, strict=True)
-    return _Heard(*(np.take(np.concatenate([a, b], axis=axis), order, axis=axis) for a, b, axis in both))
-
-
-def _spread_out(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
-    """All numbers of several ranges one after the other, and which range each is of."""
-    count = stop - start
-    of = np.repeat(np.arange(count.size), count)
-    return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]
-
-
-def _velocities(truth: Trajectories, table: Attempts, attempt: Indices) -> tuple[Array, Array]:
-    """Of the initiator and the responder of each attempt, shape (n, 3); landmarks stand still. [m/s]"""
-    epochs, at = np.unique(table.sample[attempt], return_inverse=True)
-    n = 1 + max(table.transmitter.max(initial=0), table.receiver.max(initial=0), truth.name.size - 1)
-    velocity = np.zeros((n, epochs.size, 3))
-    velocity[: truth.name.size] = velocities(truth, epochs)
-    return velocity[table.transmitter[attempt], at], velocity[table.receiver[attempt], at]
+def pick_receptions(receptions: Receptions, picker: Picker) -> Receptions:
+    """Receptions with the probability that the picker takes each; those of a link and direction compete."""
+    lossless = bool(np.isnan(receptions.loss_db).all())
+    if picker.sonar is not None and lossless and receptions.link.size:
+        raise SensingError(
+            "find_candidates: a picker with a sonar needs ranges that were measured with a detector"
+        )
+    loss = receptions.spreading_db if picker.sonar is None else receptions.loss_db
+    probability = np.empty(loss.size)
+    for direction in Direction:
+        rows = receptions.direction == direction
+        probability[rows] = picker.probabilities(
+            loss[rows], receptions.link[rows], receptions.travel_time[rows]
+        )
+    return replace(receptions, probability=probability)
 
 
 def draw_picks(

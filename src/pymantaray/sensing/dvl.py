@@ -1,0 +1,104 @@
+"""
+Doppler velocity log (DVL): the mean velocity over ground between samples, in the body frame; absent unless it has a level.
+
+Four beams point down at 30 degrees from the vertical. Each can be lost between two samples; three determine a velocity.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import SensingError
+from pymantaray.geometry.se3 import matrix_from_quaternion
+from pymantaray.records import Measurements
+from pymantaray.sensing.sensor import Columns, Normal, Scene, level
+
+_BEAMS = 4
+_TILT = np.radians(30.0)  # of a beam from the vertical
+
+
+@dataclass(frozen=True)
+class DvlNoise:
+    """
+    Errors of a velocity over ground, in the body frame; without a standard deviation there is no such sensor.
+
+    Each axis errs at each sample anew, and by a bias that a vehicle keeps through a realization and that estimators do not know.
+    With three beams the noise of each axis is larger by their geometry; its correlation between axes is neglected.
+    """
+
+    dvl_sigma: float = level(
+        0.0,
+        "Standard deviation of each axis of a velocity over ground; 0 for no such sensor. [m/s]",
+        may_be_zero=True,
+    )
+    dvl_bias_sigma: float = level(
+        0.0,
+        "Standard deviation of a bias of each axis that a vehicle keeps and that estimators do not know. [m/s]",
+        may_be_zero=True,
+    )
+    dvl_beam_loss: float = level(
+        0.0, "Probability that one of the four beams is lost between two samples. [-]", may_be_zero=True
+    )
+    dvl_reach: float = level(200.0, "Largest altitude at which beams reach the sea floor. [m]")
+
+    def __post_init__(self) -> None:
+        """Refuse half a sensor and impossible probabilities."""
+        if self.dvl_beam_loss > 1.0:
+            raise SensingError(
+                f"dvl_beam_loss is {self.dvl_beam_loss:g}; it is a probability: allowed are 0 to 1"
+            )
+        sigma, bias, loss, _ = (getattr(self, f.name) for f in fields(DvlNoise))
+        if not sigma and (bias or loss):
+            raise SensingError(
+                f"DVL: bias sigma is {bias:g} m/s and beam loss {loss:g} without a sensor; set dvl_sigma above zero"
+            )
+
+
+def measure(scene: Scene, noise: DvlNoise) -> Columns:
+    """Velocities of the truth, wherever the vehicle is within reach of the sea floor at both samples."""
+    truth, sigma = scene.truth, noise.dvl_sigma
+    near = np.broadcast_to(np.asarray(scene.altitude) <= noise.dvl_reach, truth.status.shape)
+    vehicle, sample = np.nonzero(near[:, :-1] & near[:, 1:] & (sigma > 0.0))
+    step = truth.position[vehicle, sample + 1] - truth.position[vehicle, sample]
+    velocity = step / (truth.time[sample + 1] - truth.time[sample])[:, None]
+    rotation = matrix_from_quaternion(truth.quaternion[vehicle, sample])
+    return {
+        "dvl_vehicle": vehicle,
+        "dvl_sample": sample,
+        "dvl_velocity": np.einsum("nij,ni->nj", rotation, velocity),
+        "dvl_sigma": np.full((vehicle.size, 3), sigma),
+        "dvl_bias_sigma": np.full(vehicle.size, noise.dvl_bias_sigma),
+        "dvl_beam_loss": np.full(vehicle.size, noise.dvl_beam_loss),
+    }
+
+
+def perturb(measurements: Measurements, normal: Normal) -> Columns:
+    """Noise, bias and lost beams; a velocity of fewer than three beams is missing."""
+    from scipy.special import ndtr
+
+    m = measurements
+    if not m.dvl_vehicle.size:
+        return {}
+    who, when, edges = m.dvl_vehicle, m.dvl_sample, m.time.size - 1
+    noise = np.stack([normal((edges, 3), name, "dvl") for name in m.name])[who, when]
+    bias = np.stack([normal((3,), name, "dvl bias") for name in m.name])[who]
+    beams = np.stack([normal((edges, _BEAMS), name, "dvl beams") for name in m.name])[who, when]
+    left = np.count_nonzero(ndtr(beams) >= m.dvl_beam_loss[:, None], axis=1)
+    sigma = np.where((left == _BEAMS)[:, None], 1.0, three_beam_factor()) * m.dvl_sigma
+    velocity = m.dvl_velocity + noise * sigma + bias * m.dvl_bias_sigma[:, None]
+    kept = left >= _BEAMS - 1
+    columns = {"dvl_velocity": velocity, "dvl_sigma": sigma}
+    names = ("dvl_vehicle", "dvl_sample", "dvl_bias_sigma", "dvl_beam_loss")
+    return {name: values[kept] for name, values in columns.items()} | {
+        name: getattr(m, name)[kept] for name in names
+    }
+
+
+def three_beam_factor() -> NDArray[np.float64]:
+    """Standard deviation of each axis with three beams, by that with four; shape (3,)."""
+    azimuth = np.radians([45.0, 135.0, 225.0, 315.0])
+    across, down = np.sin(_TILT), np.full(_BEAMS, np.cos(_TILT))
+    beams = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), down], axis=1)
+    three, four = (np.sqrt(np.diag(np.linalg.inv(b.T @ b))) for b in (beams[1:], beams))
+    return np.asarray(three / four)

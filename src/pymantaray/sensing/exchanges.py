@@ -1,0 +1,99 @@
+"""Exchanges: the receptions of which range attempts consist, and their travel times, one-way or two-way."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.records import Trajectories
+from pymantaray.sensing.receptions import Direction, Receptions, values_at
+from pymantaray.sensing.schedule import Attempts
+from pymantaray.sensing.timing import Leg, OneWay, Timing, half_round_trip, velocities
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Velocities = tuple[Array, Array]
+"""Of initiators and of responders, each of shape (n, 3). [m/s]"""
+
+
+class Exchanges(NamedTuple):
+    """Ping and answer of exchanges, as rows of receptions, -1 without one; one-way only the ping counts."""
+
+    ping: Indices
+    answer: Indices
+    direction: Indices
+    """Direction of each ping."""
+
+
+class Combinations(NamedTuple):
+    """Every exchange that an attempt can consist of."""
+
+    attempt: Indices
+    exchanges: Exchanges
+
+
+def selected_exchanges(receptions: Receptions, links: int, link: Indices, direction: Indices) -> Exchanges:
+    """
+    Return the exchange of the selected receptions of each attempt.
+
+    ``link`` is that of each attempt, -1 without one, ``direction`` that of its ping.
+    """
+    rows = np.pad(receptions.selected_rows(links), ((0, 0), (0, 1)), constant_values=-1)
+    return Exchanges(rows[direction, link], rows[1 - direction, link], direction)
+
+
+def all_exchanges(receptions: Receptions, link: Indices, direction: Indices, timing: Timing) -> Combinations:
+    """Return all exchanges of each attempt, whatever is selected; two-way every reception of the ping with every one of the answer."""
+    attempt = np.flatnonzero(link >= 0)
+    row, ping = _expanded(*receptions.rows_of(link[attempt], direction[attempt]))
+    attempt = attempt[row]
+    if isinstance(timing, OneWay):
+        return Combinations(attempt, Exchanges(ping, np.full(ping.size, -1), direction[attempt]))
+    one, answer = _expanded(*receptions.rows_of(link[attempt], 1 - direction[attempt]))
+    return Combinations(attempt[one], Exchanges(ping[one], answer, direction[attempt[one]]))
+
+
+def exchange_times(
+    receptions: Receptions, exchanges: Exchanges, timing: Timing, velocity: Velocities
+) -> Array:
+    """Travel time of each exchange, two-way half of the round trip without the turn-around time; NaN without a reception. [s]"""
+    ping, answer, direction = exchanges
+    if isinstance(timing, OneWay):
+        return values_at(receptions.travel_time, ping)
+    one, other = (_leg(receptions, rows, direction) for rows in (ping, answer))
+    return half_round_trip(timing, one, other, *velocity)
+
+
+def _leg(receptions: Receptions, rows: Indices, direction: Indices) -> Leg:
+    """One way of exchanges, whose initiator is at the source if the ping goes forth, else at the receiver."""
+    at_source = -values_at(receptions.source_slowness, rows)
+    at_receiver = values_at(receptions.receiver_slowness, rows)
+    back = (direction == Direction.BACK)[:, None]
+    return Leg(
+        values_at(receptions.travel_time, rows),
+        np.where(back, at_receiver, at_source),
+        np.where(back, at_source, at_receiver),
+    )
+
+
+def exchange_values(values: Array, exchanges: Exchanges, timing: Timing) -> tuple[Array, ...]:
+    """Values of receptions at the ping and, two-way, at the answer of each exchange; NaN without one."""
+    used = (exchanges.ping,) if isinstance(timing, OneWay) else (exchanges.ping, exchanges.answer)
+    return tuple(values_at(values, rows) for rows in used)
+
+
+def velocities_of(truth: Trajectories, attempts: Attempts, timing: Timing) -> Velocities:
+    """Velocities of the initiator and the responder of each attempt; zero one-way and for landmarks. [m/s]"""
+    n = 1 + max(attempts.transmitter.max(initial=0), attempts.receiver.max(initial=0), truth.name.size - 1)
+    samples, at = np.unique(attempts.sample, return_inverse=True)
+    velocity = np.zeros((n, samples.size, 3))
+    if not isinstance(timing, OneWay):
+        velocity[: truth.name.size] = velocities(truth, samples)
+    return velocity[attempts.transmitter, at], velocity[attempts.receiver, at]
+
+
+def _expanded(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
+    """All numbers of several ranges one after the other, preceded by the row of each number's range."""
+    count = stop - start
+    of = np.repeat(np.arange(count.size), count)
+    return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]

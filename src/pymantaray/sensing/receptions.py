@@ -1,0 +1,215 @@
+"""Receptions: everything that reaches the receivers of a set of links, one row per reception and direction."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from enum import IntEnum
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Leaks, Rule, Sonar
+from pymantaray.acoustics.selection import first_rows
+from pymantaray.records import Arrivals, RayStatus
+from pymantaray.records.base import Column, Record, column
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+_LINKS = 2**40  # more than there are links; a direction's groups follow those of the other
+AnyRecord = TypeVar("AnyRecord", bound=Record)
+
+
+class SoundPath(IntEnum):
+    """How sound reaches a receiver."""
+
+    DIRECT = 0  # an eigenray without a reflection
+    REFLECTED = 1  # an eigenray with reflections
+    LEAKED = 2  # no ray; sound leaks past the nearest one
+    SCATTERED = 3  # no ray; scattered sound
+
+
+NO_RAY = {SoundPath.LEAKED: RayStatus.LEAKED, SoundPath.SCATTERED: RayStatus.SCATTERED}
+"""Paths without a ray, and the status of a link whose receiver ranges on one."""
+
+
+class Direction(IntEnum):
+    """Which end of a link sends."""
+
+    FORTH = 0  # from the link's source to its receiver
+    BACK = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Receptions(Record):
+    """
+    Receptions of a set of links, sorted by direction, link and travel time at rest.
+
+    Slowness vectors are along the ray from the link's source to its receiver, in both directions: the change of the travel time
+    with the position of the source is minus ``source_slowness``, that with the position of the receiver is ``receiver_slowness``.
+    """
+
+    kind: ClassVar[str] = "receptions"
+
+    link: Column = column("reception", "1", "index of the link", "i8")
+    direction: Column = column("reception", "1", "which end of the link sends", "i1", flags=Direction)
+    path: Column = column("reception", "1", "how the sound arrives", "i1", flags=SoundPath)
+    arrival: Column = column(
+        "reception", "1", "row of the eigenray among the arrivals, -1 without a ray", "i8"
+    )
+    travel_time: Column = column("reception", "s", "travel time, current included")
+    source_slowness: Column = column("reception axis", "s m-1", "slowness vector at the link's source")
+    receiver_slowness: Column = column("reception axis", "s m-1", "slowness vector at the link's receiver")
+    surface_bounces: Column = column("reception", "1", "reflections at the surface", "i2")
+    bottom_bounces: Column = column("reception", "1", "reflections at the sea bed", "i2")
+    spreading_db: Column = column("reception", "1", "geometric spreading beyond spherical, in dB")
+    loss_db: Column = column("reception", "1", "transmission loss, in dB; NaN without a detector")
+    detection: Column = column("reception", "1", "probability of detection, 1 without a detector")
+    selected: Column = column("reception", "1", "1 if the selection rule takes this reception, else 0", "i1")
+    probability: Column = column("reception", "1", "probability that the receiver ranges on this reception")
+
+    @property
+    def group(self) -> Indices:
+        """Number of the link and direction of each row, increasing; rows of one group compete."""
+        return np.asarray(self.direction.astype(np.int64) * _LINKS + self.link)
+
+    @property
+    def departure_angle(self) -> Array:
+        """Angle of the sound from the horizontal at the end that sends, positive down. [rad]"""
+        forth = self.direction == Direction.FORTH
+        return np.where(forth, _elevation(self.source_slowness), _elevation(-self.receiver_slowness))
+
+    @property
+    def arrival_angle(self) -> Array:
+        """Angle of the sound from the horizontal at the end that receives, positive down. [rad]"""
+        forth = self.direction == Direction.FORTH
+        return np.where(forth, _elevation(self.receiver_slowness), _elevation(-self.source_slowness))
+
+    def rows_of(self, link: Indices, direction: Indices) -> tuple[Indices, Indices]:
+        """First row of links in a direction, and the row after their last."""
+        group, wanted = self.group, direction * _LINKS + link
+        start, stop = (np.searchsorted(group, wanted, side=side) for side in ("left", "right"))
+        return start, stop
+
+    def selected_rows(self, links: int) -> Indices:
+        """Row that the selection rule takes, by direction and link, shape (2, links); -1 without one."""
+        rows = np.full((2, links), -1)
+        at = np.flatnonzero(self.selected)
+        rows[self.direction[at], self.link[at]] = at
+        return rows
+
+
+def _elevation(along: Array) -> Array:
+    """Angle of vectors from the horizontal, positive down. [rad]"""
+    return np.arctan2(along[:, 2], np.hypot(along[:, 0], along[:, 1]))
+
+
+class AlongRays(NamedTuple):
+    """What is computed along the path of each arrival."""
+
+    delay: Array | None
+    """Change of the travel time from source to receiver by the current; None at rest. [s]"""
+    loss_db: Array | None
+    """Transmission loss; None without a detector. [dB]"""
+
+
+def receptions_of(arrivals: Arrivals, along: AlongRays) -> Receptions:
+    """Arrivals as receptions in both directions, neither detected nor selected yet; a current acts with opposite signs."""
+    n = arrivals.link.size
+    bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
+    delay = np.zeros(n) if along.delay is None else along.delay
+    loss = np.full(n, np.nan) if along.loss_db is None else along.loss_db
+    rows: dict[str, Any] = {
+        "path": np.where(bounced, SoundPath.REFLECTED, SoundPath.DIRECT),
+        "arrival": np.arange(n),
+        "loss_db": loss,
+        "detection": np.ones(n),
+        "selected": np.zeros(n, dtype=np.int8),
+        "probability": np.zeros(n),
+    }
+    rows |= {f.name: getattr(arrivals, f.name) for f in fields(Receptions) if hasattr(arrivals, f.name)}
+    time = np.concatenate([arrivals.travel_time + delay, arrivals.travel_time - delay])
+    both = {name: np.concatenate([values, values]) for name, values in rows.items()}
+    return Receptions(
+        **both | {"direction": np.repeat([Direction.FORTH, Direction.BACK], n), "travel_time": time}
+    )
+
+
+def with_detection(receptions: Receptions, sonar: Sonar) -> Receptions:
+    """Receptions with the probability that the sonar detects each."""
+    return replace(receptions, detection=sonar.probability_heard(receptions.loss_db))
+
+
+def with_leaks(
+    receptions: Receptions, link: Indices, leaks: Leaks, along: AlongRays, backwards: NDArray[np.bool_]
+) -> Receptions:
+    """
+    Receptions, and those of sound that leaks or is scattered to links without a ray.
+
+    ``link`` is that of each leak. Where ``backwards``, the leak was computed from the receiver to the source.
+    """
+    rays, sign = leaks.arrivals, np.where(backwards, -1.0, 1.0)
+    delay = 0.0 if along.delay is None else sign * along.delay
+    time, turned = rays.travel_time + leaks.shift, backwards[:, None]
+    rows = receptions_of(replace(rays, link=link), along)
+    two = np.concatenate
+    source = np.where(turned, -rays.receiver_slowness, rays.source_slowness)
+    receiver = np.where(turned, -rays.source_slowness, rays.receiver_slowness)
+    path = np.where(leaks.scattered, SoundPath.SCATTERED, SoundPath.LEAKED)
+    return joined(
+        [
+            receptions,
+            replace(
+                rows,
+                arrival=np.full(rows.link.size, -1),
+                path=two([path, path]),
+                travel_time=two([time + delay, time - delay]),
+                source_slowness=two([source, source]),
+                receiver_slowness=two([receiver, receiver]),
+            ),
+        ]
+    )
+
+
+def admitted(receptions: Receptions, rule: Rule) -> NDArray[np.bool_]:
+    """Rows that a rule may select; sound without a ray only exists on links without such an eigenray."""
+    if rule != "direct":
+        return np.ones(receptions.link.size, dtype=bool)
+    return np.asarray(receptions.path != SoundPath.REFLECTED)
+
+
+def select_receptions(receptions: Receptions, rule: Rule) -> Receptions:
+    """Receptions with at most one selected per link and direction; its probability is that of its detection, that of others is 0."""
+    lossless = np.isnan(receptions.loss_db).all()
+    strength = receptions.spreading_db if lossless else receptions.loss_db
+    keys = [receptions.travel_time] if rule != "strongest" else [strength, receptions.travel_time]
+    selected = np.zeros(receptions.link.size, dtype=np.int8)
+    selected[first_rows(receptions.group, keys, admitted(receptions, rule)).row] = 1
+    probability = np.where(selected == 1, receptions.detection, 0.0)
+    return replace(receptions, selected=selected, probability=probability)
+
+
+def joined(tables: Sequence[Receptions]) -> Receptions:
+    """Rows of several tables in the order of a table; their links and arrivals have the same numbers."""
+    together = stacked(tables)
+    return receptions_at(together, np.argsort(together.group, kind="stable"))
+
+
+def receptions_at(receptions: Receptions, rows: Indices) -> Receptions:
+    """Some rows of a table, in their order."""
+    return Receptions(**{f.name: getattr(receptions, f.name)[rows] for f in fields(Receptions)})
+
+
+def stacked(records: Sequence[AnyRecord]) -> AnyRecord:
+    """One record with the rows of several of the same type, one after the other."""
+    columns = {
+        f.name: np.concatenate([getattr(record, f.name) for record in records]) for f in fields(records[0])
+    }
+    return type(records[0])(**columns)
+
+
+def values_at(values: NDArray[Any], rows: Indices) -> Array:
+    """Values at rows, NaN at rows of -1."""
+    result = np.full(rows.shape + values.shape[1:], np.nan)
+    known = rows >= 0
+    result[known] = values[rows[known]]
+    return result

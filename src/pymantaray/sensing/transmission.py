@@ -1,0 +1,267 @@
+"""Sound between pairs of ends: from a medium to receptions in both directions, with losses, leaks and the selection rule."""
+
+from dataclasses import fields, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Leakage, Medium, Rule, find_eigenrays, find_leaks, quadrature, trace_paths
+from pymantaray.acoustics.currents import Currents, current_delays
+from pymantaray.acoustics.eigenrays import solved_backwards
+from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
+from pymantaray.errors import SensingError
+from pymantaray.jobs.progress import CountProgress
+from pymantaray.records import Arrivals, RayStatus
+from pymantaray.sensing.detection import Detector
+from pymantaray.sensing.receptions import (
+    NO_RAY,
+    AlongRays,
+    Receptions,
+    receptions_of,
+    select_receptions,
+    values_at,
+    with_detection,
+    with_leaks,
+)
+
+Array = NDArray[np.float64]
+Ends = tuple[Array, Array]
+"""Positions of the sources and of the receivers of links, each of shape (n_links, 3). [m]"""
+_BLOCK = 512  # links whose ray paths are in memory at a time
+_WITHOUT_RAY = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
+
+
+class Reception(NamedTuple):
+    """
+    Arrivals that every receiver can detect, and the one that it ranges on.
+
+    Parameters
+    ----------
+    spreading_cutoff_db : float or None
+        Weakest eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
+    max_surface_bounces, max_bottom_bounces : int
+        Reflections that an arrival may have.
+    arrival : {"direct", "first", "strongest"}
+        Rule that selects the arrival of a range, see `pymantaray.acoustics.select`.
+    detector : Detector, optional
+        Gives the probability of detection. By default every arrival is detected.
+    leakage : Leakage, optional
+        Model of sound that arrives without a ray, at the detector's frequency. By default there is none.
+    threads : int, optional
+        Threads of the ray solver; the result does not depend on it.
+    """
+
+    spreading_cutoff_db: float | None = 15.0
+    max_surface_bounces: int = 0
+    max_bottom_bounces: int = 0
+    arrival: Rule = "direct"
+    detector: Detector | None = None
+    leakage: Leakage | None = None
+    threads: int | None = None
+
+
+DIRECT = Reception()
+"""Direct arrivals only, all of them detected."""
+
+
+class Transmission(NamedTuple):
+    """Sound between pairs of ends."""
+
+    arrivals: Arrivals
+    """Eigenrays of all links; their travel times are those in water at rest."""
+    status: NDArray[np.int8]
+    """`RayStatus` of each link by the selection rule; the same in both directions."""
+    near_cutoff: NDArray[np.bool_]
+    """True for links on which 1 dB of the cut-off changes the selection, in water at rest."""
+    receptions: Receptions
+
+    def selected(self, name: str) -> Array:
+        """Column of the receptions at the selected rows, by direction and link; NaN without one."""
+        return values_at(getattr(self.receptions, name), self.receptions.selected_rows(self.status.size))
+
+
+def find_receptions(
+    source: Array,
+    receiver: Array,
+    medium: Medium,
+    reception: Reception = DIRECT,
+    *,
+    currents: Currents | None = None,
+    progress: CountProgress | None = None,
+) -> Transmission:
+    """
+    Find all receptions between pairs of ends, in both directions.
+
+    Parameters
+    ----------
+    source, receiver : ndarray, shape (n_links, 3)
+        Positions ``(north, east, down)`` in the local frame. [m]
+    medium : Medium
+    reception : Reception
+        By default direct arrivals, all of them detected.
+    currents : Currents, optional
+        Their first-order effect on travel times. By default the water is at rest.
+    progress : callable, optional
+        Called with the number of finished steps and the total. Each link has one step for its rays, one for the search for direct
+        rays alone, and one for the paths of its rays, as far as these are needed.
+
+    Returns
+    -------
+    Transmission
+
+    Notes
+    -----
+    With the rule ``direct``, travel time and status of a link do not depend on the allowed bounces: a link without a direct arrival
+    has the status that it has if no bounces are allowed.
+    """
+    ends, n = (source, receiver), len(source)
+    follows = currents is not None or reception.detector is not None
+    bounced = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0
+    looks_again = reception.arrival == "direct" and bounced
+    total = n * (1 + looks_again + follows)
+
+    def tell(before: int) -> CountProgress | None:
+        return None if progress is None else lambda done, _: progress(before + done, total)
+
+    most = reception.max_surface_bounces, reception.max_bottom_bounces
+    arrivals, near = _rays(reception, medium, ends, most, tell(0))
+    status = _status(arrivals, reception.arrival)
+    if looks_again:
+        lost = np.flatnonzero(status != RayStatus.OK)
+        some = source[lost], receiver[lost]
+        bare, near_bare = _rays(reception, medium, some, (0, 0), tell(2 * n - lost.size))
+        near[lost] |= near_bare
+        status[lost] = bare.status
+        arrivals = _with_more(arrivals, bare, lost)
+    last = tell(n * (1 + looks_again))
+    along = _along_rays(reception, medium, currents, ends, arrivals, last)
+    receptions = receptions_of(arrivals, along)
+    if reception.detector is not None:
+        receptions = with_detection(receptions, reception.detector.sonar)
+    if reception.leakage is not None:
+        receptions = _with_leaks(receptions, status, ends, medium, reception, currents)
+    receptions = select_receptions(receptions, reception.arrival)
+    return Transmission(arrivals, _with_no_ray(status, receptions), near, receptions)
+
+
+def _status(arrivals: Arrivals, rule: Rule) -> NDArray[np.int8]:
+    """Status of links by a rule: SHADOW where there are arrivals, but none that ``direct`` admits."""
+    status: NDArray[np.int8] = arrivals.status.copy()
+    if rule == "direct":
+        bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
+        has = np.bincount(arrivals.link[~bounced], minlength=status.size) > 0
+        status[(status == RayStatus.OK) & ~has] = RayStatus.SHADOW
+    return status
+
+
+def _with_no_ray(status: NDArray[np.int8], receptions: Receptions) -> NDArray[np.int8]:
+    """Status of links, with that of sound that arrives without a ray."""
+    for path, code in NO_RAY.items():
+        status[receptions.link[receptions.path == path]] = code
+    return status
+
+
+def _rays(
+    reception: Reception,
+    medium: Medium,
+    ends: Ends,
+    bounces: tuple[int, int],
+    progress: CountProgress | None,
+) -> tuple[Arrivals, NDArray[np.bool_]]:
+    """Arrivals of links, and True for links on which 1 dB of the cut-off changes the selection."""
+    cutoff = reception.spreading_cutoff_db
+    wide = find_eigenrays(
+        medium,
+        *ends,
+        *bounces,
+        None if cutoff is None else cutoff + NEAR_DB,
+        threads=reception.threads,
+        progress=progress,
+    )
+    if cutoff is None:
+        return wide, np.zeros(wide.status.size, dtype=bool)
+    return within_cutoff(wide, cutoff), is_near_cutoff(wide, cutoff, reception.arrival)
+
+
+def _with_leaks(
+    receptions: Receptions,
+    status: NDArray[np.int8],
+    ends: Ends,
+    medium: Medium,
+    reception: Reception,
+    currents: Currents | None,
+) -> Receptions:
+    """Receptions, and those of sound that leaks or is scattered to links without a ray."""
+    detector, leakage = reception.detector, reception.leakage
+    if leakage is None or detector is None:
+        raise SensingError(
+            "Reception: leakage needs a detector, because it depends on the frequency; add a detector, or leave out leakage"
+        )
+    dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
+    source, receiver = (end[dark] for end in ends)
+    backwards = solved_backwards(source, receiver)[:, None]  # as rays are: the same from either end
+    start, end = np.where(backwards, receiver, source), np.where(backwards, source, receiver)
+    direct = reception.arrival == "direct"
+    leaks = find_leaks(
+        medium,
+        start,
+        end,
+        leakage,
+        detector.sonar.frequency_hz,
+        bounces=(0, 0) if direct else (reception.max_surface_bounces, reception.max_bottom_bounces),
+        spreading_cutoff_db=reception.spreading_cutoff_db,
+        threads=reception.threads,
+    )
+    places = start[leaks.link], leaks.place
+    along = _along_rays(reception, medium, currents, places, leaks.arrivals, None)
+    more = with_leaks(receptions, dark[leaks.link], leaks, along, backwards[leaks.link, 0])
+    return with_detection(more, detector.sonar)
+
+
+def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> Arrivals:
+    """Arrivals with direct ones of some links, which the solver omitted because it found too many."""
+    if not more.link.size:
+        return arrivals
+    rows = {
+        f.name: np.concatenate([getattr(arrivals, f.name), getattr(more, f.name)])
+        for f in fields(arrivals)
+        if f.metadata["dims"][0] == "arrival"
+    }
+    rows["link"] = np.concatenate([arrivals.link, links[more.link]])
+    order = np.lexsort((rows["travel_time"], rows["link"]))
+    return replace(arrivals, **{name: values[order] for name, values in rows.items()})
+
+
+def _along_rays(
+    reception: Reception,
+    medium: Medium,
+    currents: Currents | None,
+    ends: Ends,
+    arrivals: Arrivals,
+    progress: CountProgress | None,
+) -> AlongRays:
+    """Delay by the current and transmission loss of each arrival, as far as they are needed."""
+    if currents is None and reception.detector is None:
+        return AlongRays(None, None)
+    delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)
+    for start in range(0, arrivals.status.size, _BLOCK):
+        stop = min(start + _BLOCK, arrivals.status.size)
+        rows = slice(*np.searchsorted(arrivals.link, [start, stop]))
+        part = _part(arrivals, slice(start, stop), rows)
+        source, receiver = (end[start:stop] for end in ends)
+        paths = trace_paths(medium, source, receiver, part, threads=reception.threads)
+        if currents is not None:
+            delay[rows] = current_delays(quadrature(paths), currents, part.link.size)
+        if reception.detector is not None:
+            loss[rows] = reception.detector.loss_db(medium, source, receiver, part, paths)
+        if progress is not None:
+            progress(stop, arrivals.status.size)
+    return AlongRays(None if currents is None else delay, None if reception.detector is None else loss)
+
+
+def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:
+    """Arrivals of consecutive links."""
+    cut = {"arrival": rows, "n_links": links}
+    columns = {f.name: getattr(arrivals, f.name)[cut[f.metadata["dims"][0]]] for f in fields(arrivals)}
+    return Arrivals(**columns | {"link": columns["link"] - links.start})
