@@ -74,7 +74,7 @@ def main() -> None:
         found = {"straight, plain": (base, plain["straight"])}
         for name, make in makers.items():
             estimators = {"e": make()}
-            solved, seconds = timed(solve_conditions, o, [], truth, estimators=estimators, solver=solver)
+            solved, seconds = timed(solve_conditions, o, estimators, solver=solver)
             found[name] = seconds, solved["e"]
         if realization < 0:  # compiles, and fills the caches
             continue

@@ -23,10 +23,11 @@ from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, 
 from pymantaray.sensing import Landmark, OneWay, PingSchedule, Reception, measure_ranges
 
 TINY = tomllib.loads("""
+conditions = ["odometry", "no-ranges", "straight", "refracted", "straight-all"]
+
 [study]
 name = "tiny"
 realizations = 2
-conditions = ["odometry", "no-ranges", "straight", "refracted", "straight-all"]
 
 [ocean]
 source = "synthetic:beaufort"

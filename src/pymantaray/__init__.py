@@ -3,108 +3,51 @@
 The names here are the public interface; each is imported from its folder when it is first used.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.acoustics import Medium, find_eigenrays
-    from pymantaray.errors import MantaRayError
-    from pymantaray.estimation import dead_reckon, read_pyfg, solve_conditions, write_pyfg
-    from pymantaray.evaluation import dropout_table, error_table, range_error_table
-    from pymantaray.exchange import Tracks, read_trajectories
-    from pymantaray.fleet import (
-        ConstantTwist,
-        Drifting,
-        FloatCycle,
-        StationKeeping,
-        Vehicle,
-        Waypoints,
-        simulate,
-    )
-    from pymantaray.geometry import LocalFrame
-    from pymantaray.ocean import open_ocean, to_local
-    from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, Trajectories
-    from pymantaray.sensing import Landmark, NoiseModel, PingList, PingSchedule, SlotSchedule, perturb
-    from pymantaray.study import StudyConfig, citation, load_study, measure, open_run, run_study
-    from pymantaray.water import open_water
+    from pymantaray.acoustics import Medium as Medium
+    from pymantaray.acoustics import find_eigenrays as find_eigenrays
+    from pymantaray.errors import MantaRayError as MantaRayError
+    from pymantaray.estimation import dead_reckon as dead_reckon
+    from pymantaray.estimation import read_pyfg as read_pyfg
+    from pymantaray.estimation import solve_conditions as solve_conditions
+    from pymantaray.estimation import write_pyfg as write_pyfg
+    from pymantaray.evaluation import dropout_table as dropout_table
+    from pymantaray.evaluation import error_table as error_table
+    from pymantaray.evaluation import range_error_table as range_error_table
+    from pymantaray.exchange import Tracks as Tracks
+    from pymantaray.exchange import read_trajectories as read_trajectories
+    from pymantaray.fleet import ConstantTwist as ConstantTwist
+    from pymantaray.fleet import Drifting as Drifting
+    from pymantaray.fleet import FloatCycle as FloatCycle
+    from pymantaray.fleet import StationKeeping as StationKeeping
+    from pymantaray.fleet import Vehicle as Vehicle
+    from pymantaray.fleet import Waypoints as Waypoints
+    from pymantaray.fleet import simulate as simulate
+    from pymantaray.geometry import LocalFrame as LocalFrame
+    from pymantaray.ocean import open_ocean as open_ocean
+    from pymantaray.ocean import to_local as to_local
+    from pymantaray.records import Arrivals as Arrivals
+    from pymantaray.records import Estimates as Estimates
+    from pymantaray.records import Measurements as Measurements
+    from pymantaray.records import RangingTruth as RangingTruth
+    from pymantaray.records import Trajectories as Trajectories
+    from pymantaray.sensing import Landmark as Landmark
+    from pymantaray.sensing import NoiseModel as NoiseModel
+    from pymantaray.sensing import PingList as PingList
+    from pymantaray.sensing import PingSchedule as PingSchedule
+    from pymantaray.sensing import SlotSchedule as SlotSchedule
+    from pymantaray.sensing import perturb as perturb
+    from pymantaray.study import StudyConfig as StudyConfig
+    from pymantaray.study import citation as citation
+    from pymantaray.study import load_study as load_study
+    from pymantaray.study import measure as measure
+    from pymantaray.study import open_run as open_run
+    from pymantaray.study import run_study as run_study
+    from pymantaray.water import open_water as open_water
 
 __version__ = "0.2.0"
-
-_HOME = {
-    "acoustics": ("Medium", "find_eigenrays"),
-    "errors": ("MantaRayError",),
-    "estimation": ("dead_reckon", "read_pyfg", "solve_conditions", "write_pyfg"),
-    "evaluation": ("dropout_table", "error_table", "range_error_table"),
-    "exchange": ("Tracks", "read_trajectories"),
-    "fleet": (
-        "ConstantTwist",
-        "Drifting",
-        "FloatCycle",
-        "StationKeeping",
-        "Vehicle",
-        "Waypoints",
-        "simulate",
-    ),
-    "geometry": ("LocalFrame",),
-    "ocean": ("open_ocean", "to_local"),
-    "records": ("Arrivals", "Estimates", "Measurements", "RangingTruth", "Trajectories"),
-    "sensing": ("Landmark", "NoiseModel", "PingList", "PingSchedule", "SlotSchedule", "perturb"),
-    "water": ("open_water",),
-    "study": ("StudyConfig", "citation", "load_study", "measure", "open_run", "run_study"),
-}
-_FOLDER_OF = {name: folder for folder, names in _HOME.items() for name in names}
-
-__all__ = [
-    "Arrivals",
-    "ConstantTwist",
-    "Drifting",
-    "Estimates",
-    "FloatCycle",
-    "Landmark",
-    "LocalFrame",
-    "MantaRayError",
-    "Measurements",
-    "Medium",
-    "NoiseModel",
-    "PingList",
-    "PingSchedule",
-    "RangingTruth",
-    "SlotSchedule",
-    "StationKeeping",
-    "StudyConfig",
-    "Tracks",
-    "Trajectories",
-    "Vehicle",
-    "Waypoints",
-    "citation",
-    "dead_reckon",
-    "dropout_table",
-    "error_table",
-    "find_eigenrays",
-    "load_study",
-    "measure",
-    "open_ocean",
-    "open_run",
-    "open_water",
-    "perturb",
-    "range_error_table",
-    "read_pyfg",
-    "read_trajectories",
-    "run_study",
-    "simulate",
-    "solve_conditions",
-    "to_local",
-    "write_pyfg",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its folder on first use."""
-    if name not in _FOLDER_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_FOLDER_OF[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    """Public names, for completion."""
-    return sorted([*__all__, "__version__"])
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

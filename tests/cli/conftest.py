@@ -46,7 +46,7 @@ def small_text():
             **{
                 "study.description": "small",
                 "study.realizations": 1,
-                "study.conditions": ["odometry", "straight"],
+                "conditions": ["odometry", "straight"],
                 "mission.duration_h": 4.0,
                 "ocean.half_extent_north": 15000.0,
                 "ocean.half_extent_east": 15000.0,

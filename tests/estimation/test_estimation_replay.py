@@ -165,4 +165,4 @@ def test_options_of_the_solver_reach_the_replay(mission):
     updates = [solver.solve(graph, start, method=method).iterations for solver in (GraphSolver(), often)]
     assert updates[1] >= fleet.position.shape[1] > updates[0]
     one = {"e": Estimator("straight", method=method)}
-    assert solve_conditions(fleet.noisy, [], estimators=one, solver=often)["e"].iterations == updates[1]
+    assert solve_conditions(fleet.noisy, one, solver=often)["e"].iterations == updates[1]

@@ -205,7 +205,7 @@ def test_travel_times_and_distances_in_uniform_water_have_one_optimum_under_a_lo
         method = Method(LOSSES[name])
         estimators = {"model": Estimator("refracted", model=water, method=method)}
         estimators["stock"] = Estimator("refracted", method=method)
-        solved = solve_conditions(o, [], estimators=estimators)
+        solved = solve_conditions(o, estimators)
         assert solved["model"].status == solved["stock"].status == SolveStatus.OK
         assert solved["model"].final_cost == pytest.approx(solved["stock"].final_cost, rel=1e-6)
         np.testing.assert_allclose(solved["model"].position, solved["stock"].position, rtol=0, atol=1e-3)

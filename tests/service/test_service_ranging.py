@@ -264,7 +264,7 @@ def test_the_frame_of_a_study_is_about_its_trajectories(tmp_path):
     )
     file = tmp_path / "study.toml"
     file.write_text(
-        '[study]\nname = "s"\nconditions = []\n[ocean]\nsource = "synthetic:beaufort"\nhalf_extent_north = 9e3\n'
+        'conditions = []\n[study]\nname = "s"\n[ocean]\nsource = "synthetic:beaufort"\nhalf_extent_north = 9e3\n'
         'half_extent_east = 9e3\n[mission]\nping_interval_h = 1.0\n[fleet]\ntrajectories = "glider.csv"\n'
     )
     frame = RangingService(load_sound(file)).water.frame

@@ -59,9 +59,10 @@ base = "estimators-beaufort"
 [fleet.vehicles]
 B.target_depth = 111.0
 C = "none"
-[estimators]
-"5-at-50-km".belief.rms = 2.0
-mine = { range_model = "constant", sound_speed = 1440.0 }
+[conditions]
+"5-at-50-km".range_model.belief.rms = 2.0
+straight = "none"
+mine = { range_model = { kind = "constant", sound_speed = 1440.0 } }
 """)
     )  # fmt: skip
     base = load_study("estimators-beaufort")
@@ -69,11 +70,12 @@ mine = { range_model = "constant", sound_speed = 1440.0 }
     assert [v.name for v in config.fleet.vehicles] == [name for name in names if name != "C"]
     assert config.fleet.vehicles[1].target_depth == 111.0
     assert config.fleet.vehicles[2:] == base.fleet.vehicles[3:]
-    by_name = {e.name: e for e in config.estimators}
+    by_name = {c.name: c for c in config.conditions}
     assert by_name["5-at-50-km"].belief.rms == 2.0
     assert by_name["5-at-50-km"].belief.horizontal_scale == 5e4
-    assert config.estimators[-1].sound_speed == 1440.0
-    assert len(config.estimators) == len(base.estimators) + 1
+    assert config.conditions[-1].range_model.sound_speed == 1440.0
+    assert len(config.conditions) == len(base.conditions)
+    assert "straight" not in by_name
 
 
 def test_a_list_replaces_a_list_and_another_kind_its_table(write):
@@ -85,12 +87,12 @@ name = "Z"
 kind = "station"
 north = 0.0
 east = 0.0
-[estimators.eigenray-2]
-belief = { kind = "mean" }
+[conditions.eigenray-2]
+range_model.belief = { kind = "mean" }
 """)
     )  # fmt: skip
     assert [v.name for v in config.fleet.vehicles] == ["Z"]
-    assert {e.name: e.belief for e in config.estimators}["eigenray-2"].model_dump() == {"kind": "mean"}
+    assert {c.name: c.belief for c in config.conditions}["eigenray-2"].model_dump() == {"kind": "mean"}
 
 
 def test_none_takes_out_what_the_base_has(write):

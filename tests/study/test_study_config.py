@@ -76,17 +76,21 @@ def test_defaults_are_the_presets_values():
     """What a file leaves out is what the paper has, so a bare file is a study of the paper's kind."""
     full = load_study("beaufort")
     tree = tomllib.loads(preset_text("beaufort"))
-    for section in ("mission", "noise", "acoustics", "estimator"):
+    for section in ("mission", "noise", "acoustics", "estimator", "conditions"):
         del tree[section]
     del tree["fleet"]["floats"]
-    for key in ("seed", "realizations", "conditions"):
+    for key in ("seed", "realizations"):
         del tree["study"][key]
     assert parse_study(tree) == full
 
 
 PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0}
-LONG = {"range_model": "eigenray", "belief": PERTURBED, "variance": "correlated", "start": "dead-reckoning"}
-SHORT = {"range_model": "constant", "sound_speed": 1450.0, "loss": "huber"}
+LONG = {
+    "range_model": {"kind": "eigenray", "belief": PERTURBED},
+    "variance": "correlated",
+    "start": "dead-reckoning",
+}
+SHORT = {"range_model": {"kind": "constant", "sound_speed": 1450.0}, "loss": "huber"}
 
 
 @pytest.mark.parametrize("sections", [
@@ -94,19 +98,20 @@ SHORT = {"range_model": "constant", "sound_speed": 1450.0, "loss": "huber"}
     {"detection": {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}},
     {"ranging": {"timing": "two-way", "turn_around_s": 0.5}, "noise": {"clock_skew_sigma": 1e-6}},
     {"ranging": {"mistaken": "first-detected", "below_strongest_db": 9.0}},
-    {"estimators": [{"name": "a"} | SHORT, {"name": "b"} | LONG]},
+    {"conditions": ["odometry", {"name": "a"} | SHORT, {"name": "b"} | LONG]},
+    {"conditions": []},
 ], ids=str)  # fmt: skip
 def test_resolved_configuration_reads_back_equal(tiny, sections, tmp_path):
     config = load_study(sections) if isinstance(sections, str) else tiny(**sections)
     (tmp_path / "config.toml").write_text(study_toml(config))
     assert load_study(tmp_path / "config.toml") == config
-    if isinstance(sections, dict) and config.estimators:
-        assert config.estimators[1].uncertainty == (1.0, 2e4, 300.0)
+    if isinstance(sections, dict) and len(config.conditions) == 3:
+        assert config.conditions[2].uncertainty == (1.0, 2e4, 300.0)
 
 
 EXACT = {"kind": "exact"}
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
-EIGENRAY = {"range_model": "eigenray", "belief": EXACT}
+EIGENRAY = {"range_model": {"kind": "eigenray", "belief": EXACT}}
 UNSURE = {"kind": "per-link", "rms": 1.0, "horizontal_scale": 1e4}
 LAG = {"kind": "fixed-lag", "lag_h": 8.0}
 
@@ -127,8 +132,8 @@ REFUSED = [
     ("study.realizations", 0, "study.realizations: found 0; allowed: 1 or more"),
     ("study.realizations", 2.5, "study.realizations: found 2.5"),
     ("noise.range_sigma", "1 s", "noise.range_sigma: found '1 s'; allowed: a number"),
-    ("study.conditions", ["curved"], "study.conditions[0]: found 'curved'; allowed: 'odometry', "),
-    ("study.conditions", ["straight", "straight"], "conditions must differ; found straight more than once"),
+    ("conditions", ["curved", "curved"], "names of conditions must differ; found curved more than once"),
+    ("conditions", "straight", "conditions: found 'straight'; allowed: a list"),
 
     ("study.name", "a/b", "study.name: found 'a/b'; allowed: letters, digits and ._- after a letter or digit"),
     ("fleet.vehicles.1.target_dept", 3.0, "`fleet.vehicles[1].target_dept`: unknown key. Did you mean `fleet.vehicles[1].target_depth`?"),
@@ -162,7 +167,6 @@ REFUSED = [
     ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, "detection.source_level_db: missing; add it (level of a ping at 1 m, in the band [dB re 1 µPa])"),
     ("mission.schedule", {"slot_s": 5.0}, "mission.schedule.kind: missing; add it, one of 'slots', 'pings'"),
     ("mission.schedule", "slots", "mission.schedule: found 'slots'; allowed: a table"),
-    ("study.conditions", "straight", "study.conditions: found 'straight'; allowed: a list"),
     ("ocean.time", "noon", "ocean.time: found 'noon'; allowed: a time as 2014-07-15T12:00:00"),
     ("ocean", 5, "ocean: found 5; allowed: a table"),
     ("ocean.source", "", "ocean.source[0]: found ''; allowed: text of a letter or more"),
@@ -183,61 +187,78 @@ REFUSED = [
     ),
     *((f"{s}.surprise", 1, f"`{s}.surprise`: unknown key. Allowed: ") for s in ("study", "ocean", "ranging", "noise", "fleet")),
 ]  # fmt: skip
-VARYING = {"belief": EXACT | {"time_varying": True}}
+VARYING = EXACT | {"time_varying": True}
 CAST = {"kind": "cast", "north": 1.0}
-REFUSED_ESTIMATORS = [
-    ({"name": "two words"}, "estimators[0].name: found 'two words'"),
-    ({"name": "straight"}, "names of conditions and estimators must differ; found straight"),
-    ({"range_model": "constant"}, "range_model constant needs sound_speed"),
-    ({"range_model": "eigenray"}, "range_model eigenray needs belief"),
-    ({"belief": EXACT}, "belief is given, but range_model transmitter does not use it"),
+
+
+def rays(belief, **options):
+    return {"range_model": {"kind": "eigenray", "belief": belief, **options}}
+
+
+REFUSED_CONDITIONS = [
+    ({"name": "two words"}, "conditions[0].name: found 'two words'"),
+    ({"name": "straight", "loss": "huber"}, "loss is given, but `straight` is a standard condition"),
+    ({"name": "straight", "ranges": "refracted"}, "ranges is given, but `straight` is a standard condition"),
+    ({"name": "odometry", "solver": LAG}, "solver is given, but `odometry` is a standard condition"),
+    ({"range_model": "constant"}, "range model constant needs sound_speed"),
+    ({"range_model": "eigenray"}, "conditions[0].range_model.belief: missing; add it (the assumed ocean"),
+    ({"belief": EXACT}, "`conditions[0].belief`: unknown key. "),
+    ({"range_model": {"kind": "transmitter", "belief": "exact"}}, "range_model.belief`: unknown key."),
+    ({"range_model": "curved"}, "conditions[0].range_model.kind: found 'curved'; allowed: 'transmitter', "),
+    ({"ranges": "none", "loss": "huber"}, 'loss is given, but ranges is "none"; leave one of both out'),
+    ({"ranges": "none", "range_sigma": 3.0}, 'range_sigma is given, but ranges is "none"'),
+    ({"solver": "dead-reckoning"}, 'solver "dead-reckoning" uses no ranges, but ranges is refracted'),
     ({"links": "all"}, "a dropout has none"),
-    ({"ranges": "straight", "range_model": "constant", "sound_speed": 1.5e3}, "nothing of the water"),
+    ({"ranges": "straight"} | SHORT, "ranges is straight, which needs no travel times"),
     ({"variance": "per-link"}, "computed along eigenrays"),
     (EIGENRAY | {"variance": "per-link"}, "needs rms and horizontal_scale"),
-    ({"variance": {"kind": "fixed", "rms": 1.0}}, "`estimators[0].variance.rms`: unknown key"),
+    ({"variance": {"kind": "fixed", "rms": 1.0}}, "`conditions[0].variance.rms`: unknown key"),
     (EIGENRAY | {"variance": {"kind": "per-link", "rms": 1.0}}, "must be given together"),
-    ({"variance": "certain"}, "estimators[0].variance.kind: found 'certain'; allowed: 'fixed', "),
-    ({"range_model": "mean-slowness", "belief": CAST}, "must be given together"),
-    (EIGENRAY | {"belief": {"kind": "perturbed", "horizontal_scale": 1e4}}, "belief.rms: missing"),
-    (EIGENRAY | {"belief": {"kind": "exact", "rms": 1.0}}, "`estimators[0].belief.rms`: unknown key"),
+    ({"variance": "certain"}, "conditions[0].variance.kind: found 'certain'; allowed: 'fixed', "),
+    ({"range_model": {"kind": "mean-slowness", "belief": CAST}}, "must be given together"),
+    (rays({"kind": "perturbed", "horizontal_scale": 1e4}), "range_model.belief.rms: missing"),
+    (rays({"kind": "exact", "rms": 1.0}), "`conditions[0].range_model.belief.rms`: unknown key"),
     ({"loss": "gnc", "solver": "incremental"}, "gnc"),
     (EIGENRAY | {"solver": "incremental"}, "incremental"),
     (
         EIGENRAY | {"loss": "huber", "variance": UNSURE | {"kind": "correlated"}},
         "loss huber is of each range alone",
     ),
-    (EIGENRAY | {"modes": {"count": 0}}, "estimators[0].modes.count: found 0; allowed: 1 or more"),
-    (EIGENRAY | {"modes": {"count": 2, "down_to": 300.0}}, "down_to is given without rms"),
-    (EIGENRAY | {"modes": {"count": 2}, "range_model": "mean-slowness"}, "range_model is mean-slowness"),
-    (EIGENRAY | {"modes": {"count": 2}, "variance": UNSURE}, "would count twice"),
+    (rays("mean", modes={"count": 0}), "range_model.modes.count: found 0; allowed: 1 or more"),
+    (rays("mean", modes={"count": 2, "down_to": 300.0}), "down_to is given without rms"),
+    (
+        {"range_model": {"kind": "mean-slowness", "belief": "mean", "modes": {}}},
+        "range_model.modes`: unknown key",
+    ),
+    (rays("mean", modes={"count": 2}) | {"variance": UNSURE}, "would count twice"),
     ({"clocks": {}, "solver": "incremental"}, "does not estimate"),
     ({"scale_sigma": 0.1, "solver": LAG}, "does not estimate"),
-    ({"solver": "fixed-lag"}, "estimators[0].solver.lag_h: missing; add it (how long a pose is kept [h])"),
-    ({"solver": {"kind": "batch", "lag_h": 8.0}}, "`estimators[0].solver.lag_h`: unknown key"),
+    ({"solver": "fixed-lag"}, "conditions[0].solver.lag_h: missing; add it (how long a pose is kept [h])"),
+    ({"solver": {"kind": "batch", "lag_h": 8.0}}, "`conditions[0].solver.lag_h`: unknown key"),
     ({"solver": LAG, "loss": "huber"}, "no robust loss"),
     ({"directions": "mean", "ranges": "straight"}, 'directions "mean" is for refracted'),
     (EIGENRAY | {"directions": "mean"}, 'directions "mean" is for refracted'),
     ({"range_sigma": "fitted", "bias_sigma": 10.0}, 'range_sigma "fitted" is for'),
     ({"range_sigma": "fitted", "loss": "huber"}, 'range_sigma "fitted" is for'),
-    ({"range_model": "constant"}, "needs sound_speed or belief"),
     (
-        {"range_model": "constant", "sound_speed": 1450.0, "belief": {"kind": "mean"}},
-        "needs sound_speed or belief",
+        {"range_model": {"kind": "constant", "sound_speed": 1450.0, "belief": {"kind": "mean"}}},
+        "needs sound_speed or belief, not both",
     ),
     (
-        EIGENRAY | {"belief": {"kind": "offset", "depth": [9.0, 3.0], "sound_speed": [0.5, 1.0]}},
+        rays({"kind": "offset", "depth": [9.0, 3.0], "sound_speed": [0.5, 1.0]}),
         "depths increasing",
     ),
     (
-        EIGENRAY | {"belief": {"kind": "offset", "depth": [9.0], "sound_speed": [0.5, 1.0]}},
+        rays({"kind": "offset", "depth": [9.0], "sound_speed": [0.5, 1.0]}),
         "sound_speed 2; needs as many",
     ),
-    ({"clocks": {}}, "estimator e estimates clocks, but their priors are 0"),
-    (EIGENRAY | VARYING, "estimator e believes in water that varies, but the study's stands still"),
-    (EIGENRAY | VARYING | {"modes": {"count": 1}}, 'for range_model "eigenray" with variance "fixed" and'),
+    ({"clocks": {}}, "condition e estimates clocks, but their priors are 0"),
+    (rays(VARYING), "condition e assumes water that varies, but the study's does not"),
+    (rays(VARYING) | {"variance": UNSURE}, 'for range_model "eigenray" with variance "fixed"'),
+    ({"range_model": {"kind": "mean-slowness", "belief": VARYING}}, 'for range_model "eigenray"'),
+    (rays(VARYING, modes={"count": 1}), "modes are not estimated of a belief that varies in time"),
 ]
-REFUSED += [("estimators", [{"name": "e", **values}], expected) for values, expected in REFUSED_ESTIMATORS]
+REFUSED += [("conditions", [{"name": "e", **values}], expected) for values, expected in REFUSED_CONDITIONS]
 
 
 @pytest.mark.parametrize(("path", "value", "expected"), REFUSED)
@@ -409,7 +430,7 @@ def test_configuration_prints_as_one_short_line():
 def test_input_files_are_relative_to_the_configuration(quick, tmp_path):
     quick["ocean"].update(source=["a.nc", "/abs/b.nc"], bathymetry="floor.nc")
     modes = {"count": 1, "casts": ["a.csv", "b.csv"]}
-    quick["estimators"] = [{"name": "e", "range_model": "eigenray", "belief": EXACT, "modes": modes}]
+    quick["conditions"] = [{"name": "e"} | rays(EXACT, modes=modes)]
     (tmp_path / "mine.toml").write_text(tomli_w.dumps(quick))
     config = load_study(tmp_path / "mine.toml")
     a, floor, *casts = (str(tmp_path / name) for name in ("a.nc", "floor.nc", "a.csv", "b.csv"))

@@ -12,6 +12,7 @@ from refusals import refused
 
 from pymantaray.config.estimators import (
     CastBelief,
+    ConditionSection,
     ExactBelief,
     FileBelief,
     MeanBelief,
@@ -19,7 +20,6 @@ from pymantaray.config.estimators import (
     OffsetBelief,
     OtherDayBelief,
     PerturbedBelief,
-    RangeEstimatorSection,
 )
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import OceanError, StudyError
@@ -52,8 +52,12 @@ EXACT = {"kind": "exact"}
 PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}
 
 
+def eigenray(belief):
+    return {"kind": "eigenray", "belief": belief}
+
+
 def section(**values):
-    return RangeEstimatorSection.model_validate({"name": "e", **values})
+    return ConditionSection.model_validate({"name": "e", **values})
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +65,7 @@ def day(tmp_path_factory):
     """Half a day in the Beaufort Sea: the fleet of the preset, a smaller window."""
     tree = tomllib.loads(preset_text("quick"))
     tree["study"]["realizations"] = 2
-    tree["study"]["conditions"] = ["straight", "refracted"]
+    tree["conditions"] = ["straight", "refracted"]
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
     tree["mission"] |= {"physics_step_s": 1.0, "duration_h": 12.0}
     return run_study(parse_study(tree), tmp_path_factory.mktemp("runs") / "day", workers=1)
@@ -74,7 +78,8 @@ def beliefs(day):
 
 def with_estimators(run, *entries):
     """The same run as if its study had these estimators."""
-    tree = run.config.model_dump() | {"estimators": [{"name": f"e{i}", **e} for i, e in enumerate(entries)]}
+    own = [{"name": f"e{i}", **e} for i, e in enumerate(entries)]
+    tree = run.config.model_dump() | {"conditions": [*run.config.model_dump()["conditions"], *own]}
     again = Run(run.path)
     again.__dict__["config"] = StudyConfig.model_validate(tree)
     return again
@@ -85,11 +90,11 @@ def off(a, b):
 
 
 def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
-    exact = EstimatorFactory(day).estimator(section(range_model="eigenray", belief=EXACT), 0)
+    exact = EstimatorFactory(day).estimator(section(range_model=eigenray(EXACT)), 0)
     start = dead_reckon(day.noisy_measurements(0))
     assert off(start[0], day.truth.position) > 100.0
     there = replace(exact, initial=start, model_is_right=False)
-    found = solve_conditions(day.measurements, [], estimators={"e": there})["e"]
+    found = solve_conditions(day.measurements, {"e": there})["e"]
     assert found.status == SolveStatus.OK
     assert found.gated_links == 0
     assert off(found.position, day.truth.position) < 1e-3
@@ -102,7 +107,7 @@ def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
 def test_water_can_be_what_a_preset_believes_in_every_realization(preset):
     """In the Beaufort Sea 5 m/s over the upper 300 m is 19 m/s at 50 m: no water has what some realizations drew."""
     config = parse_study(tomllib.loads(preset_text(preset)))
-    sections = [e.belief for e in config.estimators or () if isinstance(e.belief, PerturbedBelief)]
+    sections = [e.belief for e in config.conditions if isinstance(e.belief, PerturbedBelief)]
     belief = max(sections, key=lambda section: (section.rms, -section.horizontal_scale))
     true, scale = open_start(config.ocean), belief.horizontal_scale
     for realization in range(config.study.realizations):
@@ -116,7 +121,7 @@ def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reck
     o, truth = day.noisy_measurements(0), day.truth
     if variance != "fixed":
         variance = {"kind": variance, "rms": 1.0, "horizontal_scale": 20e3}
-    e = EstimatorFactory(day).estimator(section(range_model="eigenray", belief=EXACT, variance=variance), 0)
+    e = EstimatorFactory(day).estimator(section(range_model=eigenray(EXACT), variance=variance), 0)
     believed = BelievedRanges(e.model, timed_ranges(o, "refracted", "refracted"), e.uncertainty, e.correlated)
     graph, solver, found = build_graph(o, "refracted"), GraphSolver(), []
     for position, quaternion in ((truth.position, truth.quaternion), dead_reckon(o)):
@@ -133,10 +138,10 @@ def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reck
 def test_exact_eigenrays_do_as_well_as_straight_ranges_and_transmitter_as_refracted(day):
     run = with_estimators(
         day,
-        {"range_model": "eigenray", "belief": EXACT},
+        {"range_model": eigenray(EXACT)},
         {"range_model": "transmitter"},
-        {"range_model": "mean-slowness", "belief": EXACT},
-        {"range_model": "constant", "sound_speed": 1500.0},
+        {"range_model": {"kind": "mean-slowness", "belief": EXACT}},
+        {"range_model": {"kind": "constant", "sound_speed": 1500.0}},
     )
     solved = RealizationSolver(run).solve(0).solutions
     assert list(solved) == ["straight", "refracted", "e0", "e1", "e2", "e3"]
@@ -193,13 +198,14 @@ def test_other_numerics_are_those_of_the_same_water(beliefs):
 
 def test_an_internal_tide_moves_the_truth_and_is_undone_where_it_is_believed(tmp_path):
     tree = tomllib.loads(preset_text("quick"))
-    tree["study"] |= {"realizations": 1, "conditions": ["straight"]}
+    tree["study"] |= {"realizations": 1}
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
     tide = tree["ocean"]["internal_tide"] = {"amplitude": 10.0, "period_h": 12.0}
     tree["mission"] |= {"physics_step_s": 1.0, "duration_h": 12.0, "ping_interval_h": 3.0}
-    tree["estimators"] = [
-        {"name": "still", "range_model": "eigenray", "belief": EXACT},
-        {"name": "tide", "range_model": "eigenray", "belief": {"kind": "internal-tide", **tide}},
+    tree["conditions"] = [
+        "straight",
+        {"name": "still", "range_model": eigenray(EXACT)},
+        {"name": "tide", "range_model": eigenray({"kind": "internal-tide", **tide})},
     ]
     run = run_study(parse_study(tree), tmp_path / "run", workers=1)
     local = Beliefs(run).believed(ExactBelief(kind="exact"), 0).local
@@ -217,7 +223,7 @@ def test_an_internal_tide_moves_the_truth_and_is_undone_where_it_is_believed(tmp
 
 def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
     plain = RealizationSolver(day).solve(1).solutions
-    run = with_estimators(day, {"range_model": "eigenray", "belief": EXACT, "start": "dead-reckoning"})
+    run = with_estimators(day, {"range_model": eigenray(EXACT), "start": "dead-reckoning"})
     more = RealizationSolver(run).solve(1).solutions
     for name, solution in plain.items():
         for field in ("position", "quaternion", "final_cost", "gradient_norm", "iterations"):
@@ -284,7 +290,7 @@ def test_uncertainty_has_the_rms_asked_for_over_the_water(day, beliefs, down_to)
 
 
 def test_larger_variance_never_costs_more(day):
-    naive = {"range_model": "eigenray", "belief": EXACT}
+    naive = {"range_model": eigenray(EXACT)}
     unsure = {"rms": 1.0, "horizontal_scale": 20e3}
     run = with_estimators(
         day, naive, *(naive | {"variance": {"kind": kind} | unsure} for kind in ("per-link", "correlated"))
@@ -345,7 +351,7 @@ def test_the_truths_own_file_is_the_exact_belief_to_the_last_digit(day, beliefs,
         beliefs.believed(ExactBelief(kind="exact"), 0),
     )
     belief = {"kind": "file", "source": str(tmp_path / "ocean.nc")}
-    sections = [{"range_model": "eigenray", "belief": b} for b in (EXACT, belief)]
+    sections = [{"range_model": eigenray(b)} for b in (EXACT, belief)]
     run = with_estimators(day, *sections)
     solutions = RealizationSolver(run).solve(0).solutions
     for field in ("position", "quaternion"):
@@ -450,7 +456,7 @@ def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp
 def test_the_file_of_a_belief_is_relative_to_the_study_and_an_input_of_it(tmp_path):
     tree = tomllib.loads(preset_text("quick"))
     belief = {"kind": "file", "source": "casts/one.csv"}
-    tree["estimators"] = [{"name": "own", "range_model": "eigenray", "belief": belief}]
+    tree["conditions"] = [*tree["conditions"], {"name": "own", "range_model": eigenray(belief)}]
     config = parse_study(tree, folder=tmp_path)
     assert config.files == (str(tmp_path / "casts" / "one.csv"),)
     again = parse_study(tomllib.loads(study_toml(config)))

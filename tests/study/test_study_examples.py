@@ -46,7 +46,7 @@ def test_python_example_prints_every_condition(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES / "run_study.py"), run_name="__main__")
     printed = capsys.readouterr().out
-    for condition in load_study("quick").study.conditions:
+    for condition in [c.name for c in load_study("quick").conditions]:
         assert f"{condition} " in printed
 
 

@@ -57,7 +57,7 @@ def test_studies_in_threads_of_one_process_are_those_of_one(tiny, tiny_run, tmp_
 
     def run(name, workers):
         try:
-            run_study(tiny(study={"conditions": ["odometry"]}), tmp_path / name, workers=workers)
+            run_study(tiny(conditions=["odometry"]), tmp_path / name, workers=workers)
         except Exception as error:  # noqa: BLE001
             errors.append(error)
 
@@ -87,8 +87,8 @@ def window_file(tmp_path):
 def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(tiny, window_file, monkeypatch):
     """The configuration is read again in the run's folder, and the ocean for the cast from its source."""
     monkeypatch.chdir(window_file)
-    cast = {"name": "cast", "range_model": "mean-slowness", "belief": {"kind": "cast"}}
-    config = tiny(study={"conditions": ["odometry"]}, ocean={"source": "0.nc"}, estimators=[cast])
+    cast = {"name": "cast", "range_model": {"kind": "mean-slowness", "belief": "cast"}}
+    config = tiny(conditions=["odometry", cast], ocean={"source": "0.nc"})
     run = run_study(config, "run", workers=1)
     assert run.estimates.condition.tolist() == ["odometry", "cast"]
     assert np.isfinite(run.estimates.position).all()
@@ -96,7 +96,7 @@ def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(tiny, w
 
 def test_input_file_that_goes_away_once_it_is_read_costs_no_work(tiny, window_file):
     file = window_file / "0.nc"
-    config = tiny(study={"conditions": ["odometry"]}, ocean={"source": str(file)})
+    config = tiny(conditions=["odometry"], ocean={"source": str(file)})
 
     def remove(stage, _done, _total):
         if stage == "realizations":
@@ -109,7 +109,7 @@ def test_input_file_that_goes_away_once_it_is_read_costs_no_work(tiny, window_fi
 def test_what_beliefs_need_of_a_varying_ocean_is_its_start(run_tiny, window_file, monkeypatch):
     """Not all of its snapshots brought to the local grid, in every worker."""
     files = {"source": [str(window_file / f"{h}.nc") for h in (0, 3, 6)], "time_varying": True}
-    run = run_tiny(study={"realizations": 1, "conditions": ["odometry"]}, ocean=files)
+    run = run_tiny(study={"realizations": 1}, conditions=["odometry"], ocean=files)
     monkeypatch.setattr(water_ocean, "to_local", lambda *_a, **_k: pytest.fail("regridded"))
     depth, shapes, sigma = Beliefs(run).modes(ModesSection(count=2))
     assert shapes.shape == (2, depth.size)

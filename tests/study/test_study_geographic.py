@@ -36,16 +36,19 @@ def test_they_are_in_the_same_places_and_in_the_resolved_file_by_north_and_east(
 
 def test_a_cast_that_is_believed_is_placed_by_lat_and_lon():
     lat, lon = map(float, FRAME.to_geodetic(1000.0, -2000.0))
-    cast = {"name": "cast", "range_model": "eigenray", "belief": {"kind": "cast", "lat": lat, "lon": lon}}
-    mean = {"name": "mean", "range_model": "eigenray", "belief": {"kind": "mean"}}
-    believed = parse_study({**copy.deepcopy(TINY), "estimators": [mean, cast]}).estimators[1].belief
+    cast = {
+        "name": "cast",
+        "range_model": {"kind": "eigenray", "belief": {"kind": "cast", "lat": lat, "lon": lon}},
+    }
+    mean = {"name": "mean", "range_model": {"kind": "eigenray", "belief": "mean"}}
+    believed = parse_study({**copy.deepcopy(TINY), "conditions": [mean, cast]}).conditions[1].belief
     assert (believed.north, believed.east) == pytest.approx((1000.0, -2000.0), abs=1e-6)
-    del cast["belief"]["lon"]
+    del cast["range_model"]["belief"]["lon"]
     refused(
         StudyError,
         "the belief of cast: its place is lat and lon, or north and east; found lat$",
         parse_study,
-        {**copy.deepcopy(TINY), "estimators": [cast]},
+        {**copy.deepcopy(TINY), "conditions": [cast]},
     )
 
 

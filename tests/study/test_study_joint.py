@@ -13,15 +13,15 @@ OFFSET = 1e-3
 
 @pytest.fixture(scope="module")
 def run(run_tiny):
-    mean = {"range_model": "eigenray", "belief": {"kind": "mean"}}
+    modes = {"count": 3, "rms": 1.0, "down_to": 300.0}
     return run_tiny(
         landmarks=[],  # nobody keeps the time
-        study={"conditions": ["straight"]},
         noise={"clock_offset_sigma": OFFSET, "clock_skew_sigma": 1e-8},
-        estimators=[
-            {"name": "e0", "modes": {"count": 3, "rms": 1.0, "down_to": 300.0}} | mean,
-            {"name": "e1", "range_model": "eigenray", "belief": EXACT, "clocks": {}},
-            {"name": "e2"} | mean,
+        conditions=[
+            "straight",
+            {"name": "e0", "range_model": {"kind": "eigenray", "belief": "mean", "modes": modes}},
+            {"name": "e1", "range_model": {"kind": "eigenray", "belief": EXACT}, "clocks": {}},
+            {"name": "e2", "range_model": {"kind": "eigenray", "belief": "mean"}},
         ],
     )
 
@@ -43,7 +43,7 @@ def test_study_finds_water_and_clocks_and_keeps_the_truth_beside_them(run):
     assert mean @ offsets @ mean == pytest.approx(1.0 / n, rel=1e-3)
     apart = np.eye(n)[0] - np.eye(n)[1]
     assert apart @ offsets @ apart < 0.05 * 2.0  # of two offsets' prior
-    wrong = run.config.estimators[0].modes.model_copy(update={"count": 99})
+    wrong = run.config.conditions[1].modes.model_copy(update={"count": 99})
     with pytest.raises(OceanError, match="count is 99, but there are"):
         Beliefs(run).modes(wrong)
 

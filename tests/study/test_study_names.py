@@ -26,8 +26,15 @@ def run(run_tiny):
         for i, name in enumerate(NAMES)
     ]
     buoy = {"name": "buoy_of-the_north", "north": 4000.0, "east": 4000.0, "depth": 500.0}
-    study = {"realizations": 1, "conditions": ["odometry", "straight"]}
-    return run_tiny(study=study, mission={"duration_h": 1.0}, fleet={"vehicles": stations}, landmarks=[buoy])
+    study = {"realizations": 1}
+    conditions = ["odometry", "straight"]
+    return run_tiny(
+        study=study,
+        conditions=conditions,
+        mission={"duration_h": 1.0},
+        fleet={"vehicles": stations},
+        landmarks=[buoy],
+    )
 
 
 def test_thirty_vehicles_with_long_names_run_and_go_to_a_graph_file(run, tmp_path, capsys):

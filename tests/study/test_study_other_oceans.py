@@ -46,8 +46,8 @@ def test_a_mission_runs_in_a_uniform_ocean_from_a_cast(path, tmp_path):
     """The quick preset in water from a cast, dead reckoned: water, fleet and rays are what is tested."""
     write_netcdf(cast_ocean(read_cast(path), bottom_depth=3000.0, below="constant"), tmp_path / "ocean.nc")
     config = load_study("quick", ocean=[tmp_path / "ocean.nc"])
-    study = config.study.model_copy(update={"conditions": ("odometry",), "realizations": 1})
-    run = run_study(config.model_copy(update={"study": study}), tmp_path / "run", workers=1)
+    config = config.with_(conditions=["odometry"], **{"study.realizations": 1})
+    run = run_study(config, tmp_path / "run", workers=1)
     assert run.truth.time[-1] == 24 * 3600.0
     assert (run.truth.status == VehicleStatus.ACTIVE).all()
     assert (run.measurements.range_status == RayStatus.OK).mean() > 0.7
@@ -62,8 +62,7 @@ def test_a_ridge_that_the_waters_grid_does_not_show_blocks_links(run_tiny, tiny_
     ridge = np.exp(-(((lon + 140.0083) * 30.0) ** 2)) + 0.0 * lat[:, None]
     file = tmp_path / "gebco.nc"
     write_gebco(file, lat, lon, np.round(-3600.0 + 3400.0 * ridge))
-    study = {"conditions": ["odometry"], "realizations": 1}
-    ridged = run_tiny(study=study, ocean={"bathymetry": str(file)})
+    ridged = run_tiny(study={"realizations": 1}, conditions=["odometry"], ocean={"bathymetry": str(file)})
     assert not (tiny_run.measurements.range_status == RayStatus.BLOCKED).any()
     assert np.count_nonzero(ridged.measurements.range_status == RayStatus.BLOCKED) >= 5
     floor = ridged.ocean["sea_floor_depth"]

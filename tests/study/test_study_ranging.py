@@ -21,9 +21,11 @@ from pymantaray.water.ocean import build_currents, build_ocean
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 
 
-STUDY = {"conditions": ["odometry", "refracted"], "realizations": 1}
+ONE = {"realizations": 1}
+CONDITIONS = ["odometry", "refracted"]
 ERRING = {
-    "study": {"conditions": ["refracted"], "realizations": 4},
+    "study": {"realizations": 4},
+    "conditions": ["refracted"],
     "acoustics": {"max_surface_bounces": 1, "max_bottom_bounces": 1},
     "ranging": {"mistaken": "first-detected"},
     "detection": DETECTION | {"source_level_db": 165.0},
@@ -65,13 +67,15 @@ def two_way(run_tiny):
     """Two-way with bad clocks and a sonar that misses some pings."""
     clocks = {"clock_offset_sigma": 10.0, "clock_skew_sigma": 1e-4}
     timing = {"timing": "two-way", "turn_around_s": 2.0}
-    return run_tiny(study=STUDY, ranging=timing, noise=clocks, detection=DETECTION)
+    return run_tiny(study=ONE, conditions=CONDITIONS, ranging=timing, noise=clocks, detection=DETECTION)
 
 
 @pytest.fixture(scope="module")
 def one_way(fly_tiny):
     """One-way in moving water with clocks that are a millisecond apart."""
-    return fly_tiny(study=STUDY, noise={"clock_offset_sigma": 1e-3}, acoustics={"currents": True})[1]
+    return fly_tiny(
+        study=ONE, conditions=CONDITIONS, noise={"clock_offset_sigma": 1e-3}, acoustics={"currents": True}
+    )[1]
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,11 @@ def up(**losses):
 
 
 def estimator(**keys):
-    return {"estimators": [{"name": "one", **keys}]}
+    return {"conditions": ["straight", {"name": "one", **keys}]}
+
+
+def eigenray(belief, **options):
+    return {"kind": "eigenray", "belief": belief, **options}
 
 
 PARTS = [
@@ -44,8 +48,8 @@ PARTS = [
     (estimator(loss="gnc"), "yang2020"),
     (estimator(solver="incremental"), "dellaert2012 kaess2012"),
     (estimator(solver={"kind": "fixed-lag", "lag_h": 8.0}), "dellaert2012"),
-    (estimator(range_model="eigenray", belief={"kind": "mean"}, modes={"count": 2}), "munk1995"),
-    (estimator(range_model="eigenray", belief={"kind": "numerics", "equation": "unesco"}), "chen1977 wong1995"),
+    (estimator(range_model=eigenray("mean", modes={"count": 2})), "munk1995"),
+    (estimator(range_model=eigenray({"kind": "numerics", "equation": "unesco"})), "chen1977 wong1995"),
 ]  # fmt: skip
 
 
@@ -76,7 +80,7 @@ def test_every_reference_is_that_of_some_study(tiny, tmp_path):
 
 
 def test_a_study_of_ranges_alone_has_no_trajectory_error(tiny):
-    sections = {"study": {"name": "ranges", "conditions": []}}
+    sections = {"study": {"name": "ranges"}, "conditions": []}
     assert keys_of(citation(tiny())) - keys_of(citation(tiny(**sections))) == {"sturm2012"}
 
 
@@ -89,7 +93,7 @@ def test_data_are_cited_by_what_they_say_of_themselves(tiny, tmp_path):
     references = citation(
         tiny(
             ocean={"source": [hycom, mine], "bathymetry": bed},
-            **estimator(range_model="eigenray", belief=belief),
+            **estimator(range_model=eigenray(belief)),
         )
     )
     by = {reference.key: reference for reference in references}

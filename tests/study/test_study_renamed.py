@@ -8,7 +8,7 @@ import pytest
 from factories import TINY
 from refusals import refused
 
-from pymantaray.config.renamed import NEW_VALUES, RENAMED, new_key, with_new_names
+from pymantaray.config.renamed import LISTS, NEW_VALUES, RENAMED, new_key, with_new_names
 from pymantaray.errors import StudyError
 from pymantaray.study import load_sound, load_study, open_run, parse_study, study_toml
 from pymantaray.sweep.definition import parse_sweep
@@ -17,6 +17,7 @@ MIGRATION = Path(__file__).parents[2] / "docs" / "reference" / "migration.md"
 OLD = """
 [study]
 name = "old"
+conditions = ["odometry", "refracted"]
 
 [ocean]
 source = "synthetic:beaufort"
@@ -64,6 +65,18 @@ uncertainty_down_to = 300.0
 name = "lag"
 solver = "fixed-lag"
 lag_h = 8.0
+
+[[estimators]]
+name = "one-speed"
+range_model = "constant"
+sound_speed = 1500.0
+start = "dead-reckoning"
+
+[[estimators]]
+name = "water-too"
+range_model = "eigenray"
+belief = { kind = "mean" }
+modes = { count = 2 }
 """
 
 
@@ -81,12 +94,16 @@ def test_a_file_with_old_names_is_the_same_study_and_says_the_new_ones(old, tmp_
     assert (config.acoustics.cutoff_db, config.ranging.mistaken) == (None, "none")
     assert (config.acoustics.ice_loss_db, config.acoustics.sediment) == (3.0, "sand")
     assert config.estimator.start == "dead-reckoning"
-    assert config.estimators[0].belief.source == (str(tmp_path / "sea.nc"),)
-    assert config.estimators[0].uncertainty == (1.0, 2e4, 300.0)
-    assert config.estimators[1].solver.lag_h == 8.0
-    (message,) = caught
-    for before, after in RENAMED.items():
-        assert f"`{before}` is now `{after}`" in str(message.message)
+    assert config.conditions[2].belief.source == (str(tmp_path / "sea.nc"),)
+    assert config.conditions[2].uncertainty == (1.0, 2e4, 300.0)
+    assert config.conditions[3].solver.lag_h == 8.0
+    assert config.conditions[4].range_model.sound_speed == 1500.0
+    assert config.conditions[5].modes.count == 2
+    # estimators started at the truth, whatever conditions did
+    assert [c.start for c in config.conditions] == [None, None, "truth", "truth", "dead-reckoning", "truth"]
+    messages = " ".join(str(message.message) for message in caught)
+    for before, after in (RENAMED | LISTS).items():
+        assert f"`{before}` is now `{after}`" in messages
     (tmp_path / "new.toml").write_text(study_toml(config))
     assert load_study(tmp_path / "new.toml") == config
 
@@ -96,12 +113,14 @@ def test_bases_dotted_keys_sweeps_and_sound_take_old_names(old):
     mine.write_text(
         'base = "old.toml"\n[ocean]\ncentre_lat = 75.0\n[estimators.e]\nbelief.source = "own.nc"\n'
     )
-    with pytest.warns(FutureWarning, match="centre_lat"):
+    with pytest.warns(FutureWarning) as caught:
         config = load_study(
             mine, **{"ranging.clock_offset_sigma": "2 ms", "estimators.e.belief.path": "x.nc"}
         )
+    assert any("centre_lat" in str(message.message) for message in caught)
+    assert [c.name for c in config.conditions[:3]] == ["odometry", "refracted", "e"]
     assert (config.ocean.centre, config.noise.clock_offset_sigma) == ((75.0, -140.0), 2e-3)
-    assert config.estimators[0].belief.source == (str(Path("x.nc").resolve()),)
+    assert config.conditions[2].belief.source == (str(Path("x.nc").resolve()),)
     text = 'base = "quick"\ncross."estimator.initialise" = ["truth", "dead-reckoning"]\n'
     points = [parse_sweep(text, "s.toml", Path()).point(n).estimator.start for n in (0, 1)]
     assert points == ["truth", "dead-reckoning"]
@@ -147,7 +166,7 @@ def test_the_migration_page_lists_every_old_name_once():
     values = {
         f'{key} = "{a}"': f'{key} = "{b}"' for key, pairs in NEW_VALUES.items() for a, b in pairs.items()
     }
-    assert dict(rows) == RENAMED | values
+    assert dict(rows) == RENAMED | LISTS | values
     assert len(rows) == len(dict(rows))
 
 
@@ -159,6 +178,44 @@ def test_new_names_are_keys():
             assert "unknown key" not in str(caught.value)
 
 
+def names_of(tree):
+    return [c.name for c in parse_study({**TINY, **tree}).conditions]
+
+
+@pytest.mark.parametrize(("old", "expected"), [
+    ({"study": {"name": "s"}, "estimators": [{"name": "e"}]}, ["odometry", "straight", "refracted", "e"]),
+    ({"study": {"name": "s", "conditions": []}, "estimators": [{"name": "e"}]}, ["e"]),
+    ({"study": {"name": "s", "conditions": []}}, []),
+    ({"study": {"name": "s"}, "estimators": "none"}, ["odometry", "straight", "refracted"]),
+    ({"study": {"name": "s"}, "conditions": ["odometry", {"name": "b"}], "estimators": {"e": {}}}, ["odometry", "b", "e"]),
+    ({"study": {"name": "s"}, "conditions": ["odometry", {"name": "b"}], "estimators": [{"name": "e"}]}, ["odometry", "e"]),
+    ({"study": {"name": "s", "conditions": ["straight"]}, "conditions": ["odometry", {"name": "b"}]}, ["straight", "b"]),
+], ids=str)  # fmt: skip
+def test_the_two_old_lists_are_one(old, expected):
+    tree = {key: value for key, value in TINY.items() if key != "conditions"} | old
+    with pytest.warns(FutureWarning, match="is now `conditions`"):
+        config = parse_study(tree)
+    assert [c.name for c in config.conditions] == expected
+    assert parse_study(config.model_dump(exclude_none=True)) == config
+
+
+def test_a_list_of_conditions_replaces_the_standard_one_and_tables_change_it():
+    assert names_of({"conditions": ["odometry", {"name": "e"}]}) == ["odometry", "e"]
+    tables = {"e": {"range_sigma": 5.0}, "straight": "none", "odometry": {"start": "dead-reckoning"}}
+    config = parse_study({**TINY, "conditions": tables})
+    assert [c.name for c in config.conditions] == ["odometry", "refracted", "e"]
+    assert config.conditions[0].start == "dead-reckoning"
+    assert names_of({"conditions": "none"}) == []
+
+
+@pytest.mark.parametrize("odd", [3, "odd", [3], {"e": 3}])
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+def test_odd_values_of_old_lists_are_refused(odd):
+    for tree in ({"estimators": odd}, {"study": {"name": "s", "conditions": odd}}, {"conditions": odd}):
+        with pytest.raises(StudyError):
+            parse_study({**TINY, **tree})
+
+
 def test_old_text_has_every_old_name():
-    for old in RENAMED:
+    for old in RENAMED | LISTS:
         assert old.rpartition(".")[2] in OLD

@@ -4,7 +4,6 @@ import datetime as dt
 import hashlib
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,19 +11,27 @@ import xarray as xr
 from factories import assert_same, names_in
 from refusals import refused
 
-from pymantaray.config.sections import Condition
+from pymantaray.config.estimators import STANDARD, ConditionSection
 from pymantaray.errors import FleetError, JobError, StudyError
 from pymantaray.estimation import CONDITIONS, GraphSolver, SolveOptions, build_graph, dead_reckon, read_pyfg
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 from pymantaray.study import open_run, run_study, runner
+from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.manifest import checksums, describe_run
 from pymantaray.study.store import summarize
 
-DEAD_RECKONING = {"conditions": ["odometry"], "realizations": 1}
+DEAD_RECKONING = {"study": {"realizations": 1}, "conditions": ["odometry"]}
 
 
-def test_the_configurations_conditions_are_the_estimators():
-    assert set(get_args(Condition)) == set(CONDITIONS)
+def test_the_standard_conditions_are_those_of_the_estimation(tiny_run):
+    """Written down twice, because the configuration is read before what estimates is imported."""
+    assert set(STANDARD) == set(CONDITIONS)
+    factory, truth = EstimatorFactory(tiny_run), tiny_run.truth
+    for name, expected in CONDITIONS.items():
+        made = factory.estimator(ConditionSection(name=name), 0)
+        assert made.initial[0] is truth.position
+        made = replace(made, initial=None, model_is_right=made.model_is_right and not made.dead_reckoned)
+        assert made == expected or vars(made) == vars(expected)
 
 
 def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
@@ -95,8 +102,8 @@ def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
 
 
 def test_dead_reckoned_start_reaches_the_same_optimum(run_tiny, tiny_run):
-    study = {"realizations": 1, "conditions": ["refracted"]}
-    other = run_tiny(estimator={"start": "dead-reckoning"}, study=study).estimates
+    sections = {"study": {"realizations": 1}, "conditions": ["refracted"]}
+    other = run_tiny(estimator={"start": "dead-reckoning"}, **sections).estimates
     np.testing.assert_allclose(other.position[0, 0], tiny_run.estimates.position[3, 0], rtol=0, atol=1e-3)
 
 
@@ -113,7 +120,7 @@ def test_few_steps_lead_a_study_to_its_optimum(tiny_run, ranges):
 def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(tiny, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seen = []
-    run = run_study(tiny(study=DEAD_RECKONING), workers=1, progress=lambda *step: seen.append(step))
+    run = run_study(tiny(**DEAD_RECKONING), workers=1, progress=lambda *step: seen.append(step))
     assert run.path.parent == tmp_path / "runs"
     assert run.path.name.startswith("tiny-2")
     assert open_run("runs/latest").path == run.path
@@ -125,8 +132,8 @@ def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage
 
 def test_vehicle_that_leaves_stops_and_the_study_goes_on(run_tiny):
     away = {"twist": [0, 0, 0, 3.0, 0, 0], "heading_deg": 90.0}
-    study = {"conditions": ["odometry", "straight"], "realizations": 1}
-    run = run_tiny(study=study, fleet={"vehicles": {"3": away}})
+    sections = {"study": {"realizations": 1}, "conditions": ["odometry", "straight"]}
+    run = run_tiny(**sections, fleet={"vehicles": {"3": away}})
     outcome = run.manifest["outcome"]
     assert outcome["stopped_vehicles"]["D"]["status"] == "LEFT_DOMAIN"
     stop = outcome["stopped_vehicles"]["D"]["time_s"]
@@ -194,7 +201,7 @@ def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path,
 
     monkeypatch.setattr(runner, "ProcessPool", Recorded)
     monkeypatch.setattr(runner, "describe_run", describe)
-    run_study(tiny(study={"conditions": ["odometry"]}), tmp_path / "run", workers=2)
+    run_study(tiny(conditions=["odometry"]), tmp_path / "run", workers=2)
     assert steps == ["ended", "described"]
 
 
@@ -218,7 +225,7 @@ def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
 def test_files_may_go_while_realizations_are_solved(tiny, fly_tiny, tmp_path):
     bed = tmp_path / "bed.nc"
     xr.Dataset(attrs={"title": "GEBCO grid"}).to_netcdf(bed)
-    config = tiny(study=DEAD_RECKONING, ocean={"bathymetry": str(bed)})
+    config = tiny(**DEAD_RECKONING, ocean={"bathymetry": str(bed)})
 
     def remove(stage, *_):
         if stage == "realizations":

@@ -1,13 +1,11 @@
 """The preset `survey`: a driven fleet, every condition and every estimator on it."""
 
 import tomllib
-from typing import get_args
 
 import numpy as np
 import pytest
 
-from pymantaray.config.estimators import RangeEstimatorSection
-from pymantaray.config.sections import Condition
+from pymantaray.estimation import CONDITIONS
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 from pymantaray.study import load_study, parse_study, preset_text, run_study
@@ -15,18 +13,18 @@ from pymantaray.study.mission import simulate_fleet
 from pymantaray.water.ocean import mission_ocean
 
 
-def short_survey(*, estimators=(), **study):
+def short_survey(conditions):
     """Two hours of the preset with a ping every half an hour: all AUVs turn at least once."""
     tree = tomllib.loads(preset_text("survey"))
-    tree |= {"estimators": list(estimators)} if estimators else {}
-    tree["study"] |= {"realizations": 1} | study
+    tree["conditions"] = conditions
+    tree["study"] |= {"realizations": 1}
     tree["mission"] |= {"duration_h": 2.0, "ping_interval_h": 0.5, "physics_step_s": 0.5}
     return parse_study(tree, "survey")
 
 
 @pytest.fixture(scope="module")
 def survey_run(tmp_path_factory):
-    config = short_survey(conditions=list(get_args(Condition)))
+    config = short_survey(list(CONDITIONS))
     return run_study(config, tmp_path_factory.mktemp("survey") / "run", workers=1)
 
 
@@ -57,7 +55,7 @@ def test_survey_mows_its_lawn(survey_run):
 
 def test_every_condition_solves_the_survey(survey_run):
     e, truth = survey_run.estimates, survey_run.truth
-    assert list(e.condition) == list(get_args(Condition))
+    assert list(e.condition) == list(CONDITIONS)
     assert (e.solve_status == SolveStatus.OK).all()
     error = np.linalg.norm(e.position - truth.position, axis=-1)[:, 0, 1:].mean(axis=(1, 2))
     by = dict(zip(e.condition, error, strict=True))
@@ -75,27 +73,27 @@ def test_the_whole_survey_runs_healthy(tmp_path):
 
 def every_estimator():
     """Every range model, belief, variance, loss, solver and start, as sections of a configuration."""
-    exact = {"range_model": "eigenray", "belief": {"kind": "exact"}}
+    exact = {"range_model": {"kind": "eigenray", "belief": "exact"}}
     errors = {"kind": "perturbed", "rms": 2.0, "horizontal_scale": 5e4, "down_to": 300.0}
     beliefs = {
-        "exact": exact["belief"],
-        "mean": {"kind": "mean"},
-        "cast": {"kind": "cast"},
+        "exact": "exact",
+        "mean": "mean",
+        "cast": "cast",
         "other-day": {"kind": "other-day", "days_earlier": 5.0},
         "perturbed": errors,
     }
     losses = ("none", "huber", "cauchy", "geman-mcclure", "gnc")
     sections = {
-        "constant": {"range_model": "constant", "sound_speed": 1500.0},
-        "mean-slowness": {"range_model": "mean-slowness", "belief": beliefs["mean"]},
+        "constant": {"range_model": {"kind": "constant", "sound_speed": 1500.0}},
+        "mean-slowness": {"range_model": {"kind": "mean-slowness", "belief": "mean"}},
         "reckoned": exact | {"start": "dead-reckoning"},
         "transmitter-incremental": {"range_model": "transmitter", "solver": "incremental"},
-        "mean-modes": {"range_model": "eigenray", "belief": beliefs["mean"], "modes": {"count": 4}},
+        "mean-modes": {"range_model": {"kind": "eigenray", "belief": "mean", "modes": {"count": 4}}},
         "clocks": exact | {"clocks": {}},
         "fixed-lag": {"ranges": "straight", "solver": {"kind": "fixed-lag", "lag_h": 1.0}},
     }
     for kind, belief in beliefs.items():
-        sections[f"belief-{kind}"] = {"range_model": "eigenray", "belief": belief}
+        sections[f"belief-{kind}"] = {"range_model": {"kind": "eigenray", "belief": belief}}
     for variance in ("per-link", "correlated"):
         sections[f"variance-{variance}"] = sections["belief-perturbed"] | {"variance": variance}
     for loss in losses:
@@ -110,17 +108,19 @@ def every_estimator():
 @pytest.mark.slow
 def test_every_estimator_solves_the_survey(tmp_path):
     estimators = every_estimator()
-    for field in ("range_model", "loss", "start", "ranges"):
-        kinds = get_args(RangeEstimatorSection.model_fields[field].annotation)
-        default = RangeEstimatorSection.model_fields[field].default
-        assert {e.get(field, default) for e in estimators} == set(kinds)
+    config = short_survey(["odometry", "no-ranges", "straight", "refracted", *estimators])
     for field, kinds in (
-        ("variance", {"fixed", "per-link", "correlated"}),
-        ("solver", {"batch", "incremental", "fixed-lag"}),
+        ("loss", {"none", "huber", "cauchy", "geman-mcclure", "gnc"}),
+        ("start", {None, "dead-reckoning"}),
+        ("ranges", {"none", "straight", "refracted"}),
     ):
-        config = short_survey(estimators=estimators)
-        assert {getattr(e, field).kind for e in config.estimators} == kinds
-    config = short_survey(conditions=["no-ranges", "straight", "refracted"], estimators=estimators)
+        assert {getattr(c, field) for c in config.conditions} == kinds
+    for field, kinds in (
+        ("range_model", {"transmitter", "constant", "mean-slowness", "eigenray"}),
+        ("variance", {"fixed", "per-link", "correlated"}),
+        ("solver", {"batch", "incremental", "fixed-lag", "dead-reckoning"}),
+    ):
+        assert {getattr(c, field).kind for c in config.conditions} == kinds
     run = run_study(config, tmp_path / "run", workers=1)
     e = run.estimates
     assert run.manifest["outcome"]["unhealthy_solves"] == []
@@ -146,7 +146,7 @@ def test_every_estimator_solves_the_survey(tmp_path):
 
 def test_the_current_carries_vehicles_and_buoys_of_a_study_that_says_so(survey_run):
     """Over ground they move as they do through the water and with the current, which here hardly varies."""
-    tree = short_survey(conditions=["straight"]).model_dump(exclude_none=True)
+    tree = short_survey(["straight"]).model_dump(exclude_none=True)
     for vehicle in tree["fleet"]["vehicles"]:
         vehicle |= {"current": True} if vehicle["kind"] == "waypoints" else {}
     tree["fleet"]["vehicles"] += (

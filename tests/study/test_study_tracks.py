@@ -155,7 +155,7 @@ def test_a_list_of_pings_is_that_and_both_ways_at_one_time_are_one_link(table, t
     assert run.ranging_truth.travel_time[0] == run.ranging_truth.travel_time[1]
     (tmp_path / "pings.csv").write_text("time,transmitter,receivers\n10,A,B\n10,B,A\n500.5,M,A L\n9999,A,\n")
     tree = {**TINY, "ocean": OCEAN, "fleet": {"trajectories": [str(table)]}, "landmarks": [mark]}
-    tree["study"] = {"name": "pings", "conditions": []}
+    tree |= {"study": {"name": "pings"}, "conditions": []}
     tree["mission"] = {"schedule": {"kind": "pings", "file": "pings.csv"}}
     written = run_study(parse_study(tree, folder=tmp_path), tmp_path / "run")
     same_ranges(run, written)
@@ -185,7 +185,8 @@ def test_estimators_run_on_the_pings_of_landmarks_alone(table, tmp_path):
         for k, (north, east) in enumerate([(4e3, 0.0), (-2e3, 3e3), (0.0, -4e3)])
     ]
     tree = {**TINY, "ocean": OCEAN, "fleet": {"trajectories": [str(table)]}, "landmarks": marks}
-    tree["study"] = {**TINY["study"], "conditions": ["odometry", "straight", "refracted"], "realizations": 2}
+    tree["study"] = {**TINY["study"], "realizations": 2}
+    tree["conditions"] = ["odometry", "straight", "refracted"]
     tree["mission"] = {"schedule": {"kind": "slots", "slots": ["L0", "L1", "L2"], "slot_s": 100.0}}
     run = run_study(parse_study(tree), tmp_path / "run")
     assert (run.measurements.range_transmitter >= 3).all()
@@ -210,7 +211,7 @@ def test_every_schedule_gives_a_pair_the_travel_time_that_it_has_at_that_time(ta
 
 
 def test_simulated_vehicles_may_ping_between_samples(study_run):
-    tree = {**TINY, "study": {"name": "slots", "conditions": []}}
+    tree = {**TINY, "study": {"name": "slots"}, "conditions": []}
     tree["mission"] = {**TINY["mission"], "duration_h": 1.0,
                        "schedule": {"kind": "slots", "slots": ["A", "B"], "slot_s": 310.0}}  # fmt: skip
     from pymantaray.study.manifest import Stopwatch
@@ -349,7 +350,7 @@ def test_presets_are_fleets_of_vehicles_as_before():
 
 @pytest.mark.parametrize("where", ["slots", "pings", "trajectories"])
 def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table, tmp_path):
-    tree = {**TINY, "ocean": OCEAN, "study": {"name": "names", "conditions": []}}
+    tree = {**TINY, "ocean": OCEAN, "study": {"name": "names"}, "conditions": []}
     tree["mission"] = {**TINY["mission"], "schedule": {"kind": "slots", "slots": ["A", "Z"], "slot_s": 60.0}}
     if where == "pings":
         (tmp_path / "pings.csv").write_text("time,transmitter,receivers\n60,A,Z\n")
@@ -372,7 +373,7 @@ def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table,
 @pytest.fixture(scope="module")
 def elsewhere(tmp_path_factory):
     """A run whose frame's centre is 60 km from the middle of its ocean."""
-    tree = {**TINY, "study": {"name": "elsewhere", "conditions": ["straight"], "realizations": 1}}
+    tree = {**TINY, "study": {"name": "elsewhere", "realizations": 1}, "conditions": ["straight"]}
     tree["ocean"] = {**OCEAN, "centre_lat": 74.1, "centre_lon": -141.5}
     return run_study(parse_study(tree), tmp_path_factory.mktemp("elsewhere") / "run", workers=1)
 
@@ -437,7 +438,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
 
 
 def test_a_run_of_local_positions_says_in_its_manifest_where_they_were_placed(table, tmp_path):
-    tree = {"study": {"name": "r", "conditions": []}, "ocean": {"source": "synthetic:beaufort"}}
+    tree = {"study": {"name": "r"}, "conditions": [], "ocean": {"source": "synthetic:beaufort"}}
     tree |= {"fleet": {"trajectories": str(table)}, "mission": {"ping_interval_h": 1.0}}
     config = parse_study(tree)
     assert "own vehicles, as long as their trajectories, 25" in repr(config)

@@ -30,7 +30,8 @@ WINDOW = (74.2, 74.8, -141.2, -138.8)
 HOUR = 3600.0
 
 
-STUDY = {"conditions": ["odometry", "refracted"], "realizations": 1}
+ONE = {"realizations": 1}
+CONDITIONS = ["odometry", "refracted"]
 
 
 def local(speed, current=0.0, depth=(0.0, 50.0, 400.0)):
@@ -112,7 +113,7 @@ def test_equal_snapshots_are_the_study_in_still_water(run_tiny, tmp_path):
     """Files of the same water at 12, 15 and 18 h: truth, rays and measurements to the last digit."""
     files = written(tmp_path, hours(0, 3, 6))
     still, varying = (
-        run_tiny(study=STUDY, acoustics={"currents": True}, ocean=ocean)
+        run_tiny(study=ONE, conditions=CONDITIONS, acoustics={"currents": True}, ocean=ocean)
         for ocean in ({"source": files[:1]}, {"source": files, "time_varying": True})
     )
     for name in ("truth", "links", "arrivals", "measurements", "estimates"):
@@ -216,13 +217,15 @@ def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(run_tiny
         "frozen": {"kind": "exact"},
         "same-day": {"kind": "other-day", "days_earlier": 0.0, "time_varying": True},
     }
-    estimators = [{"name": n, "range_model": "eigenray", "belief": b} for n, b in beliefs.items()]
-    run = run_tiny(study=STUDY, ocean=MOVING, acoustics={"currents": True}, estimators=estimators)
+    estimators = [{"name": n, "range_model": {"kind": "eigenray", "belief": b}} for n, b in beliefs.items()]
+    run = run_tiny(
+        study=ONE, conditions=[*CONDITIONS, *estimators], ocean=MOVING, acoustics={"currents": True}
+    )
     factory = EstimatorFactory(run)
     o, off = run.measurements, {}
-    for section in run.config.estimators:
+    for section in run.config.conditions[2:]:
         estimator = replace(factory.estimator(section, 0), initial=(run.truth.position, run.truth.quaternion))
-        found = solve_conditions(o, [], estimators={"e": estimator})["e"]
+        found = solve_conditions(o, {"e": estimator})["e"]
         assert found.usable
         off[section.name] = np.abs(found.position - run.truth.position).max()
     assert off["varying"] < 1e-4
@@ -253,9 +256,7 @@ def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path
         with xr.open_dataset(file) as ocean, xr.set_options(keep_attrs=True):
             warmer = ocean.load().assign(water_temp=ocean["water_temp"] + degrees)
         write_netcdf(warmer, Path(file))
-    run = run_tiny(
-        study={"conditions": ["straight"], "realizations": 1}, ocean={"source": files, "time_varying": True}
-    )
+    run = run_tiny(study=ONE, conditions=["straight"], ocean={"source": files, "time_varying": True})
     assert check_page_rays(run) > 3
     Path(files[1]).unlink()
     assert json.loads(mission_rays(Results(open_run(run.path)))) == []
@@ -263,5 +264,5 @@ def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path
 
 def test_rays_on_the_page_run_through_the_internal_tide_of_their_ping(run_tiny):
     tide = {"amplitude": 30.0, "period_h": 5.0, "wavelength": 20e3}
-    run = run_tiny(study={"conditions": ["straight"], "realizations": 1}, ocean={"internal_tide": tide})
+    run = run_tiny(study=ONE, conditions=["straight"], ocean={"internal_tide": tide})
     assert check_page_rays(run) > 3

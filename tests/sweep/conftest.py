@@ -35,7 +35,8 @@ def here(monkeypatch):
 def small():
     """TINY for an hour, with two vehicles, one landmark and one realization."""
     tree = copy.deepcopy(TINY)
-    tree["study"] |= {"realizations": 1, "conditions": ["odometry", "straight"]}
+    tree["study"] |= {"realizations": 1}
+    tree["conditions"] = ["odometry", "straight"]
     tree["mission"] |= {"duration_h": 1.0, "ping_interval_h": 0.5}
     tree["fleet"]["vehicles"], tree["landmarks"] = tree["fleet"]["vehicles"][:2], tree["landmarks"][:1]
     return parse_study(tree)

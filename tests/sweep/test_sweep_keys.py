@@ -38,7 +38,6 @@ def leaves(tree, before=""):
 OTHER = {  # another allowed value of each field; numbers not listed are doubled
     "study.name": "other",
     "study.description": "other",
-    "study.conditions": ["odometry"],
     "study.realizations": 3,
     "ocean.source": ["synthetic:fram"],
     "ocean.time": "2014-07-16T12:00:00",
@@ -59,7 +58,7 @@ OTHER = {  # another allowed value of each field; numbers not listed are doubled
     "ranging.below_strongest_db": 6.0,
     "detection": MODEM,
     "estimator.start": "dead-reckoning",
-    "estimators": [{"name": "e", "range_model": "travel-time", "ranges": "refracted"}],
+    "conditions": [{"name": "e", "range_model": "constant", "ranges": "refracted"}],
     "landmarks": [{"name": "L9", "north": 1.0, "east": 2.0, "depth": 3.0}],
     "fleet.vehicles": TINY["fleet"]["vehicles"][:1],
     "fleet.floats": {"vertical_speed": 0.25},
@@ -132,7 +131,8 @@ def stages_of(config):
 
 def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
     tree = config.model_dump(exclude_none=True)
-    tree["study"] = {"name": "other", "seed": 7, "realizations": 5, "conditions": ["odometry"]}
+    tree["study"] = {"name": "other", "seed": 7, "realizations": 5}
+    tree["conditions"] = ["odometry"]
     tree["noise"] = {name: 3.0 * value for name, value in tree["noise"].items()}
     tree["estimator"] = {"start": "dead-reckoning", "covariance_interval_h": 1.0}
     tree["mission"] |= {"gnss_depth": 50.0}

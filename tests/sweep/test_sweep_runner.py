@@ -56,11 +56,12 @@ def digits(results):
 def test_a_point_is_the_study_to_the_last_digit(here, small, tmp_path):
     detection = {"source_level_db": 170.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
     tree = small.model_dump(exclude_none=True) | {"detection": detection}
-    tree["study"] |= {"realizations": 2, "conditions": ["straight", "refracted"]}
+    tree["study"] |= {"realizations": 2}
     tree["ranging"] = {"mistaken": "first-detected", "timing": "two-way"}
     tree["noise"]["clock_offset_sigma"] = 1e-3
     tree["acoustics"] |= {"currents": True, "max_surface_bounces": 1}
-    tree["estimators"] = [{"name": "rays", "range_model": "eigenray", "belief": {"kind": "mean"}}]
+    rays = {"name": "rays", "range_model": {"kind": "eigenray", "belief": "mean"}}
+    tree["conditions"] = ["straight", "refracted", rays]
     config = parse_study(tree)
     results = run_sweep(Sweep(config, seeds=[1, 2]), tmp_path / "out")
     for content, seed in zip(results.contents, (1, 2), strict=True):

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from pymantaray.config.common import NAME, NAMED, PARTICIPANT, Section
+from pymantaray.config.conditions import CONDITIONS, with_conditions
 from pymantaray.config.renamed import with_new_names
 from pymantaray.errors import StudyError
 
@@ -51,6 +52,8 @@ def parse(model: type[Model], tree: dict[str, Any], label: str, folder: Path | N
     """Check nested dictionaries by a model; input files are relative to the folder, by default the working folder."""
     if issubclass(model, Section) and model.in_toml:
         tree = with_new_names(tree, label)
+        if CONDITIONS in model.model_fields:
+            tree = with_conditions(tree, label)
     try:
         return model.model_validate(tree, context={"folder": folder or Path()})
     except ValidationError as error:

@@ -1,7 +1,8 @@
-"""Sections of a configuration about estimators and what they believe of the ocean."""
+"""Sections of a configuration about conditions: estimators, and the oceans that they assume."""
 
+from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -21,6 +22,14 @@ from pymantaray.config.common import (
     Section,
     own_files,
 )
+
+
+def _kind_alone(value: object) -> object:
+    return {"kind": value} if isinstance(value, str) else value
+
+
+KindAlone = BeforeValidator(_kind_alone)
+"""A table with its ``kind``, or the kind alone."""
 
 
 class ExactBelief(Section):
@@ -179,6 +188,7 @@ AnyBelief = Annotated[
     | OtherDayBelief
     | FileBelief,
     Field(discriminator="kind"),
+    KindAlone,
 ]
 
 
@@ -223,14 +233,72 @@ class ClocksSection(Section):
         )
 
 
-RangeModelName = Literal["constant", "transmitter", "mean-slowness", "eigenray"]
-RANGE_MODELS: dict[RangeModelName, tuple[str, ...]] = {
-    "constant": ("sound_speed", "belief"),
-    "transmitter": (),
-    "mean-slowness": ("belief",),
-    "eigenray": ("belief",),
-}
-"""What each range model has to be told, one of these; how it is made is in the module of its name in `range_models`."""
+class TransmitterRangeModel(Section):
+    """Distance over the sound speed measured at the transmitter."""
+
+    kind: Literal["transmitter"]
+    """The sound speed measured at the transmitter."""
+
+
+class ConstantRangeModel(Section):
+    """Distance over one sound speed: ``sound_speed``, or the mean of the assumed ocean down to the deepest vehicle."""
+
+    kind: Literal["constant"]
+    """One sound speed."""
+    sound_speed: MetresPerSecond[PositiveFloat] | None = None
+    """The sound speed; or ``belief``. [m/s]"""
+    belief: AnyBelief | None = None
+    """The assumed ocean; or ``sound_speed``. By its ``kind``; text is the kind alone."""
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.sound_speed is None) == (self.belief is None):
+            both = "" if self.belief is None else ", not both"
+            raise ValueError(f"range model constant needs sound_speed or belief{both}")
+        return self
+
+
+class MeanSlownessRangeModel(Section):
+    """Mean slowness over the chord, in the mean profile of the assumed ocean."""
+
+    kind: Literal["mean-slowness"]
+    """The mean slowness over the chord."""
+    belief: AnyBelief
+    """The assumed ocean, by its ``kind``; text is the kind alone."""
+
+
+class EigenrayRangeModel(Section):
+    """Travel time of the earliest direct eigenray in the assumed ocean."""
+
+    kind: Literal["eigenray"]
+    """Rays through the assumed ocean."""
+    belief: AnyBelief
+    """The assumed ocean, by its ``kind``; text is the kind alone."""
+    modes: ModesSection | None = None
+    """Sound-speed modes that are estimated with the poses."""
+
+    @model_validator(mode="after")
+    def _modes_of_one_water(self) -> Self:
+        if self.modes is not None and varies(self.belief):
+            raise ValueError("modes are not estimated of a belief that varies in time; leave one of both out")
+        return self
+
+
+AnyRangeModel = Annotated[
+    TransmitterRangeModel | ConstantRangeModel | MeanSlownessRangeModel | EigenrayRangeModel,
+    Field(discriminator="kind"),
+    KindAlone,
+]
+
+
+def follows_ocean(belief: AnyBelief | None) -> bool:
+    """True if an assumed ocean varies as the study's does."""
+    return isinstance(belief, ExactBelief | OtherDayBelief) and belief.time_varying
+
+
+def varies(belief: AnyBelief | None) -> bool:
+    """True if an assumed ocean varies in time."""
+    return follows_ocean(belief) or isinstance(belief, InternalTideBelief)
 
 
 class FixedVariance(Section):
@@ -284,87 +352,148 @@ class FixedLagSolver(Section):
     """How long a pose is kept. [h]"""
 
 
-def _kind_alone(value: object) -> object:
-    return {"kind": value} if isinstance(value, str) else value
+class DeadReckoning(Section):
+    """Odometry, attitude and depth alone; no graph is solved."""
+
+    kind: Literal["dead-reckoning"]
+    """No graph is solved; without ranges only."""
 
 
-AnyVariance = Annotated[
-    FixedVariance | RayVariance, Field(discriminator="kind"), BeforeValidator(_kind_alone)
-]
+AnyVariance = Annotated[FixedVariance | RayVariance, Field(discriminator="kind"), KindAlone]
 AnySolver = Annotated[
-    BatchSolver | IncrementalSolver | FixedLagSolver,
-    Field(discriminator="kind"),
-    BeforeValidator(_kind_alone),
+    BatchSolver | IncrementalSolver | FixedLagSolver | DeadReckoning, Field(discriminator="kind"), KindAlone
 ]
-"""A table with its ``kind``, or the kind alone."""
+STANDARD: dict[str, dict[str, str]] = {
+    "odometry": {"ranges": "none", "solver": "dead-reckoning"},
+    "no-ranges": {"ranges": "none"},
+    "straight": {"ranges": "straight"},
+    "refracted": {"ranges": "refracted"},
+    "straight-all": {"ranges": "straight", "links": "all"},
+}
+"""Keys of the conditions whose name alone says what they are."""
+Start = Literal["truth", "dead-reckoning"]
 
 
-class RangeEstimatorSection(Section):
+class ConditionSection(Section):
     """
-    One estimator: one more condition of the study, on the same noise.
+    One condition of a study: which ranges are used, and how the trajectories are estimated from them.
 
-    Models of range that need an ocean take a ``belief``; ``constant`` takes a ``sound_speed``, or the mean slowness of a belief
-    down to the deepest vehicle.
+    All conditions see the same noise. These names need no other keys: ``odometry`` (dead reckoning), ``no-ranges`` (all
+    sensors but ranges), ``straight`` (straight ranges over the links that refracted ranges have), ``refracted`` (refracted
+    ranges, interpreted by the sound speed at the transmitter) and ``straight-all`` (straight ranges over all links).
     """
 
     name: str = Field(pattern=NAME)
-    """Name of the condition; letters, digits, dot, _ and -."""
-    ranges: Literal["refracted", "straight"] = "refracted"
-    """What is measured: refracted ranges, or straight ones."""
+    """Unique; letters, digits, dot, _ and -."""
+    ranges: Literal["none", "straight", "refracted"] = "refracted"
+    """Ranges that are used."""
     links: Literal["refracted", "all"] = "refracted"
-    """Links whose ranges are taken: those that refracted ranges have, or all."""
-    range_model: RangeModelName = "transmitter"
-    """What the estimator expects of a travel time: one speed, that at the transmitter, the mean of a profile, or rays through an ocean."""
-    sound_speed: MetresPerSecond[PositiveFloat] | None = None
-    """The one speed of the range model ``constant``. [m/s]"""
-    belief: AnyBelief | None = None
-    """The ocean that is believed in; for range models that need one."""
+    """Links whose ranges are used: those that refracted ranges have, or all."""
+    range_model: AnyRangeModel = TransmitterRangeModel(kind="transmitter")
+    """How travel times are predicted, by its ``kind``; text is the kind alone."""
     variance: AnyVariance = FixedVariance(kind="fixed")
     """Variance of a range, by its ``kind``; text is the kind alone."""
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
-    """Robust loss of ranges; least squares without."""
+    """Robust loss of ranges; ``"none"`` is least squares."""
     solver: AnySolver = BatchSolver(kind="batch")
-    """How the estimate is found, by its ``kind``; text is the kind alone."""
-    start: Literal["truth", "dead-reckoning"] = "truth"
-    """Where the optimizer starts from."""
-    modes: ModesSection | None = None
-    """Water that is estimated too."""
+    """How the estimate is computed, by its ``kind``; text is the kind alone."""
+    start: Start | None = None
+    """Where the optimizer starts; ``estimator.start`` unless given."""
     clocks: ClocksSection | None = None
-    """Clocks that are estimated too."""
+    """Clocks that are estimated with the poses."""
     range_sigma: Metres[PositiveFloat] | Literal["fitted"] | None = None
-    """Standard deviation believed of ranges in place of the study's; ``"fitted"``: that at which the cost is what is expected of it. [m]"""
+    """Assumed standard deviation of ranges in place of the study's; ``"fitted"``: the one at which the cost equals its expected value. [m]"""
     directions: Literal["each", "mean"] = "each"
-    """Whether each range of a pair is taken as it is, or both as their mean."""
+    """Whether each range of a pair is used, or the mean of both for both."""
     scale_sigma: PositiveFloat | None = None
-    """A factor on all travel times is estimated, which differs so much from 1 beforehand. [-]"""
+    """Prior standard deviation of a factor on all travel times, which is then estimated. [-]"""
     bias_sigma: Metres[PositiveFloat] | None = None
-    """A bias of each ordered pair is estimated, so large beforehand. [m]"""
+    """Prior standard deviation of a bias of each ordered pair, which is then estimated. [m]"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_name(cls, tree: Any) -> Any:
+        """Add the keys of a standard condition; text is the name alone."""
+        tree = {"name": tree} if isinstance(tree, str) else tree
+        if not isinstance(tree, Mapping) or not isinstance(tree.get("name"), str):
+            return tree
+        return {**STANDARD.get(tree["name"], {}), **tree}
+
+    @model_validator(mode="after")
+    def _standard_means_standard(self) -> Self:
+        if not self.standard:
+            return self
+        keys = STANDARD[self.name]
+        for key, field in type(self).model_fields.items():
+            value = getattr(self, key)
+            expected = keys.get(key, field.default)
+            if key not in {"name", "start"} and getattr(value, "kind", value) != getattr(
+                expected, "kind", expected
+            ):
+                raise ValueError(
+                    f"{key} is given, but `{self.name}` is a standard condition, which takes start alone; give the"
+                    " condition a name of its own"
+                )
+        self.model_fields_set.difference_update(keys)  # the name stands for them
+        return self
+
+    @property
+    def standard(self) -> bool:
+        """True if the name alone says what the condition is."""
+        return self.name in STANDARD
+
+    @property
+    def standard_equivalent(self) -> str:
+        """The standard condition with the same kind of measurements."""
+        if self.standard:
+            return self.name
+        if self.ranges == "none":
+            return "odometry" if self.solver.kind == "dead-reckoning" else "no-ranges"
+        return "straight-all" if self.links == "all" else "straight"
+
+    @property
+    def belief(self) -> AnyBelief | None:
+        """The ocean that the range model assumes."""
+        return getattr(self.range_model, "belief", None)
+
+    @property
+    def modes(self) -> ModesSection | None:
+        """Sound-speed modes that are estimated with the poses."""
+        return getattr(self.range_model, "modes", None)
 
     @model_validator(mode="after")
     def _ranges_fit(self) -> Self:
         if self.ranges == "refracted" and self.links == "all":
             raise ValueError('refracted ranges over all links: a dropout has none; use links = "refracted"')
-        if self.ranges == "straight" and self.range_model != "transmitter":
+        if self.ranges != "refracted" and self.range_model.kind != "transmitter":
             raise ValueError(
-                f"range_model is {self.range_model}, but a straight range knows nothing of the water; leave it out"
-                ' or set ranges = "refracted"'
+                f"range_model is {self.range_model.kind}, but ranges is {self.ranges}, which needs no travel times;"
+                ' leave it out or set ranges = "refracted"'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _model_has_what_it_needs(self) -> Self:
-        model, needed = self.range_model, RANGE_MODELS[self.range_model]
-        told = [key for key in ("sound_speed", "belief") if getattr(self, key) is not None]
-        for key in told:
-            if key not in needed:
-                raise ValueError(f"{key} is given, but range_model {model} does not use it; leave it out")
-        if needed and len(told) != 1:
-            raise ValueError(f"range_model {model} needs {' or '.join(needed)}{', not both' if told else ''}")
+        if self.solver.kind == "dead-reckoning" and self.ranges != "none":
+            raise ValueError(
+                f'solver "dead-reckoning" uses no ranges, but ranges is {self.ranges}; set ranges = "none"'
+            )
+        if self.ranges == "none":
+            of_ranges = (
+                "variance",
+                "loss",
+                "clocks",
+                "range_sigma",
+                "directions",
+                "scale_sigma",
+                "bias_sigma",
+            )
+            for key in of_ranges:
+                if getattr(self, key) != type(self).model_fields[key].default:
+                    raise ValueError(f'{key} is given, but ranges is "none"; leave one of both out')
         return self
 
     @model_validator(mode="after")
     def _ranges_are_taken_as_asked(self) -> Self:
-        if self.directions == "mean" and (self.range_model != "transmitter" or self.ranges != "refracted"):
+        if self.directions == "mean" and (
+            self.range_model.kind != "transmitter" or self.ranges != "refracted"
+        ):
             raise ValueError(
                 'directions "mean" is for refracted ranges that differ by the speed at their transmitter; set range_model'
                 ' = "transmitter"'
@@ -388,8 +517,6 @@ class RangeEstimatorSection(Section):
 
     @model_validator(mode="after")
     def _unknowns_fit(self) -> Self:
-        if self.modes is not None and self.range_model != "eigenray":
-            raise ValueError(f"modes are estimated along eigenrays; range_model is {self.range_model}")
         if self.modes is not None and self.variance.kind != "fixed":
             raise ValueError(
                 f'modes are given and variance is "{self.variance.kind}": the water\'s error would count twice; set "fixed"'
@@ -406,23 +533,11 @@ class RangeEstimatorSection(Section):
         belief = own_files(self.belief.source) if isinstance(self.belief, FileBelief) else ()
         return belief if self.modes is None else (*belief, *self.modes.casts)
 
-    @property
-    def follows_ocean(self) -> bool:
-        """Whether what is believed varies as the study's ocean does."""
-        return isinstance(self.belief, ExactBelief | OtherDayBelief) and self.belief.time_varying
-
-    @property
-    def belief_varies(self) -> bool:
-        """Whether the water that is believed varies in time."""
-        return self.follows_ocean or isinstance(self.belief, InternalTideBelief)
-
     @model_validator(mode="after")
     def _varying_rays_fit(self) -> Self:
-        if self.belief_varies and (
-            self.range_model != "eigenray" or self.variance.kind != "fixed" or self.modes is not None
-        ):
+        if varies(self.belief) and (self.range_model.kind != "eigenray" or self.variance.kind != "fixed"):
             raise ValueError(
-                'a belief that varies in time is for range_model "eigenray" with variance "fixed" and without modes'
+                'a belief that varies in time is for range_model "eigenray" with variance "fixed"'
             )
         return self
 
@@ -430,9 +545,9 @@ class RangeEstimatorSection(Section):
     def _solver_fits(self) -> Self:
         if self.loss != "none" and self.variance.kind == "correlated":
             raise ValueError(f'loss {self.loss} is of each range alone; set variance = "fixed" or "per-link"')
-        if self.solver.kind != "batch" and self.range_model not in {"constant", "transmitter"}:
+        if self.solver.kind != "batch" and self.range_model.kind not in {"constant", "transmitter"}:
             raise ValueError(
-                f'solver "{self.solver.kind}" takes ranges as distances; range_model is {self.range_model}'
+                f'solver "{self.solver.kind}" takes ranges as distances; range_model is {self.range_model.kind}'
             )
         if self.solver.kind == "incremental" and self.loss == "gnc":
             raise ValueError('solver "incremental" cannot use loss gnc, which takes all ranges at once')
@@ -442,9 +557,9 @@ class RangeEstimatorSection(Section):
 
     @model_validator(mode="after")
     def _variance_has_what_it_needs(self) -> Self:
-        if isinstance(self.variance, RayVariance) and self.range_model != "eigenray":
+        if isinstance(self.variance, RayVariance) and self.range_model.kind != "eigenray":
             raise ValueError(
-                f'variance "{self.variance.kind}" is computed along eigenrays; range_model is {self.range_model}'
+                f'variance "{self.variance.kind}" is computed along eigenrays; range_model is {self.range_model.kind}'
             )
         if isinstance(self.variance, RayVariance) and self.uncertainty is None:
             raise ValueError(

@@ -16,7 +16,7 @@ def with_local_places(tree: Any) -> Any:
     longitude and depth. What is no study is left to who checks it.
     """
     try:
-        fleet, keys = tree.get("fleet", {}), ("landmarks", "estimators")
+        fleet, keys = tree.get("fleet", {}), ("landmarks", "conditions")
         lists = {key: tree[key] for key in keys if isinstance(tree.get(key), list | tuple)}
         vehicles = fleet.get("vehicles", ())
         entries = [*vehicles, *(entry for entries in lists.values() for entry in entries)]
@@ -42,16 +42,18 @@ def with_local_places(tree: Any) -> Any:
 
 
 def _belief(entry: Any) -> dict[str, Any]:
-    """Belief of an estimator, which may be a cast with a place; nothing where there is none."""
-    belief = entry.get("belief") if isinstance(entry, dict) else None
+    """Belief of a condition, which may be a cast with a place; nothing where there is none."""
+    model = entry.get("range_model") if isinstance(entry, dict) else None
+    belief = model.get("belief") if isinstance(model, dict) else None
     return belief if isinstance(belief, dict) else {}
 
 
 def _local(entry: dict[str, Any], frame: LocalFrame) -> dict[str, Any]:
     if belief := _belief(entry):
-        name = f"the belief of {entry.get('name', 'an estimator')}"
+        name = f"the belief of {entry.get('name', 'a condition')}"
         inner = _local({"name": name, **belief}, frame)
-        return {**entry, "belief": {key: value for key, value in inner.items() if key != "name"}}
+        inner = {key: value for key, value in inner.items() if key != "name"}
+        return {**entry, "range_model": {**entry["range_model"], "belief": inner}}
     if "lat" not in entry and "lon" not in entry:
         return entry
     who, out = f"{entry.get('name', 'a vehicle')}", dict(entry)

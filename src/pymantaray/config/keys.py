@@ -146,7 +146,7 @@ def _put(node: Any, parts: Sequence[str], value: Any, key: str) -> Any:
 
 def _place(entries: Sequence[Any], parts: Sequence[str]) -> tuple[int, int] | None:
     """Number of the entry that the first parts of a key name, and how many parts that are; names may have dots."""
-    names = [entry.get("name") if isinstance(entry, Mapping) else None for entry in entries]
+    names = [entry.get("name") if isinstance(entry, Mapping) else entry for entry in entries]
     for length in range(len(parts), 0, -1):
         name = ".".join(parts[:length])
         if name in names:

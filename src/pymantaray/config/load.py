@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymantaray.config.checks import parse
 from pymantaray.config.common import NAME, located
+from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
 from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
@@ -223,7 +224,9 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
         ) from None
     tree = with_new_names(tree, name, warn=warn)
     here = str(path.resolve()) if is_file else name
-    return _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
+    tree = _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
+    whole: Tree = with_conditions(tree, name, warn=warn)
+    return whole
 
 
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:

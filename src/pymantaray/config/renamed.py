@@ -16,13 +16,19 @@ RENAMED = {
     "detection.ice_loss_db": "acoustics.ice_loss_db",
     "detection.sediment": "acoustics.sediment",
     "estimator.initialise": "estimator.start",
-    "estimators.*.lag_h": "estimators.*.solver.lag_h",
-    "estimators.*.uncertainty_rms": "estimators.*.variance.rms",
-    "estimators.*.uncertainty_horizontal_scale": "estimators.*.variance.horizontal_scale",
-    "estimators.*.uncertainty_down_to": "estimators.*.variance.down_to",
-    "estimators.*.belief.path": "estimators.*.belief.source",
+    "estimators.*.lag_h": "conditions.*.solver.lag_h",
+    "estimators.*.uncertainty_rms": "conditions.*.variance.rms",
+    "estimators.*.uncertainty_horizontal_scale": "conditions.*.variance.horizontal_scale",
+    "estimators.*.uncertainty_down_to": "conditions.*.variance.down_to",
+    "estimators.*.belief.path": "conditions.*.range_model.belief.source",
+    "estimators.*.belief": "conditions.*.range_model.belief",
+    "estimators.*.sound_speed": "conditions.*.range_model.sound_speed",
+    "estimators.*.modes": "conditions.*.range_model.modes",
 }
 """New key by the old one; a star is any entry of a list."""
+LISTS = {"study.conditions": "conditions", "estimators": "conditions"}
+"""Two lists that are one today, see `pymantaray.config.conditions`."""
+_ENTRIES = "estimators", "conditions"
 NEW_VALUES = {
     "acoustics.spreading_cutoff_db": {"off": "none"},
     "ranging.mistaken": {"off": "none"},
@@ -33,9 +39,10 @@ NEW_VALUES = {
 def new_key(key: str) -> str:
     """Name of a dotted key today."""
     for old, new in RENAMED.items():
-        if match := re.fullmatch(re.escape(old).replace(r"\*", "(.+)"), key):
-            return new.replace("*", match[1]) if match.groups() else new
-    return key
+        if match := re.fullmatch(re.escape(old).replace(r"\*", "(?P<name>.+)") + r"(?P<rest>(\..+)?)", key):
+            return new.replace("*", match.groupdict().get("name", "*")) + match["rest"]
+    before, now = _ENTRIES
+    return now + key.removeprefix(before) if key.startswith(f"{before}.") else key
 
 
 def with_new_names(tree: Any, label: str, *, warn: bool = True) -> Any:
@@ -60,7 +67,7 @@ def with_new_names(tree: Any, label: str, *, warn: bool = True) -> Any:
 
 def _moved(tree: Any, old: str, new: str, label: str, said: list[str]) -> Any:
     """Tree whose values at an old key are at the new one."""
-    before, after = old.split("."), new.split(".")
+    before, after = old.split("."), _place(old, new).split(".")
     shared = next(k for k, pair in enumerate(zip(before, after, strict=False)) if pair[0] != pair[1])
 
     def move(node: Any) -> Any:
@@ -75,6 +82,15 @@ def _moved(tree: Any, old: str, new: str, label: str, said: list[str]) -> Any:
         return _with(there, after[shared:], value)
 
     return _within(tree, before[:shared], move)
+
+
+def _place(old: str, new: str) -> str:
+    """Where a value goes by itself: its list and its table are moved as a whole."""
+    for table, moved in RENAMED.items():
+        if old.startswith(f"{table}.") and new.startswith(f"{moved}."):
+            return table + new.removeprefix(moved)
+    before, now = _ENTRIES
+    return before + new.removeprefix(now) if old.startswith(f"{before}.") else new
 
 
 def _revalued(tree: Any, key: str, values: Mapping[str, str], said: list[str]) -> Any:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
@@ -33,7 +33,8 @@ from pymantaray.config.common import (
     own_files,
     require_unique,
 )
-from pymantaray.config.estimators import InternalTideSection, RangeEstimatorSection
+from pymantaray.config.conditions import DEFAULT
+from pymantaray.config.estimators import ConditionSection, InternalTideSection, Start, follows_ocean
 from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
 from pymantaray.sensing import ClockModel
@@ -337,11 +338,8 @@ class LandmarkSection(Section):
     """Standard deviation of each axis of its survey, ``noise.landmark_sigma`` unless given; large for one that the fleet has to locate. [m]"""
 
 
-Condition = Literal["odometry", "straight", "refracted", "straight-all", "no-ranges"]
-
-
 class StudySection(Section):
-    """Name, seed and size of the Monte Carlo study; without conditions and estimators it has ranges alone."""
+    """Name, seed and size of the Monte Carlo study."""
 
     name: str = Field(pattern=NAME)
     """Letters, digits, dot, _ and -."""
@@ -351,13 +349,6 @@ class StudySection(Section):
     """Root of all random numbers. Not in the paper, record 0001."""
     realizations: int = Field(default=25, ge=1, le=10**9)
     """How many times noise is drawn."""
-    conditions: tuple[Condition, ...] = Field(default=("odometry", "straight", "refracted"), strict=False)
-    """What is estimated: dead reckoning, all sensors but ranges, or ranges that are straight (all, or only those that refracted ones have) or refracted."""
-
-    @model_validator(mode="after")
-    def _no_duplicates(self) -> Self:
-        require_unique("conditions", self.conditions)
-        return self
 
 
 def _as_texts(value: object) -> object:
@@ -558,10 +549,10 @@ class NoiseSection(_Levels):
 
 
 class EstimatorSection(Section):
-    """Where the optimizer starts from, and how often covariances are kept, the end included."""
+    """What all conditions share: where the optimizer starts, and how often covariances are kept, the end included."""
 
-    start: Literal["truth", "dead-reckoning"] = "truth"
-    """Where the optimizer starts from. Not in the paper, record 0001."""
+    start: Start = "truth"
+    """Where the optimizer starts, unless a condition has a ``start`` of its own. Not in the paper, record 0001."""
     covariance_interval_h: Hours[PositiveFloat] = 24.0
     """How often covariances of poses are kept. [h]"""
 
@@ -678,8 +669,10 @@ class StudyConfig(SoundConfig):
     """Fixed points; a table ``[[landmarks]]`` for each."""
     estimator: EstimatorSection = EstimatorSection()
     """The optimizer."""
-    estimators: tuple[RangeEstimatorSection, ...] | None = Field(default=None, strict=False)
-    """Further conditions; a table ``[[estimators]]`` for each."""
+    conditions: tuple[ConditionSection, ...] = Field(
+        default=tuple(ConditionSection(name=name) for name in DEFAULT), strict=False
+    )
+    """What is estimated, and how; a table ``[[conditions]]`` for each, or ``[conditions.NAME]`` to change or add one. ``"none"`` computes ranges only."""
 
     @model_validator(mode="before")
     @classmethod
@@ -688,11 +681,11 @@ class StudyConfig(SoundConfig):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """All input files, of the ocean and of estimators, each once."""
-        schedule, estimators = self.mission.schedule, self.estimators or ()
+        """All input files, of the ocean and of conditions, each once."""
+        schedule = self.mission.schedule
         pings = (schedule.file,) if isinstance(schedule, PingsSection) else ()
         own = [*self.ocean.files, *self.fleet.trajectories, *pings]
-        return tuple(dict.fromkeys([*own, *(file for e in estimators for file in e.files)]))
+        return tuple(dict.fromkeys([*own, *(file for c in self.conditions for file in c.files)]))
 
     @model_validator(mode="after")
     def _simulated_in_whole_steps(self) -> Self:
@@ -723,30 +716,29 @@ class StudyConfig(SoundConfig):
     def _distinct(self) -> Self:
         participants = [p.name for p in (*self.fleet.vehicles, *self.landmarks)]
         require_unique("names of vehicles and landmarks", participants)
-        names = [e.name for e in self.estimators or ()]
-        require_unique("names of conditions and estimators", [*get_args(Condition), *names])
+        require_unique("names of conditions", [c.name for c in self.conditions])
         return self
 
     @model_validator(mode="after")
-    def _estimators_fit(self) -> Self:
+    def _conditions_fit(self) -> Self:
         own = self.noise.clock_offset_sigma, self.noise.clock_skew_sigma
-        for e in self.estimators or ():
-            if e.follows_ocean and not self.ocean.time_varying:
+        for c in self.conditions:
+            if follows_ocean(c.belief) and not self.ocean.time_varying:
                 raise ValueError(
-                    f"estimator {e.name} believes in water that varies, but the study's stands still: set"
+                    f"condition {c.name} assumes water that varies, but the study's does not: set"
                     " ocean.time_varying = true, or leave time_varying out of the belief"
                 )
-            if e.clocks is not None and not any(e.clocks.priors(*own)):
+            if c.clocks is not None and not any(c.clocks.priors(*own)):
                 raise ValueError(
-                    f"estimator {e.name} estimates clocks, but their priors are 0: give noise.clock_offset_sigma or"
+                    f"condition {c.name} estimates clocks, but their priors are 0: give noise.clock_offset_sigma or"
                     " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
                 )
         return self
 
     @property
     def solves(self) -> bool:
-        """Whether anything is estimated; a study without conditions and estimators has ranges alone."""
-        return bool(self.study.conditions or self.estimators)
+        """True if anything is estimated; a study without conditions has ranges alone."""
+        return bool(self.conditions)
 
     def __repr__(self) -> str:
         """Give a line; `study_toml` gives all."""

@@ -108,10 +108,9 @@ CONDITIONS: Mapping[str, Estimator] = MappingProxyType(
 
 def solve_conditions(
     measurements: Measurements,
-    conditions: Sequence[str],
+    conditions: Sequence[str] | Mapping[str, Estimator],
     initial: tuple[Array, Array] | None = None,
     *,
-    estimators: Mapping[str, Estimator] | None = None,
     solver: GraphSolver | None = None,
     covariance_samples: NDArray[np.intp] | None = None,
 ) -> dict[str, Solution]:
@@ -122,14 +121,13 @@ def solve_conditions(
     ----------
     measurements : Measurements
         With noise.
-    conditions : sequence of str
-        Keys of `CONDITIONS`. ``odometry`` is dead reckoning, the others are batch solves.
+    conditions : sequence of str, or mapping of str to Estimator
+        Keys of `CONDITIONS`, of which ``odometry`` is dead reckoning and the others are batch solves; or estimators by
+        the names of their conditions.
     initial : tuple of ndarray, optional
-        Where the solver starts under the conditions: positions of shape (n_vehicles, n_times, 3) [m] and
+        Where the solver starts, unless an estimator says otherwise: positions of shape (n_vehicles, n_times, 3) [m] and
         quaternions (w, x, y, z) of shape (n_vehicles, n_times, 4). The paper starts at the truth; the default
         is dead reckoning. Landmarks start at their surveyed positions.
-    estimators : mapping of str to Estimator, optional
-        Solved after the conditions, from the same measurements; their names must be no conditions.
     solver : GraphSolver, optional
         Hand in the same one for all realizations of a process: it keeps what they share.
     covariance_samples : ndarray of int, shape (n_epochs,), optional
@@ -138,26 +136,25 @@ def solve_conditions(
     Returns
     -------
     dict of str to Solution
-        In the order of ``conditions``, then of ``estimators``; arrays of shape ``(n_vehicles, n_times, ...)``.
+        In the order of ``conditions``; arrays of shape ``(n_vehicles, n_times, ...)``.
 
     Raises
     ------
     EstimationError
-        If a condition is unknown, an estimator has the name of one, or for what `build_graph` and
+        If a condition is unknown, or for what `build_graph` and
         `GraphSolver` refuse. A solve that fails is no error but has a status.
     """
-    unknown = [c for c in conditions if c not in CONDITIONS]
-    if unknown:
-        raise EstimationError(f"unknown condition {unknown[0]!r}; allowed are {', '.join(CONDITIONS)}")
-    more = dict(estimators or {})
-    clash = [name for name in more if name in CONDITIONS]
-    if clash:
-        raise EstimationError(f"estimator {clash[0]!r} has the name of a condition; give it another")
+    if not isinstance(conditions, Mapping):
+        unknown = [c for c in conditions if c not in CONDITIONS]
+        if unknown:
+            raise EstimationError(f"unknown condition {unknown[0]!r}; allowed are {', '.join(CONDITIONS)}")
+        conditions = {name: CONDITIONS[name] for name in conditions}
     solver = solver or GraphSolver()
     fleet = _Fleet(measurements, covariance_samples)
     solved: dict[str, Solution] = {}
-    for name, e in [*((c, replace(CONDITIONS[c], initial=initial)) for c in conditions), *more.items()]:
+    for name, estimator in conditions.items():
         start = process_time()
+        e = estimator if estimator.initial else replace(estimator, initial=initial)
         solution = fleet.reckoned_solution() if e.dead_reckoned else fleet.solve(e, solver)
         solved[name] = replace(solution, seconds=process_time() - start)
     return solved

@@ -1,49 +1,24 @@
 """Positions of nodes from a survey of real pings: two-way and one-way times in, positions with their covariance out."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.locate.location import Location, locate
-    from pymantaray.locate.plan import Pattern, Plan, PlanOptions, plan_survey
-    from pymantaray.locate.read import read_survey
-    from pymantaray.locate.read_options import ReadOptions
-    from pymantaray.locate.solve import LocateOptions
-    from pymantaray.locate.sound_speed import SpeedPrior
-    from pymantaray.locate.survey import Direction, LeverArm, Node, PlatformError, Survey
+    from pymantaray.locate.location import Location as Location
+    from pymantaray.locate.location import locate as locate
+    from pymantaray.locate.plan import Pattern as Pattern
+    from pymantaray.locate.plan import Plan as Plan
+    from pymantaray.locate.plan import PlanOptions as PlanOptions
+    from pymantaray.locate.plan import plan_survey as plan_survey
+    from pymantaray.locate.read import read_survey as read_survey
+    from pymantaray.locate.read_options import ReadOptions as ReadOptions
+    from pymantaray.locate.solve import LocateOptions as LocateOptions
+    from pymantaray.locate.sound_speed import SpeedPrior as SpeedPrior
+    from pymantaray.locate.survey import Direction as Direction
+    from pymantaray.locate.survey import LeverArm as LeverArm
+    from pymantaray.locate.survey import Node as Node
+    from pymantaray.locate.survey import PlatformError as PlatformError
+    from pymantaray.locate.survey import Survey as Survey
 
-__all__ = [
-    "Direction",
-    "LeverArm",
-    "LocateOptions",
-    "Location",
-    "Node",
-    "Pattern",
-    "Plan",
-    "PlanOptions",
-    "PlatformError",
-    "ReadOptions",
-    "SpeedPrior",
-    "Survey",
-    "locate",
-    "plan_survey",
-    "read_survey",
-]
-
-_HOME = {
-    "location": ("Location", "locate"),
-    "plan": ("Pattern", "Plan", "PlanOptions", "plan_survey"),
-    "read": ("read_survey",),
-    "read_options": ("ReadOptions",),
-    "solve": ("LocateOptions",),
-    "sound_speed": ("SpeedPrior",),
-    "survey": ("Direction", "LeverArm", "Node", "PlatformError", "Survey"),
-}
-_LATER = {name: module for module, names in _HOME.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    """Import what is heavy on first use."""
-    if name not in _LATER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

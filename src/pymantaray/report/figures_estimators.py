@@ -104,5 +104,5 @@ register(
     draw=lambda r: error_and_consistency(
         r.tables["ate_pooled"], r.tables["ping_error"], r.tables.get("consistency_per_epoch"), r.header
     ),
-    needs=lambda r: bool(r.run.config.estimators),
+    needs=lambda r: any(not c.standard for c in r.run.config.conditions),
 )

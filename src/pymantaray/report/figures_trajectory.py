@@ -30,7 +30,7 @@ class ApePanel:
 
 def _shown_over_time(results: Results) -> Mapping[str, style.Array]:
     """Errors of all conditions, or of the study's own where estimators are too many for one panel."""
-    conditions = results.run.config.study.conditions
+    conditions = {c.name for c in results.run.config.conditions if c.standard}
     if len(results.errors) - len(conditions) <= style.DISTINCT:
         return results.errors
     return {name: errors for name, errors in results.errors.items() if name in conditions}

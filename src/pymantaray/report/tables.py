@@ -59,7 +59,8 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
 
 def cost_table(run: Run) -> pd.DataFrame:
     """What each condition is, as the configuration has it, its seed and the CPU time of its solves."""
-    sections = {e.name: e.model_dump(mode="json", exclude_defaults=True) for e in run.config.estimators or ()}
+    own = [c for c in run.config.conditions if not c.standard]
+    sections = {c.name: c.model_dump(mode="json", exclude_defaults=True) for c in own}
     rows = []
     for name, seconds in run.manifest.get("solve_cpu_seconds", {}).items():
         settings = {key: value for key, value in sections.get(name, {}).items() if key != "name"}

@@ -4,67 +4,37 @@ What the vehicles measure: one module a sensor, ranges by sound, and the noise o
 Levels of noise are quick to read; what ranges need is imported when it is first asked for.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pymantaray.sensing.landmarks import Landmark
-from pymantaray.sensing.noise import NoiseModel
+from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.sensing.detection import Detector, Hearing
-    from pymantaray.sensing.measure import assemble, perturb
-    from pymantaray.sensing.picking import Candidates, Picker, draw_picks, find_candidates
-    from pymantaray.sensing.ranging import Links, Ranging, measure_ranges
-    from pymantaray.sensing.receptions import Receptions, SoundPath
-    from pymantaray.sensing.schedule import PingList, PingSchedule, Schedule, SlotSchedule
-    from pymantaray.sensing.timing import ClockModel, Clocks, OneWay, Timing, TwoWay
-    from pymantaray.sensing.transmission import Reception, Transmission, find_receptions
+    from pymantaray.sensing.detection import Detector as Detector
+    from pymantaray.sensing.detection import Hearing as Hearing
+    from pymantaray.sensing.landmarks import Landmark as Landmark
+    from pymantaray.sensing.measure import assemble as assemble
+    from pymantaray.sensing.measure import perturb as perturb
+    from pymantaray.sensing.noise import NoiseModel as NoiseModel
+    from pymantaray.sensing.picking import Candidates as Candidates
+    from pymantaray.sensing.picking import Picker as Picker
+    from pymantaray.sensing.picking import draw_picks as draw_picks
+    from pymantaray.sensing.picking import find_candidates as find_candidates
+    from pymantaray.sensing.ranging import Links as Links
+    from pymantaray.sensing.ranging import Ranging as Ranging
+    from pymantaray.sensing.ranging import measure_ranges as measure_ranges
+    from pymantaray.sensing.receptions import Receptions as Receptions
+    from pymantaray.sensing.receptions import SoundPath as SoundPath
+    from pymantaray.sensing.schedule import PingList as PingList
+    from pymantaray.sensing.schedule import PingSchedule as PingSchedule
+    from pymantaray.sensing.schedule import Schedule as Schedule
+    from pymantaray.sensing.schedule import SlotSchedule as SlotSchedule
+    from pymantaray.sensing.timing import ClockModel as ClockModel
+    from pymantaray.sensing.timing import Clocks as Clocks
+    from pymantaray.sensing.timing import OneWay as OneWay
+    from pymantaray.sensing.timing import Timing as Timing
+    from pymantaray.sensing.timing import TwoWay as TwoWay
+    from pymantaray.sensing.transmission import Reception as Reception
+    from pymantaray.sensing.transmission import Transmission as Transmission
+    from pymantaray.sensing.transmission import find_receptions as find_receptions
 
-__all__ = [
-    "Candidates",
-    "ClockModel",
-    "Clocks",
-    "Detector",
-    "Hearing",
-    "Landmark",
-    "Links",
-    "NoiseModel",
-    "OneWay",
-    "Picker",
-    "PingList",
-    "PingSchedule",
-    "Ranging",
-    "Reception",
-    "Receptions",
-    "Schedule",
-    "SlotSchedule",
-    "SoundPath",
-    "Timing",
-    "Transmission",
-    "TwoWay",
-    "assemble",
-    "draw_picks",
-    "find_candidates",
-    "find_receptions",
-    "measure_ranges",
-    "perturb",
-]
-
-_HOME = {
-    "detection": ("Detector", "Hearing"),
-    "measure": ("assemble", "perturb"),
-    "picking": ("Candidates", "Picker", "draw_picks", "find_candidates"),
-    "ranging": ("Links", "Ranging", "measure_ranges"),
-    "receptions": ("SoundPath", "Receptions"),
-    "schedule": ("PingList", "PingSchedule", "Schedule", "SlotSchedule"),
-    "timing": ("ClockModel", "Clocks", "OneWay", "Timing", "TwoWay"),
-    "transmission": ("Reception", "Transmission", "find_receptions"),
-}
-_LATER = {name: module for module, names in _HOME.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its module on first use."""
-    if name not in _LATER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

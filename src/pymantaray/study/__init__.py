@@ -3,58 +3,25 @@
 Reading a configuration is quick; what it takes to run one is imported when it is first asked for.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from pymantaray.config import (
-    SoundConfig,
-    StudyConfig,
-    list_presets,
-    load_sound,
-    load_study,
-    parse_study,
-    preset_text,
-    starter_text,
-    study_toml,
-)
+from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.study.export import export_run
-    from pymantaray.study.ranges import measure
-    from pymantaray.study.references import citation
-    from pymantaray.study.runner import run_study
-    from pymantaray.study.store import Run, open_run
+    from pymantaray.config import SoundConfig as SoundConfig
+    from pymantaray.config import StudyConfig as StudyConfig
+    from pymantaray.config import list_presets as list_presets
+    from pymantaray.config import load_sound as load_sound
+    from pymantaray.config import load_study as load_study
+    from pymantaray.config import parse_study as parse_study
+    from pymantaray.config import preset_text as preset_text
+    from pymantaray.config import starter_text as starter_text
+    from pymantaray.config import study_toml as study_toml
+    from pymantaray.study.export import export_run as export_run
+    from pymantaray.study.ranges import measure as measure
+    from pymantaray.study.references import citation as citation
+    from pymantaray.study.runner import run_study as run_study
+    from pymantaray.study.store import Run as Run
+    from pymantaray.study.store import open_run as open_run
 
-__all__ = [
-    "Run",
-    "SoundConfig",
-    "StudyConfig",
-    "citation",
-    "export_run",
-    "list_presets",
-    "load_sound",
-    "load_study",
-    "measure",
-    "open_run",
-    "parse_study",
-    "preset_text",
-    "run_study",
-    "starter_text",
-    "study_toml",
-]
-
-_LATER = {
-    "Run": "store",
-    "citation": "references",
-    "export_run": "export",
-    "measure": "ranges",
-    "open_run": "store",
-    "run_study": "runner",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import what is heavy on first use."""
-    if name not in _LATER:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_LATER[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -62,12 +62,9 @@ def gnss_depth(config: StudyConfig, ocean: OceanFields, truth: Trajectories) -> 
 
 def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
     """Height of each vehicle above the sea floor at each sample. [m]"""
-    floor = ocean.local["sea_floor_depth"]
-    if not floor.ndim:
-        return float(floor) - truth.position[..., 2]
-    axes = tuple(floor[str(name)].values for name in floor.dims)
-    depth = linear_interpolator(axes, floor.values)(truth.position[..., :2].reshape(-1, 2))
-    return np.asarray(depth.reshape(truth.position.shape[:2]) - truth.position[..., 2])
+    bed = BoundarySurface.from_dataset(ocean.local, "sea_floor_depth")
+    depth = bed.depth_at(truth.position.reshape(-1, 3)).reshape(truth.position.shape[:2])
+    return np.asarray(depth - truth.position[..., 2])
 
 
 def build_fleet(config: StudyConfig) -> list[Vehicle]:

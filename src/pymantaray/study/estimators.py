@@ -1,6 +1,6 @@
-"""From the sections of a configuration to estimators with their range models and uncertainties."""
+"""From the conditions of a configuration to estimators with their range models and uncertainties."""
 
-from pymantaray.config.estimators import ExactBelief, FixedLagSolver, RangeEstimatorSection
+from pymantaray.config.estimators import ConditionSection, ExactBelief, FixedLagSolver
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.range_models import build_range_model
@@ -17,16 +17,21 @@ class EstimatorFactory:
     def __init__(self, run: Run) -> None:
         self._run, self._beliefs = run, Beliefs(run)
 
-    def estimator(self, section: RangeEstimatorSection, realization: int) -> Estimator:
-        """Estimator of one section, for one realization."""
-        model, truth = build_range_model(section, self._beliefs, realization), self._run.truth
+    def estimator(self, section: ConditionSection, realization: int) -> Estimator:
+        """Estimator of one condition, for one realization."""
+        truth, start = self._run.truth, section.start or self._run.config.estimator.start
+        model = None
+        if (
+            section.range_model.kind != "transmitter" or section.estimates_more
+        ):  # else ranges are distances as they are
+            model = build_range_model(section.range_model, self._beliefs, realization)
         uncertainty = None
         if section.uncertainty is not None and isinstance(model, EigenrayModel):
             uncertainty = RayUncertainty(model, self._beliefs.covariance(*section.uncertainty))
-        # where what is believed is how things are, the cost has to lie within its chi-square bounds
-        exact = section.range_model == "eigenray" and isinstance(section.belief, ExactBelief)
+        # if all assumptions hold, the cost has to lie within its chi-square bounds
+        exact = section.range_model.kind == "eigenray" and isinstance(section.belief, ExactBelief)
         return Estimator(
-            ranges=section.ranges,
+            ranges=None if section.ranges == "none" else section.ranges,
             links=section.links,
             model=model,
             uncertainty=uncertainty,
@@ -36,22 +41,23 @@ class EstimatorFactory:
                 incremental=section.solver.kind == "incremental",
                 lag=3600.0 * section.solver.lag_h if isinstance(section.solver, FixedLagSolver) else None,
             ),
-            initial=(truth.position, truth.quaternion) if section.start == "truth" else None,
+            initial=(truth.position, truth.quaternion) if start == "truth" else None,
             model_is_right=section.variance.kind == "fixed"
             and section.range_sigma is None
-            and (section.ranges == "straight" or exact),
+            and (section.ranges != "refracted" or exact),
             clocks=self._clocks(section),
             scale_sigma=section.scale_sigma,
             bias_sigma=section.bias_sigma,
             range_sigma=section.range_sigma,
             averaged=section.directions == "mean",
+            dead_reckoned=section.solver.kind == "dead-reckoning",
         )
 
-    def true_unknowns(self, section: RangeEstimatorSection, realization: int) -> dict[str, float]:
-        """True values of what an estimator estimates besides the poses, by the names of `Unknowns`."""
+    def true_unknowns(self, section: ConditionSection, realization: int) -> dict[str, float]:
+        """True values of what a condition estimates besides the poses, by the names of `Unknowns`."""
         run = self._run
         out: dict[str, float] = {}
-        model = build_range_model(section, self._beliefs, realization)
+        model = build_range_model(section.range_model, self._beliefs, realization)
         if isinstance(model, AdjustableEigenrays) and section.belief is not None:
             believed = self._beliefs.believed(section.belief, realization)
             out |= true_amplitudes(model, run.ocean, believed.local, run.truth)
@@ -59,7 +65,7 @@ class EstimatorFactory:
             out |= true_clocks(run.config, run.truth.name.tolist(), realization)
         return out
 
-    def _clocks(self, section: RangeEstimatorSection) -> ClockPrior | None:
+    def _clocks(self, section: ConditionSection) -> ClockPrior | None:
         if section.clocks is None:
             return None
         ranging, noise = self._run.config.ranging, self._run.config.noise

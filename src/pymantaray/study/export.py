@@ -178,7 +178,7 @@ def _g2o(run: Run, realization: int, folder: Path) -> None:
 
 def _check_ranges(run: Run) -> None:
     ranging = [name for name, condition in CONDITIONS.items() if condition.ranges is not None]
-    if not set(ranging) & set(run.config.study.conditions):
+    if not set(ranging) & {c.name for c in run.config.conditions}:
         raise ExchangeError(
             f"{run.path}: no condition of the study has ranges; a graph needs one of {', '.join(ranging)}"
         )

@@ -8,8 +8,8 @@ from pymantaray.study.store import Run
 
 
 def noisy_graphs(run: Run, noisy: Measurements) -> dict[str, FactorGraph]:
-    """Graphs of a run's conditions that have ranges."""
-    conditions = {str(name): CONDITIONS[name] for name in run.config.study.conditions}
+    """Graphs of a run's standard conditions that have ranges."""
+    conditions = {c.name: CONDITIONS[c.name] for c in run.config.conditions if c.standard}
     return {
         name: build_graph(noisy, c.ranges, c.links) for name, c in conditions.items() if c.ranges is not None
     }

@@ -116,7 +116,8 @@ def ranges_config(
         tree[name] = {**tree.get(name, {}), **section} if isinstance(section, Mapping) else section
     if not tree.get("acoustics", {}).get("currents"):  # nobody drifts, and no current carries sound
         tree["ocean"] = {"currents": "rest", **tree["ocean"]}
-    tree["study"] = {"name": "ranges", "conditions": [], **sections.get("study", {})}
+    tree["study"] = {"name": "ranges", **sections.get("study", {})}
+    tree["conditions"] = []
     tree["fleet"] = {"trajectories": [str(path) for path in trajectories], "enu": enu}
     for key, value in dotted_keys(options).items():
         tree = with_key(tree, key, value)

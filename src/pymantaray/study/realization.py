@@ -103,7 +103,7 @@ class RealizationSolver:
         self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
 
     def solve(self, realization: int) -> Solved:
-        """Solve one realization under all conditions, then by all estimators, in the configured order.
+        """Solve one realization under all conditions, in the configured order.
 
         On one thread as workers do: the last digits of linear algebra depend on their number.
         """
@@ -112,17 +112,14 @@ class RealizationSolver:
 
     def _solve(self, realization: int) -> Solved:
         config, truth, factory = self._run.config, self._run.truth, self._factory
-        sections = config.estimators or ()
         solutions = solve_conditions(
             self._run.noisy_measurements(realization),
-            config.study.conditions,
-            (truth.position, truth.quaternion) if config.estimator.start == "truth" else None,
-            estimators={section.name: factory.estimator(section, realization) for section in sections},
+            {c.name: factory.estimator(c, realization) for c in config.conditions},
             solver=self._solver,
             covariance_samples=fixed_epochs(truth.time, config.estimator.covariance_interval_h * 3600.0),
         )
-        joint = (s for s in sections if solutions[s.name].unknowns is not None)
-        return Solved(solutions, {s.name: factory.true_unknowns(s, realization) for s in joint})
+        joint = (c for c in config.conditions if solutions[c.name].unknowns is not None)
+        return Solved(solutions, {c.name: factory.true_unknowns(c, realization) for c in joint})
 
 
 class RealizationQueue(Queue):

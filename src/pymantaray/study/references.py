@@ -12,7 +12,7 @@ from typing import Any
 
 import pymantaray
 from pymantaray.acoustics.reflection import sediment_source
-from pymantaray.config.estimators import FileBelief, NumericsBelief, RangeEstimatorSection
+from pymantaray.config.estimators import ConditionSection, FileBelief, NumericsBelief
 from pymantaray.config.sections import AcousticsSection, DetectionSection, StudyConfig
 from pymantaray.ocean import holds_casts
 from pymantaray.ocean.files import open_file
@@ -145,7 +145,7 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
     """Keys of references, and what relies on them; some more than once."""
     yield "mantaray", "the software"
     yield "kogucki-papalia", "conditions and noise of the study"
-    o, a, estimators = config.ocean, config.acoustics, config.estimators or ()
+    o, a = config.ocean, config.acoustics
     for source in o.source:
         yield from _data(source, "ocean")
     if isinstance(o.bathymetry, str):
@@ -159,8 +159,8 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
         yield "munk1995", "sound in moving water"
     if config.detection is not None:
         yield from _sonar(config.detection, config.acoustics)
-    for estimator in estimators:
-        yield from _estimator(estimator)
+    for condition in config.conditions:
+        yield from _condition(condition)
     if config.solves:
         yield "sturm2012", "absolute trajectory error"
 
@@ -194,8 +194,8 @@ def _sonar(s: DetectionSection, losses: AcousticsSection) -> Iterator[tuple[str,
         yield "itu-p526", "sound behind an edge"
 
 
-def _estimator(e: RangeEstimatorSection) -> Iterator[tuple[str, str]]:
-    """What one estimator relies on."""
+def _condition(e: ConditionSection) -> Iterator[tuple[str, str]]:
+    """References of one condition."""
     if isinstance(e.belief, FileBelief):
         for source in e.belief.source:
             yield from _data(source, "ocean that is believed")

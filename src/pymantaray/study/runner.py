@@ -189,7 +189,7 @@ def refuse_too_large(config: StudyConfig, workers: int) -> None:
     """Refuse what this machine's memory cannot hold, or what takes weeks, before any work."""
     size_of = mission_size(config)
     n_vehicles, n_samples, n_steps = size_of.vehicles, size_of.samples, size_of.steps
-    n_solves = config.study.realizations * (len(config.study.conditions) + len(config.estimators or ()))
+    n_solves = config.study.realizations * len(config.conditions)
     n_links = size_of.pings * (n_vehicles + len(config.landmarks))
     needed = (
         n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers) + _LINK_BYTES * n_links
@@ -210,12 +210,12 @@ def refuse_too_large(config: StudyConfig, workers: int) -> None:
 
 
 def _refuse_missing_files(config: StudyConfig) -> None:
-    """Refuse estimators' files that are not there before the mission is run; the ocean's are read first anyway."""
-    for estimator in config.estimators or ():
-        for file in estimator.files:
+    """Refuse files of conditions that are missing before the mission is run; the ocean's are read first anyway."""
+    for condition in config.conditions:
+        for file in condition.files:
             if not Path(file).exists():
                 raise StudyError(
-                    f"estimator {estimator.name}: {file}: cannot be read: No such file or directory"
+                    f"condition {condition.name}: {file}: cannot be read: No such file or directory"
                 )
 
 

@@ -171,11 +171,11 @@ class Run:
     @cached_property
     def bounds(self) -> dict[str, NDArray[np.float64]]:
         """For each condition the least covariance of positions at the pings that its measurements allow, as `error_bound` has it."""
-        over_all = {s.name for s in self.config.estimators or () if s.links == "all"}
+        equivalents = {c.name: c.standard_equivalent for c in self.config.conditions}
         bounds: dict[str, NDArray[np.float64]] = {}
         out = {}
         for name in self.estimates.condition.tolist():
-            like = "straight-all" if name in over_all else name if name in CONDITIONS else "straight"
+            like = equivalents.get(name, name if name in CONDITIONS else "straight")
             like = "straight" if like == "refracted" else like
             if like not in bounds:
                 bounds[like] = error_bound(self.truth, self.measurements, like)

@@ -64,7 +64,7 @@ def known_cost(sweep: Sweep) -> Cost:
 def _seconds(config: StudyConfig) -> dict[str, float]:
     size = mission_size(config)
     links = size.pings * ((size.vehicles - 1) / 2 + len(config.landmarks))
-    solves = config.study.realizations * (len(config.study.conditions) + len(config.estimators or ()))
+    solves = config.study.realizations * len(config.conditions)
     return {
         OCEAN: _OCEAN_SECONDS,
         FLEET: _SECONDS_PER_STEP * size.vehicles * size.steps,

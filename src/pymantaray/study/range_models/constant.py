@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from pymantaray.config.estimators import RangeEstimatorSection
+from pymantaray.config.estimators import ConstantRangeModel
 from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeLinks
 from pymantaray.study.assemble import fleet_plan
 from pymantaray.study.beliefs import Beliefs
 
 
-def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> ConstantSpeed:
+def build(section: ConstantRangeModel, beliefs: Beliefs, realization: int) -> ConstantSpeed:
     """Range model with the configured sound speed, or the mean slowness of a belief down to the deepest place that is planned."""
     if section.sound_speed is not None:
         return ConstantSpeed(section.sound_speed)

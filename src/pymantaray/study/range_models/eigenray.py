@@ -1,6 +1,6 @@
 """Eigenrays through a believed ocean: as it is believed, as it varies, or with modes of unknown amplitude."""
 
-from pymantaray.config.estimators import RangeEstimatorSection
+from pymantaray.config.estimators import EigenrayRangeModel, varies
 from pymantaray.estimation import RangeModel
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
@@ -8,11 +8,10 @@ from pymantaray.study.range_models.varying_eigenrays import VaryingEigenrays
 from pymantaray.water.ocean import build_currents, build_medium
 
 
-def build(section: RangeEstimatorSection, beliefs: Beliefs, realization: int) -> RangeModel:
+def build(section: EigenrayRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:
     """Range model of the belief; estimators that share the belief share the rays."""
-    assert section.belief is not None  # checked by the section; for the type checker
     config, belief = beliefs.config, section.belief
-    if section.belief_varies:
+    if varies(belief):
         ocean, cutoff = beliefs.varying(belief), config.acoustics.cutoff_db
         medium_at, currents_at = build_medium(config, ocean), build_currents(config, ocean)
         assert callable(medium_at)  # it varies
