@@ -1,5 +1,5 @@
 """
-Check a release: version, changelog, archives, and tests of the installed wheel on the oldest and newest Python.
+Check a release: version, changelog, conda recipe, archives, and the installed wheel on the oldest and newest Python.
 
     python .ci/release_check.py [--tests FOLDER ...]      FOLDER: only these tests, such as tests/records
 
@@ -44,6 +44,7 @@ def main() -> None:
     version, tag = stated_version(), tag_of_commit()
     check_version(version, tag)
     check_changelog(version, released=tag is not None)
+    check_recipe(version)
     wheel = build_archives()
     for python in oldest_and_newest():
         check_installed(python, wheel, version, tests)
@@ -137,6 +138,20 @@ def _is_date(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def check_recipe(version: str) -> None:
+    """Render the conda recipe; this finds unknown keys, malformed requirements and missing variables."""
+    from rattler_build import RattlerBuildError, Stage0Recipe
+
+    step("conda recipe")
+    try:
+        rendered = Stage0Recipe.from_file(str(ROOT / "conda" / "recipe.yaml")).render()
+    except RattlerBuildError as error:
+        refuse(f"conda/recipe.yaml: {' '.join(str(error).split())}")
+    package = rendered[0].recipe.to_dict()["package"]
+    if package["version"] != version:
+        refuse(f"conda/recipe.yaml: renders version {package['version']}, not {version}")
 
 
 def build_archives() -> Path:

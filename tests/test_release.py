@@ -70,6 +70,23 @@ def test_the_recipe_needs_what_the_package_needs():
     assert recipe["build"]["python"]["entry_points"] == [" = ".join(command)]
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("requirements:", "requirementz:", "requirementz"),
+        ("numpy >=", "numpy >==", "version spec"),
+        ("{{ version }}.tar", "{{ versoin }}.tar", "versoin"),
+    ],
+)
+def test_a_recipe_that_does_not_render_is_refused(check, tmp_path, old, new, message):
+    pytest.importorskip("rattler_build", reason="needs the group release")
+    recipe = tmp_path / "conda" / "recipe.yaml"
+    check["check_recipe"](check["stated_version"]())
+    recipe.write_text(recipe.read_text().replace(old, new))
+    with pytest.raises(SystemExit, match=rf"conda/recipe.yaml: .*{message}"):
+        check["check_recipe"]("0.2.0")
+
+
 def test_what_is_published_was_checked():
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8"))[
         "jobs"

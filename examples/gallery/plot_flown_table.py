@@ -2,7 +2,8 @@
 Ranges of existing trajectories
 ===============================
 
-A table of time, vehicle and position in the synthetic Beaufort Sea: every pair ranges every 5 minutes.
+A table of time, vehicle and position in the synthetic Beaufort Sea: every pair ranges every 5 minutes. The two
+directions of a pair differ, because each range uses the sound speed at its transmitter.
 """
 
 import tempfile
@@ -15,7 +16,7 @@ from matplotlib import pyplot as plt
 from pymantaray import measure
 
 time = np.arange(0.0, 7201.0, 60.0)
-moves = (("auv1", 0.0, 0.9, 0.3, 60.0), ("auv2", 3e3, -0.2, 0.8, 400.0), ("ship", 5e3, 0.0, -0.5, 5.0))
+moves = (("auv1", 0.0, 0.9, 0.3, 60.0), ("auv2", 3e3, -0.2, 0.8, 400.0), ("auv3", 5e3, 0.0, -0.5, 200.0))
 rows = [
     {"time": time, "vehicle": name, "north": n + u * time, "east": v * time, "depth": z}
     for name, n, u, v, z in moves
@@ -30,4 +31,5 @@ for link, part in ranges.groupby(["transmitter", "receiver"]):
         part["time"] / 60.0, part["refracted_range"] - part["straight_range"], ".-", label=" to ".join(link)
     )
 axes.set(xlabel="Time [min]", ylabel="Range error [m]")
-axes.legend(ncols=3, fontsize="small")
+axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+axes.set_title("Travel time times sound speed at the transmitter, minus distance", loc="left")

@@ -29,9 +29,11 @@ for k, distance in enumerate(np.linalg.norm(square - np.roll(square, 4, axis=0),
 with tempfile.TemporaryDirectory() as folder:
     (Path(folder) / "graph.pyfg").write_text("\n".join(lines))
     result = solve_graph(open_graph(Path(folder) / "graph.pyfg"), start="dead-reckoning")
-figure, axes = plt.subplots(figsize=(5, 5), layout="constrained")
-places = {"truth": result.truth, "dead reckoning": result.initial, "estimate": result.values}
-for label, values in places.items():
-    axes.plot(*values.position[:, :2].T, "o", alpha=0.7, label=label)
-axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-axes.legend()
+figure, panels = plt.subplots(1, 2, figsize=(8, 4), sharey=True, layout="constrained")
+places = {"dead reckoning": result.initial, "estimate with ranges": result.values}
+for axes, (title, values) in zip(panels, places.items(), strict=True):
+    for k, vehicle in enumerate((slice(0, 8), slice(8, 16))):
+        axes.plot(*result.truth.position[vehicle, :2].T, color="lightgrey", lw=5)
+        axes.plot(*values.position[vehicle, :2].T, "o-", color=f"C{k}", label=f"vehicle {'AB'[k]}")
+    axes.set(title=title, xlabel="x [m]", ylabel="y [m]", aspect="equal")
+panels[0].legend()
