@@ -36,8 +36,9 @@ _APART = 0.25  # of the link: rays that left the water so far from each other di
 _LEAST_RISE = 0.3  # of their own rise is left to rays of which all between leave the water as they do,
 _SAME_PLACE = 0.3  # at places that their rates foretell within this share of the distance
 _WINDOW = 2e-5  # rad; and between them may be a window of rays that did not, if not narrower than this
-_JUMP = 5.0  # m by which turning depths differ from those that their derivatives predict, if a sound-speed maximum parts the rays
-_BENT = 0.25  # of the nearer miss: slope defects up to which no root is expected between rays that a maximum parts
+# A sound-speed maximum may part two rays if the miss bends by more than the first share of its size, and if this share times the
+# error of the predicted turning depths exceeds the second number of metres
+_LEAST_BEND, _LEAST_BEND_TIMES_DEFECT = 0.2, 1.25
 _LEAST_PASSAGE = 2e-4  # rad; rays that pass a maximum within a narrower interval are weak
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # what becomes of an interval
 
@@ -74,6 +75,8 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
         if gone or not needs_more(y[at.W] - course.target, tol, grown, growth):
+            break
+        if growth > 0.0 and allowed(tol, grown, course.to_levels) == tol_here:  # the same ray again
             break
         growth = grown
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
@@ -135,18 +138,28 @@ def _window(a, b, length):
 
 
 @kernel
-def _maximum_between(a, b, h):
+def _maximum_between(a, b, h, bend):
     """True if a sound-speed maximum seems to turn one of two rays, while the other one crosses it.
 
     The least and greatest depths of a ray are smooth functions of the launch angle, except at the angle of a ray that runs along the crest
     of a maximum. In water that varies horizontally, rays near that angle may enter a duct beyond the crest: the miss then changes
-    by hundreds of metres within 1e-4 rad, which neither ray's derivative shows.
+    by hundreds of metres within 1e-4 rad, which neither ray's derivative shows. bend is the larger slope defect of the miss,
+    as a share of the nearer miss.
     """
-    rise, fall = b[at.TOP] - a[at.TOP], b[at.LOW] - a[at.LOW]
-    return (
-        max(abs(h * a[at.TOP_RATE] - rise), abs(h * b[at.TOP_RATE] - rise)) > _JUMP
-        or max(abs(h * a[at.LOW_RATE] - fall), abs(h * b[at.LOW_RATE] - fall)) > _JUMP
-    )
+    defect = max(_turning_defect(a, b, h, at.TOP), _turning_defect(a, b, h, at.LOW))
+    return bend > _LEAST_BEND and bend * defect > _LEAST_BEND_TIMES_DEFECT
+
+
+@kernel
+def _turning_defect(a, b, h, column):
+    """Error with which an extreme depth of each ray and its derivative predict that of the other ray, the larger one. [m]
+
+    Zero if both rays are at their extreme depths at the receiver: these depths are the miss, not turning depths.
+    """
+    if a[column + 1] == a[at.SLOPE] and b[column + 1] == b[at.SLOPE]:
+        return 0.0
+    change = b[column] - a[column]
+    return max(abs(h * a[column + 1] - change), abs(h * b[column + 1] - change))
 
 
 @kernel
@@ -442,8 +455,8 @@ def _judge_smooth(a, b, varies, direct, length, search):
     even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
     clear = even or (nearest > reach + tol and not _oscillates(a, b, h))
     window = varies and h > _WINDOW and _window(a, b, length)
-    bent = direct and varies and h > _LEAST_PASSAGE and max(abs(ea), abs(eb)) > _BENT * nearest
-    hidden = bent and _maximum_between(a, b, h)
+    may_hide = direct and varies and h > _LEAST_PASSAGE
+    hidden = may_hide and _maximum_between(a, b, h, max(abs(ea), abs(eb)) / max(nearest, 1e-9))
     return _DROP if h < search.min_width or (clear and not window and not hidden) else _SPLIT
 
 
