@@ -1,4 +1,4 @@
-"""Two-point travel times: all eigenrays between pairs of positions, on the processor in threads or on a CUDA device."""
+"""Find all eigenrays between pairs of positions, in threads on the processor or on a CUDA device."""
 
 import math
 import os
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Device = Literal["cpu", "cuda"]
 T = TypeVar("T")
-MAX_ARRIVALS = 64  # kept per link
-_WAVE = 65_536  # links per launch on a device; their rows take 0.4 GB
-_MOST_ROWS = 64  # of a block
-_SECONDS = 0.02  # of a block: long beside what Python does between two, short beside a person's patience
-_AHEAD = 4  # blocks per thread that are waiting or unread, at most
+MAX_ARRIVALS = 64  # stored per link
+_LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
+_MAX_BLOCK_ROWS = 64  # rows of a block, at most
+_BLOCK_SECONDS = 0.02  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
+_BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
 
 
 def find_eigenrays(
@@ -49,7 +49,7 @@ def find_eigenrays(
     progress: CountProgress | None = None,
 ) -> Arrivals:
     """
-    All eigenrays between pairs of positions.
+    Find all eigenrays between pairs of positions.
 
     Parameters
     ----------
@@ -58,23 +58,22 @@ def find_eigenrays(
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)`` in the local frame. [m]
     max_surface_bounces, max_bottom_bounces : int
-        Reflections that an arrival may have, at most 15 each. The surface is flat or the underside of ice, ice and sea
-        bed are bilinear between grid points; all reflect without loss.
+        Largest number of reflections of an arrival, up to 15 each. The surface is flat or the underside of ice. Ice and sea
+        bed are bilinear between grid points. All reflect without loss.
     spreading_cutoff_db : float or None
-        Eigenrays weaker than spherical spreading by more than this are no arrivals. None keeps every ray.
-        [dB]
+        Eigenrays weaker than spherical spreading by more than this are discarded. None keeps every ray. [dB]
     tolerance : float
-        Error allowed at the end of a ray by the integration. [m]
+        Allowed error of the integration at the end of a ray. [m]
     canonical : bool
         Solve each link from its deeper end, so that travel times are reciprocal to the last digit. False
-        solves from the source as given (tests of reciprocity).
+        solves from the source (for tests of reciprocity).
     threads : int, optional
-        Threads over blocks of links; the result does not depend on it. Default: all processors.
+        Number of threads; the result does not depend on it. Default: all processors.
     device : {"cpu", "cuda"}
-        Where to solve. "cuda" is experimental: it has been compiled and simulated, never run on a device; its last digits
-        differ from the processor's.
+        Device that solves the links. "cuda" is experimental: it has been compiled and simulated, but never run on a device. Its
+        last digits differ from the processor's.
     progress : callable, optional
-        Called after each block with the number of links solved and of all links.
+        Called after each block with the number of solved links and the total.
 
     Returns
     -------
@@ -85,19 +84,19 @@ def find_eigenrays(
     Raises
     ------
     AcousticsError
-        If positions are not finite, the shapes do not fit, a number of bounces is not allowed, or there
-        is no CUDA device.
+        If positions are not finite, the shapes differ, a number of bounces is out of range, or no CUDA device
+        exists.
 
     Warns
     -----
     RuntimeWarning
-        If a link has more eigenrays than are kept (64), as on the axis of a piecewise linear duct.
+        If a link has more eigenrays than are stored (64), as on the axis of a piecewise linear duct.
 
     Notes
     -----
-    A fan of rays, integrated with their variation by the launch angle, is subdivided until each interval
-    holds one root of the miss distance or none; roots are polished by Newton's method with horizontal
-    refraction included; the remaining miss is taken off the travel time to first order (Fermat).
+    Rays of a fan are integrated with their derivatives by the launch angle. Intervals of the fan are halved until each
+    contains one root of the miss distance or none. Newton's method, with horizontal refraction, refines the roots. The
+    contribution of the remaining miss is removed from the travel time (Fermat).
     """
     a, b = as_positions("source", source), as_positions("receiver", receiver)
     if a.shape != b.shape:
@@ -164,8 +163,8 @@ def _arrivals(results: "Results") -> Arrivals:
     )
 
 
-def _room(n_links: int) -> "Results":
-    """Arrays that the kernels fill for a number of links."""
+def _empty_results(n_links: int) -> "Results":
+    """Allocate the arrays that the kernels fill for n_links links."""
     from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, Results
 
     rows = np.empty((n_links, MAX_ARRIVALS, N_ARRIVAL))
@@ -174,7 +173,7 @@ def _room(n_links: int) -> "Results":
 
 
 def _compact(room: "Results", n: int) -> "Results":
-    """Copy what the first n links have."""
+    """Copy the results of the first n links."""
     counts = room.counts[:n].copy()
     used = np.arange(MAX_ARRIVALS) < counts[:, None]
     return type(room)(room.rows[:n][used], counts, room.status[:n].copy(), room.info[:n].copy())
@@ -189,18 +188,18 @@ def _solve_on_processor(
     *,
     threads: int | None = None,
 ) -> Generator["Results", None, None]:
-    """Solve links in threads, a block at a time; memory does not grow with the number of blocks."""
+    """Solve links in threads, block by block; memory does not grow with the number of blocks."""
     from pymantaray.acoustics._kernels.layout import workspace
     from pymantaray.acoustics._kernels.link import solve_links
 
-    own = threading.local()  # arrays made anew for each block would cost page faults
+    own = threading.local()  # new arrays for each block would cause page faults
 
     def solve(start: int, stop: int) -> "Results":
         if not hasattr(own, "room"):
-            own.room, own.work = _room(_MOST_ROWS), workspace(domain.depth.size)
+            own.room, own.work = _empty_results(_MAX_BLOCK_ROWS), workspace(domain.depth.size)
         room, n = own.room, stop - start
         part = type(room)(*(x[:n] for x in room))
-        if n:  # without a link nothing is compiled
+        if n:  # no compilation without a link
             ends = source[start:stop], receiver[start:stop]
             solve_links(domain, bounces, settings, *ends, (0, 1), own.work, part)
         return _compact(room, n)
@@ -211,19 +210,19 @@ def _solve_on_processor(
 def _solve_on_cuda(
     domain: "Domain", bounces: tuple[int, int] | None, settings: "Settings", source: Array, receiver: Array
 ) -> Generator["Results", None, None]:
-    """Solve links on the current CUDA device, a wave at a time."""
+    """Solve links on the current CUDA device, one launch at a time."""
     from pymantaray.acoustics._kernels.cuda import CudaSolver
 
     solver = CudaSolver(domain, bounces, settings, source, receiver)
-    for start in range(0, max(len(source), 1), _WAVE):
-        part = slice(start, start + _WAVE)
-        room = _room(len(source[part]))
+    for start in range(0, max(len(source), 1), _LINKS_PER_LAUNCH):
+        part = slice(start, start + _LINKS_PER_LAUNCH)
+        room = _empty_results(len(source[part]))
         solver.solve(source[part], receiver[part], room)
         yield _compact(room, len(room.counts))
 
 
 def _on_cuda(device: str) -> bool:
-    """Whether links are to be solved on a CUDA device, which must be there."""
+    """True if links are solved on a CUDA device; raise if the device does not exist."""
     if device not in ("cpu", "cuda"):
         raise AcousticsError(f"device: {device!r}; allowed are 'cpu' and 'cuda'")
     if device == "cpu":
@@ -237,13 +236,13 @@ def _on_cuda(device: str) -> bool:
 def in_blocks(
     work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None
 ) -> Generator[T, None, None]:
-    """Do work on rows, from one to before another, in blocks: in threads, in order, with little waiting, and soon stopped.
+    """Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
 
-    Blocks are as long as recent ones suggest for 0.02 s, at most 64 rows; the first is one row, so that kernels are compiled
-    once, before the threads start, and without rows there is one empty block. What work gives for a row must not depend on
-    the block. When the consumer stops, or an interrupt arrives, blocks that wait are dropped and those at work finish.
+    A block has at most 64 rows and takes about 0.02 s, as estimated from recent blocks. The first block is one row, so kernels
+    are compiled once before the threads start. Without rows there is one empty block. The result of a row must not depend on the
+    block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
     """
-    pace = 0.0  # s a row
+    pace = 0.0  # s per row
 
     def timed(start: int, stop: int) -> tuple[T, float]:
         begin = time.perf_counter()
@@ -251,13 +250,13 @@ def in_blocks(
         return done, (time.perf_counter() - begin) / max(stop - start, 1)
 
     def after(start: int) -> int:
-        return min(start + min(max(int(_SECONDS / max(pace, 1e-9)), 1), _MOST_ROWS), n_rows)
+        return min(start + min(max(int(_BLOCK_SECONDS / max(pace, 1e-9)), 1), _MAX_BLOCK_ROWS), n_rows)
 
     start = min(n_rows, 1)
     done, pace = timed(0, start)
     yield done
     workers = min(threads or os.cpu_count() or 1, n_rows - start)
-    if workers <= 1 or pace * (n_rows - start) < _SECONDS:  # threads would take longer to start
+    if workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS:  # starting threads would take longer
         while start < n_rows:
             stop = after(start)
             done, pace = timed(start, stop)
@@ -268,7 +267,7 @@ def in_blocks(
         waiting: deque[Future[tuple[T, float]]] = deque()
         try:
             while start < n_rows or waiting:
-                while start < n_rows and len(waiting) < _AHEAD * workers:
+                while start < n_rows and len(waiting) < _BLOCKS_AHEAD * workers:
                     stop = after(start)
                     waiting.append(pool.submit(timed, start, stop))
                     start = stop
@@ -280,13 +279,13 @@ def in_blocks(
 
 
 def solved_backwards(source: Array, receiver: Array) -> NDArray[np.bool_]:
-    """Whether the solver starts from the receiver: a link is solved from its deeper end (ties: north, east)."""
+    """True for each link that the solver starts from the receiver: the deeper end (ties: north, east)."""
     down, north, east = (source[:, k] - receiver[:, k] for k in (2, 0, 1))
     return np.where(down != 0.0, down < 0.0, np.where(north != 0.0, north < 0.0, east < 0.0))
 
 
 def as_positions(name: str, values: ArrayLike) -> Array:
-    """Positions as an array (n_links, 3) of finite floats; the name is for messages. [m]"""
+    """Return positions as an array (n_links, 3) of finite floats; the name appears in messages. [m]"""
     points = np.atleast_2d(np.array(values, dtype=float, order="C"))  # kernels are compiled for that order
     if points.ndim != 2 or points.shape[1] != 3:
         raise AcousticsError(f"{name}: shape {points.shape}; needs (n_links, 3): north, east, down in metres")

@@ -1,4 +1,4 @@
-"""The ray of a bracket that meets the receiver, by Newton's method in three dimensions, and its row of numbers."""
+"""Find the ray of a bracket that meets the receiver, by Newton's method in three dimensions, and fill its row of an arrival."""
 
 import math
 from collections import namedtuple
@@ -14,39 +14,41 @@ from pymantaray.acoustics._kernels.trace import full_ray, full_ray_end, ray_axis
 from pymantaray.compile import kernel
 
 RESOLUTION = 1e-6  # rad; narrower intervals of a fan of direct rays are not divided
-_LOST = 1e-9  # rad; narrower jumps of the miss hold no ray to be found
-INSET = 1e-3  # m; a receiver on a boundary is met this far inside, and the travel time corrected (Fermat)
-_NEAR = 1e-5  # rad; derivatives are differences between rays so near to each other
-# Where Newton's method fails at once, slopes across the plane are brought in by shares of them
+_NARROWEST_JUMP = 1e-9  # rad; a narrower jump of the miss contains no ray
+INSET = (
+    1e-3  # m; rays to a receiver on a boundary end this far inside, and the travel time is corrected (Fermat)
+)
+_DIFFERENCE_STEP = 1e-5  # rad; distance of rays whose differences are derivatives
+# If Newton's method fails, the slopes of the boundaries across the plane increase from zero in these shares
 _FIRST_SHARE, _LEAST_SHARE = 0.25, 1.0 / 128.0
-_MOST_MOVES = 24  # of the ends of a bracket
-_LEAST_PART = 1e-3  # of its width is the shortest of them
-_RETURN = 10.0  # times its miss: farther beyond the edges of the cells held a ray is not brought back
-_ON_THE_WAY = 1e-4  # of the course: how near to the receiver a ray with a share of the slope comes
+_MAX_MOVES = 24  # of a bracket's ends
+_LEAST_MOVE = 1e-3  # of the bracket's width: shortest move
+_RETURN_DISTANCE = 10.0  # times the miss; a ray farther beyond the edges of the held cells does not return
+_ROUGH_MISS = 1e-4  # of the course: allowed miss of a ray with a share of the slope
 
 Launch = namedtuple("Launch", "ok angle q steps turns")
-Launch.__doc__ = """An eigenray: whether it is one, launch angle, slowness out of the plane, steps of its path, turning points."""
+Launch.__doc__ = """An eigenray: True if it is one, launch angle, slowness out of the plane, steps of its path, turning points."""
 
 Trial = namedtuple("Trial", "angle q jacobian most wanted exact")
-Trial.__doc__ = """Where Newton's method starts, how many rays it may trace, and the code of reflections that is wanted.
+Trial.__doc__ = """Start of Newton's method, largest number of rays, and required code of reflections.
 
-A jacobian of zeros is taken from three rays if exact is set or the slopes of the boundaries are brought in by shares, else from the
-variation in the plane. Rays with other numbers of reflections than wanted, or with exact of another code, are taken back half-way.
+A jacobian of zeros is replaced: by differences of three rays if exact is set or only a share of the boundaries' slopes counts, otherwise by
+the variation in the plane. A ray with another number of reflections, or with exact another code, is moved back half-way.
 """
 
 
 @kernel
 def cubic_angle(a, b, level):
-    """Launch angle at which the cubic between two rays of a fan has the miss level, between those of the two."""
+    """Launch angle between two rays of a fan at which the cubic of the miss equals level."""
     h = b[at.ANGLE] - a[at.ANGLE]
     return a[at.ANGLE] + h * cubic_root(h, a[at.MISS] - level, a[at.SLOPE], b[at.MISS] - level, b[at.SLOPE])
 
 
 @kernel
 def polish(s, walls, course, bracket, accuracy, work):
-    """Newton's method for a direct ray from the root of a bracket's cubic, with horizontal refraction.
+    """Find the direct ray of a bracket by Newton's method from the root of its cubic, with horizontal refraction.
 
-    Not ok where it does not converge at once, leaves the bracket, or meets a ray on the other side of a caustic.
+    Not ok if the method does not converge at once, leaves the bracket, or reaches a ray on the other side of a caustic.
     """
     y, a, b, q = work.y, bracket[0], bracket[1], 0.0
     lo, hi, rise = a[at.ANGLE], b[at.ANGLE], b[at.MISS] - a[at.MISS]
@@ -68,16 +70,16 @@ def polish(s, walls, course, bracket, accuracy, work):
 
 @kernel
 def miss_noise(tol, slope, length):
-    """By how much misses of neighbouring rays may differ for the errors of both, which grow as rays part. [m]"""
+    """Difference of the misses of neighbouring rays that their errors can cause; the errors grow with the divergence. [m]"""
     return 30.0 * tol * max(1.0, abs(slope) / length)
 
 
 @kernel
 def refine(s, walls, course, bracket, accuracy, weak, work):
-    """The direct ray in a bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
+    """Find the direct ray of a bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
 
-    Newton on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection; given up where the
-    miss is steeper than weak between ends as near as _LOST, and that not by the rays' own errors.
+    Newton's method on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection. It stops
+    without a ray if the bracket is narrower than _NARROWEST_JUMP and the miss in it steeper than weak by more than the rays' errors.
     The end state stays in work.y and its path in work.path.
     """
     y, ray, tol, miss = work.y, full_ray(work), accuracy.fine, accuracy.miss
@@ -106,14 +108,14 @@ def refine(s, walls, course, bracket, accuracy, weak, work):
             else:
                 hi, f_hi = m, f
             noise = miss_noise(tol, min(abs(y[at.XI]), weak), course.length)
-            if hi - lo < _LOST and abs(f_hi - f_lo) > max(weak * (hi - lo), noise):
+            if hi - lo < _NARROWEST_JUMP and abs(f_hi - f_lo) > max(weak * (hi - lo), noise):
                 break
         new = m - f / y[at.XI] if y[at.XI] != 0.0 else 0.5 * (lo + hi)
         if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
             new = 0.5 * (lo + hi)
         previous = abs(f)
         if new == m:
-            # the angle has no more digits: the best there is, if near
+            # the angle has no more digits: accept the ray if it is near
             return Launch(abs(f) < 1e3 * miss and abs(y[at.Y]) < miss, m, q, steps, turns)
         m = new
     return Launch(False, m, q, steps, turns)
@@ -121,16 +123,16 @@ def refine(s, walls, course, bracket, accuracy, weak, work):
 
 @kernel
 def _widened(s, walls, course, bracket, tol, work):
-    """Widen a bracket until it holds the root, which horizontal refraction moves by a little.
+    """Widen a bracket until it contains the root, which horizontal refraction moves by a small angle.
 
-    Returns ok, both launch angles and misses, and the slowness out of the plane; not widened far enough the misses have
-    the same sign.
+    Returns ok, both launch angles and misses, and the slowness out of the plane. If the bracket is still too narrow, the misses
+    have the same sign.
     """
     y, ray = work.y, full_ray(work)
     a, b, q, fa, fb = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0
     rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
-    least = _LEAST_PART * step
-    for attempt in range(_MOST_MOVES):
+    least = _LEAST_MOVE * step
+    for attempt in range(_MAX_MOVES):
         ok, _, _, _ = trace(s, walls, course, a, q, tol, ray)
         beyond = moved < 0 and (not ok or y[at.XI] * rise < 0.0)
         if not ok and not beyond:
@@ -160,16 +162,16 @@ def _widened(s, walls, course, bracket, tol, work):
             step *= 2.0
         moved = (
             -1 if abs(fa) < abs(fb) else 1
-        )  # not by more than it is wide: beside a caustic's other ray there is none
+        )  # by at most the bracket's width: beyond a caustic's other ray there is no root
         a, b = (a - step, b) if moved < 0 else (a, b + step)
     return True, a, b, fa, fb, q
 
 
 @kernel
 def unresolved_db(bracket, noise, slope):
-    """Spreading to add where a bracket is as narrow as the search goes and the miss jumps across it. [dB]
+    """Spreading to add if a bracket has the width of the resolution and the miss jumps across it. [dB]
 
-    Along a sound-speed maximum rays part faster than launch angles have digits: the slope at one of them says nothing.
+    Along a sound-speed maximum rays diverge faster than the digits of a launch angle resolve, so the slope at one ray says nothing.
     """
     h = bracket[1, at.ANGLE] - bracket[0, at.ANGLE]
     jump = abs(bracket[1, at.MISS] - bracket[0, at.MISS])
@@ -181,7 +183,7 @@ def unresolved_db(bracket, noise, slope):
 
 @kernel
 def _in_plane(s, walls, course, bracket, accuracy, work):
-    """Launch angle of the root of the miss in a bracket, in the plane of the link; ok False where it slips away."""
+    """Launch angle of the root of the miss in a bracket, in the plane of the link, and False if it cannot be found."""
     lo, hi, fa, code = bracket[0, at.ANGLE], bracket[1, at.ANGLE], bracket[0, at.MISS], bracket[0, at.CODE]
     m = 0.5 * (lo + hi)
     node = work.middles[0]
@@ -209,8 +211,8 @@ def _in_plane(s, walls, course, bracket, accuracy, work):
 
 @kernel
 def _differences(s, walls, course, angle, q, tol, work):
-    """Whether there are, and the derivatives of both end offsets by both launch parameters, from the ray in work."""
-    y, ray, d = work.y, full_ray_end(work), _NEAR
+    """Return ok and the derivatives of both end offsets by both launch parameters, by differences from the ray in work."""
+    y, ray, d = work.y, full_ray_end(work), _DIFFERENCE_STEP
     w0, y0 = y[at.W], y[at.Y]
     ok1, _, _, _ = trace(s, walls, course, angle + d, q, tol, ray)
     w1, y1 = y[at.W] - w0, y[at.Y] - y0
@@ -221,9 +223,9 @@ def _differences(s, walls, course, angle, q, tol, work):
 
 @kernel
 def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
-    """The reflected ray that ends where it is aimed at, by Newton's method, updated by Broyden's formula.
+    """Find the reflected ray that ends at the target, by Newton's method with Broyden's updates.
 
-    With bounded it is given up where it leaves the bracket. Returns the launch, the jacobian and the code of the last ray.
+    If bounded, the search stops when it leaves the bracket. Returns the launch, the jacobian and the code of the last ray.
     """
     rule, y, ray, fine, miss = course.rule, work.y, full_ray(work), accuracy.fine, accuracy.miss
     inner = fewer_bounces(bracket)
@@ -242,7 +244,7 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
             m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
             continue
         f, side = y[at.W] - course.target, y[at.Y]
-        if walls.held >= 0.0 and walls.cells[at.LANDED, -1] > _RETURN * (abs(f) + abs(side)):
+        if walls.held >= 0.0 and walls.cells[at.LANDED, -1] > _RETURN_DISTANCE * (abs(f) + abs(side)):
             break
         if abs(f) < miss and abs(side) < miss:
             return Launch(True, m, q, steps, turns), (j00, j01, j10, j11), code
@@ -278,11 +280,11 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
 
 @kernel
 def refine_reflected(s, walls, course, bracket, accuracy, work):
-    """The reflected ray of a bracket that ends where it is aimed at, and whether its boundaries' cells are the bracket's.
+    """Find the reflected ray of a bracket that ends at the target; also return True if it has the bracket's boundary cells.
 
-    Newton's method from the root of the bracket's cubic; where that leaves the bracket's reflections, again from the root
-    in the plane of the link; where that fails too, the slopes of the boundaries across the plane grow from nothing, and the
-    ray is followed. The end state stays in work.y, its path in work.path.
+    Newton's method starts from the root of the bracket's cubic. If the reflections change, it starts again from the root in the plane
+    of the link. If this fails too, the slopes of the boundaries across the plane increase from zero, and each ray starts the
+    search of the next. The end state stays in work.y, its path in work.path.
     """
     rule = course.rule
     inner = fewer_bounces(bracket)
@@ -306,17 +308,17 @@ def refine_reflected(s, walls, course, bracket, accuracy, work):
             return launch, code == wanted
     if not gridded:
         return Launch(False, 0.0, 0.0, 0, 0), True
-    return _follow_slope(s, walls, course, start, bracket, accuracy, work)
+    return _increase_slope(s, walls, course, start, bracket, accuracy, work)
 
 
 @kernel
-def _follow_slope(s, walls, course, start, bracket, accuracy, work):
-    """Follow a reflected ray from the plane of the link while the slopes of the boundaries across it grow from nothing."""
+def _increase_slope(s, walls, course, start, bracket, accuracy, work):
+    """Continue a reflected ray from the plane of the link while the boundaries' slopes across the plane increase from zero."""
     wanted = int(bracket[fewer_bounces(bracket), at.CODE])
-    rough = Accuracy(accuracy.coarse, accuracy.fine, max(accuracy.miss, _ON_THE_WAY * course.length))
+    rough = Accuracy(accuracy.coarse, accuracy.fine, max(accuracy.miss, _ROUGH_MISS * course.length))
     m, q, share, jacobian = start, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     ahead = _FIRST_SHARE
-    rate_m, rate_q = 0.0, 0.0  # change of the ray by the share
+    rate_m, rate_q = 0.0, 0.0  # derivatives of the ray by the share
     while ahead > _LEAST_SHARE:
         ahead = min(ahead, 1.0 - share)
         last = share + ahead == 1.0
@@ -339,17 +341,17 @@ def _follow_slope(s, walls, course, start, bracket, accuracy, work):
 
 @kernel
 def tube(s, walls, course, launch, tol, work):
-    """Determinant of the end offsets by both launch parameters, by differences from the ray in work; NaN where lost."""
+    """Determinant of the end offsets by both launch parameters, by differences from the ray in work; NaN if a ray fails."""
     ok, (w1, w2, y1, y2) = _differences(s, walls, course, launch.angle, launch.q, tol, work)
     return w1 * y2 - w2 * y1 if ok else math.nan
 
 
 @kernel
 def finish(row, y, launch, course, link, inset):
-    """Fill a row with the ray that ended in state y, moved by its small miss onto the receiver, inset beyond the target.
+    """Fill a row with the ray that ended in state y, moved by its small miss onto the receiver, which is inset beyond the target.
 
-    The travel time changes by the slowness at the receiver times the miss (Fermat) and half its rate of
-    change; the slownesses by their derivatives along the variation.
+    The travel time changes by the slowness at the receiver times the miss (Fermat), to second order; the slownesses change by their
+    derivatives along the variation.
     """
     _, cb, sb, _ = course.axis
     angle, q, c0 = launch.angle, launch.q, link.c0

@@ -1,11 +1,10 @@
-"""All launch angles whose rays meet the receiver: how steep they may be, and an adaptive fan of them.
+"""Find all launch angles whose rays meet the receiver, with limits for their steepness and an adaptive fan of rays.
 
-A fan of rays gives the miss ``F`` and its derivative by the launch angle. Between neighbours F is a cubic
-Hermite polynomial, judged against a ray in the middle wherever a root is possible; intervals are halved
-until each holds one root, none, or is narrower than the resolution. Pairs of roots about an extremum of
-F (a caustic) show by the signs of the derivatives; rays that go through several cycles between neighbours show by
-the slowness at the receiver, whose cubic is then not resolved. Where rays diverge their own errors grow with them: such
-a ray is traced again, more finely, if it comes near the receiver.
+A fan of rays gives the miss ``F`` and its derivative by the launch angle. A cubic Hermite polynomial approximates F between neighbours. If an
+interval may contain a root, a ray in its middle checks this polynomial. Intervals are halved until each contains one root or none, or is
+narrower than the resolution. The signs of the derivatives show pairs of roots about an extremum of F (a caustic). The slowness at the
+receiver shows neighbours that differ by several cycles, because its cubic is then not resolved. The errors of diverging rays grow with the
+divergence: if such a ray comes near the receiver, it is traced again with a smaller tolerance.
 """
 
 import math
@@ -21,48 +20,51 @@ from pymantaray.acoustics._kernels.march import ERRING, allowed, march, needs_mo
 from pymantaray.acoustics._kernels.trace import course_to_levels, fan_ray, trace
 from pymantaray.compile import inlined, kernel, shared
 
-STEEP = 0.08  # rad beyond the Snell limit from which a link has one ray only
-BEYOND = 0.02  # rad; the fan goes beyond the steepest ray that may arrive by this
+STEEP = 0.08  # rad; a link steeper than the Snell limit by this has one ray
+BEYOND = 0.02  # rad; the fan extends beyond the steepest ray that may arrive by this
 MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
-_A_BRACKET = 15.0  # rays that a bracket counts as
-_RESOLVED = 0.3  # of the vertical slowness: defect of its cubic up to which its cycles are taken as resolved
-_NARROW = 5e-5  # rad; between two weak rays so near to each other none is looked for
-_BOUND = (
+_RAYS_PER_BRACKET = 15.0  # share of a bracket in the budget of rays
+_SLOWNESS_DEFECT = 0.3  # of the vertical slowness; a larger defect of its cubic means unresolved cycles
+_WEAK_WIDTH = 5e-5  # rad; a narrower interval between two weak rays is not divided
+_CUBIC_DEPARTURE = (
     16.0 / 27.0
-)  # four times that by which a cubic Hermite departs from its chord at most, for each end's slope defect
-_FEW = 2  # rays are traced one by one
-_APART = 0.25  # of the link: rays that left the water so far from each other did so at other cycles,
-_LEAST_RISE = 0.3  # of their own rise is left to rays of which all between leave the water as they do,
-_SAME_PLACE = 0.3  # at places that their rates foretell within this share of the distance
-_WINDOW = 2e-5  # rad; and between them may be a window of rays that did not, if not narrower than this
-_JUMP = 5.0  # m by which turning depths differ from those that their derivatives predict, if a sound-speed maximum parts the rays
-_BENT = 0.25  # of the nearer miss: slope defects up to which no root is expected between rays that a maximum parts
-_LEAST_PASSAGE = 2e-4  # rad; rays that pass a maximum within a narrower interval are weak
-_DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # what becomes of an interval
+)  # bound of the distance between a cubic Hermite polynomial and its chord, per slope defect, times four
+_MAX_SINGLE_RAYS = 2  # up to this number, rays are traced one by one
+_EXIT_GAP = 0.25  # of the link; rays whose exits from the water are farther apart left it at different cycles
+_LEAST_RISE = (
+    0.3  # of the steepness at the exit must remain within an interval whose rays all leave the water
+)
+_EXIT_AGREEMENT = 0.3  # of the distance to the exit: allowed error of the exit that the derivatives predict
+_WINDOW_WIDTH = 2e-5  # rad; width down to which rays that stay in the water are searched between such exits
+# A sound-speed maximum may part two rays if the miss bends by more than the first share of its size, and if this share times the
+# error of the predicted turning depths exceeds the second number of metres
+_LEAST_BEND, _LEAST_BEND_TIMES_DEFECT = 0.2, 1.25
+_PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
+_DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # verdicts on an interval
 
 Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang")
-Search.__doc__ = """How a fan is searched: tolerances of its rays and of those near the receiver [m], narrowest interval.
+Search.__doc__ = """Settings of a search: tolerances of the fan's rays and of rays near the receiver [m], narrowest interval [rad].
 
-Across a change of code the slopes of the miss are believed beyond the angle steep and in intervals narrower than trust.
-Slopes above weak are those of rays too weak to be looked for. Rays at a change of code that would meet the receiver less than
-overhang beyond it are brackets without width. [rad]
+Across a change of code the slopes of the miss are used beyond the angle steep and in intervals narrower than trust [rad].
+Rays with a slope above weak [m/rad] are too weak to be searched. A ray at a change of code that would meet the receiver within
+overhang [rad] beyond the change is a bracket without width.
 """
 
 
 @kernel
 def aimed_at(course, target):
-    """Give a course to another target."""
+    """Return the course with another target."""
     return Course(course.rule, course.axis, course.length, target, course.to_levels)
 
 
 @kernel
 def shoot(s, walls, course, angle, tol, growth, node, work):
-    """Trace a ray of a fan into a node, so that it ends within tol of where it should; growth is the divergence to expect.
+    """Trace a ray of a fan into a node with an error of at most tol at its end; growth is the expected divergence.
 
-    Steps of one that diverges end at the levels.
-    Slopes are derivatives by the launch angle. For a receiver on a boundary a reflection there is unfolded: rays that were
-    reflected just before they reach it miss it on the other side, so that the miss changes sign at the receiver.
+    The steps of a diverging ray end at the levels. Slopes are derivatives by the launch angle. If the receiver is on a boundary, a
+    reflection there is unfolded: rays that are reflected just before the receiver miss it on the other side, so the miss changes
+    sign at the receiver.
     """
     rule, y = course.rule, work.y
     grown = 0.0
@@ -74,6 +76,8 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
         if gone or not needs_more(y[at.W] - course.target, tol, grown, growth):
+            break
+        if growth > 0.0 and allowed(tol, grown, course.to_levels) == tol_here:  # the same ray again
             break
         growth = grown
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
@@ -90,7 +94,7 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
 
 @kernel
 def _same_code(a, b, fold):
-    """Whether the miss is smooth between two rays: the same reflections, or one more where the receiver is."""
+    """True if the miss is smooth between two rays: equal reflections, or one more at the receiver's boundary."""
     if a[at.CODE] == b[at.CODE]:
         return True
     return fold != 0 and (
@@ -99,63 +103,73 @@ def _same_code(a, b, fold):
 
 
 @kernel
-def _too_many(node, rule):
-    """Whether a ray was lost or reflected more often than is asked for."""
+def _too_many_bounces(node, rule):
+    """True if a ray failed or has more reflections than requested."""
     counts = int(node[at.CODE]) % 1024
     return node[at.GOOD] == 0.0 or counts // 32 > rule.max_surface or counts % 32 > rule.max_bottom
 
 
 @kernel
 def fewer_bounces(bracket):
-    """Which of a bracket's rays has fewer reflections."""
+    """Index of the bracket's ray with fewer reflections."""
     return 0 if int(bracket[0, at.CODE]) % 1024 <= int(bracket[1, at.CODE]) % 1024 else 1
 
 
 @kernel
-def _far(node, h):
-    """Whether a miss cannot vanish within h, also where its derivative grows like an inverse root."""
+def _cannot_vanish(node, h):
+    """True if the miss cannot become zero within h, even if its derivative grows like an inverse root."""
     return node[at.GOOD] == 0.0 or abs(node[at.MISS]) > 3.0 * abs(node[at.SLOPE]) * h
 
 
 @kernel
 def _oscillates(a, b, h):
-    """Whether the slowness at the receiver's plane varies between two rays by more than its slopes show.
+    """True if the slowness at the receiver's plane differs between two rays by more than its slopes predict.
 
-    Rays that go through several cycles between neighbours may both be at the top of one, where the miss is flat.
+    Two rays that differ by several cycles may both be at the top of a cycle, where the miss is flat.
     """
     rise = b[at.SLOWNESS] - a[at.SLOWNESS]
     defect = max(abs(h * a[at.TURN] - rise), abs(h * b[at.TURN] - rise))
-    return defect > _RESOLVED * max(abs(math.sin(a[at.ANGLE])), abs(math.sin(b[at.ANGLE])), 0.02)
+    return defect > _SLOWNESS_DEFECT * max(abs(math.sin(a[at.ANGLE])), abs(math.sin(b[at.ANGLE])), 0.02)
 
 
 @kernel
 def _window(a, b, length):
-    """Whether two rays left so far apart that between them may be some that did not: that turn once more before."""
-    return a[at.LEFT] * b[at.LEFT] > 0.0 and abs(a[at.LEFT] - b[at.LEFT]) > _APART * length
+    """True if two rays left the water so far apart that rays between them may stay in it: they turn once more before."""
+    return a[at.LEFT] * b[at.LEFT] > 0.0 and abs(a[at.LEFT] - b[at.LEFT]) > _EXIT_GAP * length
 
 
 @kernel
-def _maximum_between(a, b, h):
+def _maximum_between(a, b, h, bend):
     """True if a sound-speed maximum seems to turn one of two rays, while the other one crosses it.
 
     The least and greatest depths of a ray are smooth functions of the launch angle, except at the angle of a ray that runs along the crest
     of a maximum. In water that varies horizontally, rays near that angle may enter a duct beyond the crest: the miss then changes
-    by hundreds of metres within 1e-4 rad, which neither ray's derivative shows.
+    by hundreds of metres within 1e-4 rad, which neither ray's derivative shows. bend is the larger slope defect of the miss,
+    as a share of the nearer miss.
     """
-    rise, fall = b[at.TOP] - a[at.TOP], b[at.LOW] - a[at.LOW]
-    return (
-        max(abs(h * a[at.TOP_RATE] - rise), abs(h * b[at.TOP_RATE] - rise)) > _JUMP
-        or max(abs(h * a[at.LOW_RATE] - fall), abs(h * b[at.LOW_RATE] - fall)) > _JUMP
-    )
+    defect = max(_turning_defect(a, b, h, at.TOP), _turning_defect(a, b, h, at.LOW))
+    return bend > _LEAST_BEND and bend * defect > _LEAST_BEND_TIMES_DEFECT
 
 
 @kernel
-def _leave_alike(a, b, length):
-    """Whether two direct rays left the water in one manner, so that all between them do.
+def _turning_defect(a, b, h, column):
+    """Error with which an extreme depth of each ray and its derivative predict that of the other ray, the larger one. [m]
 
-    Where they left and how steeply they rose are smooth functions of the launch angle until the rise vanishes: neither ray's seems
-    to within the interval, the places are those that their own rates lead to, and none of them is beyond the receiver, where rays
-    about a caustic may leave between two that leave just before it.
+    Zero if both rays are at their extreme depths at the receiver: these depths are the miss, not turning depths.
+    """
+    if a[column + 1] == a[at.SLOPE] and b[column + 1] == b[at.SLOPE]:
+        return 0.0
+    change = b[column] - a[column]
+    return max(abs(h * a[column + 1] - change), abs(h * b[column + 1] - change))
+
+
+@kernel
+def _leave_water_alike(a, b, length):
+    """True if two direct rays left the water in the same way, so all rays between them leave it.
+
+    The exit and the steepness there are smooth functions of the launch angle until the steepness becomes zero. Three conditions hold: the
+    derivatives show no such zero within the interval, they predict the other ray's exit, and no exit is beyond the receiver (about
+    a caustic, rays may leave beyond it between two that leave just before it).
     """
     if a[at.LEFT] == 0.0 or b[at.LEFT] == 0.0:
         return False
@@ -165,17 +179,17 @@ def _leave_alike(a, b, length):
         max(a[at.LEFT], b[at.LEFT]) + max(ahead, -back, 0.0) < length
         and h * a[at.LEFT_BEND] > _LEAST_RISE - 1.0
         and h * b[at.LEFT_BEND] < 1.0 - _LEAST_RISE
-        and max(abs(ahead - gap), abs(back - gap)) < _SAME_PLACE * min(a[at.LEFT], b[at.LEFT])
+        and max(abs(ahead - gap), abs(back - gap)) < _EXIT_AGREEMENT * min(a[at.LEFT], b[at.LEFT])
         and abs(0.5 * (ahead + back) - gap) < 0.5 * max(abs(ahead), abs(back))
     )
 
 
 @kernel
 def is_weak(bracket, weak, resolution):
-    """Whether the miss is so steep across a bracket that the ray in it is too weak.
+    """True if the miss is so steep across a bracket that its ray is too weak.
 
-    In a bracket as narrow as the search goes its mean slope says so; a wider one's cubic is resolved, and at its root no less
-    steep than a quarter of the least of its mean slope and those at its ends.
+    In a bracket at the resolution the mean slope decides. The cubic of a wider bracket is resolved, and its slope at the root is at
+    least a quarter of the smallest of the mean slope and the slopes at both ends.
     """
     a, b = bracket[0], bracket[1]
     h = b[at.ANGLE] - a[at.ANGLE]
@@ -187,11 +201,11 @@ def is_weak(bracket, weak, resolution):
 
 @kernel
 def _points_across(end, rule, overhang):
-    """Whether a reflected ray at an edge of its cells would meet the receiver beyond it, were they larger.
+    """True if a reflected ray at an edge of its cells would meet the receiver if the cells were larger.
 
-    Out of the plane, where slopes across it lead the ray, it may be within the edge.
+    Slopes across the plane may move this ray back within the edge.
     """
-    if _too_many(end, rule) or int(end[at.CODE]) % 32 == 0:
+    if _too_many_bounces(end, rule) or int(end[at.CODE]) % 32 == 0:
         return False
     beyond = -end[at.MISS] / end[at.SLOPE]
     return 0.0 < beyond < overhang or overhang < beyond < 0.0
@@ -199,18 +213,20 @@ def _points_across(end, rule, overhang):
 
 @kernel
 def copy_ray(source, target):
-    """Copy as many columns of a ray as there is room for."""
+    """Copy as many columns of a ray as the target has."""
     for i in range(target.shape[0]):
         target[i] = source[i]
 
 
 @kernel
 def _shoot_all(s, walls, course, rays, n, work):
-    """Trace n rays of given ANGLE, TOL and expected GROWTH: direct ones side by side, those that are then left one by one."""
+    """Trace n rays of known ANGLE, TOL and expected GROWTH: direct rays eight at a time, the remaining ones one by one."""
     lanes = work.lanes
     for i in range(n):
         rays[i, at.GOOD] = 0.0
-    if lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN and n > _FEW:  # None on CUDA
+    if (
+        lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN and n > _MAX_SINGLE_RAYS
+    ):  # None on CUDA
         march(s, walls, course, rays, n, lanes)
     for i in range(n):
         ray = rays[i]
@@ -220,21 +236,20 @@ def _shoot_all(s, walls, course, rays, n, work):
 
 @shared
 def find_brackets(s, walls, course, n_nodes, search, work):
-    """Brackets of all roots of the miss between the first and the last of work.nodes.
+    """Bracket all roots of the miss between the first and the last angle of work.nodes.
 
-    Where rays are reflected, only roots of rays that were: the miss is smooth between rays of
-    one code; across a change of code it may bend or jump. Where it comes as near to zero as the tolerance is large, or
-    changes sign without getting smooth, rays are traced anew with the fine tolerance.
-    Between rays that all have too many reflections, but got them far apart, rays with fewer are looked for in
-    wider intervals. Several intervals of direct rays are halved at a time. work.brackets receives the rays at both ends. Returns their number,
-    the smallest miss met, the rays traced and whether the budget sufficed.
+    A search of reflected rays skips direct rays. The miss is smooth between rays of one code; it may bend or jump across a change of
+    code. If the miss is within a few tolerances of zero, or changes sign without becoming smooth, the rays are traced again with the
+    fine tolerance. Between rays that exceed the number of reflections at places far apart, rays with fewer reflections are
+    searched in wider intervals. Several intervals of direct rays are halved at a time. work.brackets receives the rays at both
+    ends. Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
     """
     fan = work.fan
     margin = np.inf
     for i in range(n_nodes):
         fan[i, at.ANGLE], fan[i, at.TOL] = work.nodes[i], search.coarse
         fan[i, at.GROWTH], fan[i, at.DEFECT] = 0.0, 0.0
-        work.nodes[i] = 0.0  # from here on what the search of the interval above has taken
+        work.nodes[i] = 0.0  # from here on the rays used in the interval above this node
     _shoot_all(s, walls, course, fan, n_nodes, work)
     for i in range(n_nodes):
         if fan[i, at.GOOD] > 0.0:
@@ -244,20 +259,20 @@ def find_brackets(s, walls, course, n_nodes, search, work):
         if a[at.GOOD] * m[at.GOOD] * b[at.GOOD] > 0.0 and a[at.CODE] == m[at.CODE] == b[at.CODE]:
             m[at.DEFECT] = 2.0 * _defect(a, m, b)
     course = course_to_levels(s, course)
-    so_far = 0, margin, n_nodes, True
-    waiting = 0, 0, n_nodes - 2
+    tally = 0, margin, n_nodes, True
+    pending = 0, 0, n_nodes - 2
     while True:
-        n, waiting, so_far = _gather(s, walls, course, search, waiting, so_far, work)
+        n, pending, tally = _gather(s, walls, course, search, pending, tally, work)
         if n == 0:
-            return so_far
+            return tally
         _shoot_all(s, walls, course, work.middles, n, work)
-        waiting, so_far = _put_halves(course, n, waiting, so_far, work)
+        pending, tally = _put_halves(course, n, pending, tally, work)
 
 
 @kernel
-def _next_interval(waiting, work):
-    """Lay the steepest of the fan's intervals that wait on the empty stack: towards the axis rays may be without number."""
-    _, left, right = waiting
+def _next_interval(pending, work):
+    """Put the steepest pending interval of the fan on the empty stack: the number of rays towards the axis may be unlimited."""
+    _, left, right = pending
     fan, ends = work.fan, work.stack[0]
     i = left if abs(fan[left, at.ANGLE]) >= abs(fan[right + 1, at.ANGLE]) else right
     copy_ray(fan[i], ends[0])
@@ -268,13 +283,13 @@ def _next_interval(waiting, work):
 
 
 @inlined
-def _gather(s, walls, course, search, waiting, so_far, work):
-    """Take up intervals until there is room for no more that are to be halved, with their middles; return their number.
+def _gather(s, walls, course, search, pending, tally, work):
+    """Judge intervals until work.middles is full of intervals to halve or none is left; return their number.
 
-    waiting are the intervals on the stack and those of the fan from left to right, so_far is what `find_brackets` returns.
+    pending has the size of the stack and the first and last interval of the fan; tally is what `find_brackets` returns.
     """
-    n_brackets, margin, rays, complete = so_far
-    top, left, right = waiting
+    n_brackets, margin, rays, complete = tally
+    top, left, right = pending
     spent, st, fine = work.nodes, work.stack, search.fine
     reflecting = course.rule.kind != at.OPEN
     most = 1 if reflecting else work.middles.shape[0]  # reflected rays are traced one by one
@@ -286,13 +301,13 @@ def _gather(s, walls, course, search, waiting, so_far, work):
         a, b = st[top, 0], st[top, 1]
         tol_here, h = max(a[at.TOL], b[at.TOL]), b[at.ANGLE] - a[at.ANGLE]
         k = int(b[at.INTERVAL])
-        room = n_brackets < work.brackets.shape[0] and spent[k] + _A_BRACKET <= MAX_RAYS_INTERVAL
+        room = n_brackets < work.brackets.shape[0] and spent[k] + _RAYS_PER_BRACKET <= MAX_RAYS_INTERVAL
         verdict, same = _judge(a, b, s.n_range > 1, course, search)
         crosses = a[at.MISS] * b[at.MISS] < 0.0
         if (
             verdict == _SPLIT
             and same
-            and h < _NARROW
+            and h < _WEAK_WIDTH
             and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak
         ):
             verdict = _BRACKET if crosses and room else _DROP
@@ -309,8 +324,8 @@ def _gather(s, walls, course, search, waiting, so_far, work):
             margin = 0.0
         if verdict != _SPLIT:
             continue
-        # rays part so fast that the fan's tolerance shows
-        doubtful = (crosses and h < _NARROW) or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here
+        # the fan's tolerance matters
+        doubtful = (crosses and h < _WEAK_WIDTH) or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here
         if same and tol_here > fine and doubtful:
             traced = _shoot_finely(s, walls, course, (a, b), fine, work)
             rays += traced
@@ -318,8 +333,8 @@ def _gather(s, walls, course, search, waiting, so_far, work):
             top += 1
             continue
         full = spent[k] >= MAX_RAYS_INTERVAL or top + 2 * n + 4 > st.shape[0]
-        if full or rays >= MAX_RAYS:  # an edge between reflections is no ray
-            complete = complete and reflecting and not same and h < _NARROW
+        if full or rays >= MAX_RAYS:  # a narrow edge between reflections contains no ray
+            complete = complete and reflecting and not same and h < _WEAK_WIDTH
             continue
         copy_ray(a, work.halves[n, 0])
         copy_ray(b, work.halves[n, 1])
@@ -332,9 +347,9 @@ def _gather(s, walls, course, search, waiting, so_far, work):
 
 @kernel
 def _shoot_finely(s, walls, course, ends, fine, work):
-    """Trace both rays of an interval again with the fine tolerance; return how many rays that took.
+    """Trace both rays of an interval again with the fine tolerance; return the number of rays traced.
 
-    A root that was between them, but is just beyond one by the fine tolerance, the interval beside may not have: that end is moved over it.
+    If the root is then just beyond one end, the adjacent interval may lack it: this end is moved over the root.
     """
     a, b = ends
     crossed, rays = a[at.MISS] * b[at.MISS] < 0.0, 0
@@ -352,7 +367,7 @@ def _shoot_finely(s, walls, course, ends, fine, work):
 
 @kernel
 def _aim_between(a, b, tol, middle):
-    """Aim a ray between two: traced finely at once where they diverge and their cubic comes near the receiver."""
+    """Set angle and tolerance of the middle ray: fine at once if the rays diverge and their cubic comes near the receiver."""
     h = b[at.ANGLE] - a[at.ANGLE]
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
@@ -361,10 +376,10 @@ def _aim_between(a, b, tol, middle):
 
 
 @inlined
-def _put_halves(course, n, waiting, so_far, work):
+def _put_halves(course, n, pending, tally, work):
     """Put both halves of n intervals on the stack, the steeper on top."""
-    n_brackets, margin, rays, complete = so_far
-    top, left, right = waiting
+    n_brackets, margin, rays, complete = tally
+    top, left, right = pending
     fold, reflecting = course.rule.fold, course.rule.kind != at.OPEN
     for i in range(n):
         a, m, b = work.halves[i, 0], work.middles[i], work.halves[i, 1]
@@ -374,7 +389,7 @@ def _put_halves(course, n, waiting, so_far, work):
         if m[at.GOOD] * a[at.GOOD] * b[at.GOOD] > 0.0 and _same_code(a, m, fold) and _same_code(m, b, fold):
             e = 4.0 * _defect(a, m, b)
         elif reflecting:
-            e = 1e30  # not known: judge the halves by their own middles
+            e = 1e30  # unknown: the middles of the halves decide
         upper = 1 if a[at.ANGLE] + b[at.ANGLE] > 0.0 else 0
         for half in range(2):
             ends = work.stack[top + (half if upper == 1 else 1 - half)]
@@ -387,39 +402,43 @@ def _put_halves(course, n, waiting, so_far, work):
 
 @kernel
 def _add_bracket(a, b, n, interval, work):
-    """Append a bracket of an interval of the fan; return their number."""
+    """Append a bracket to those of an interval of the fan; return the number of brackets."""
     copy_ray(a, work.brackets[n, 0])
     copy_ray(b, work.brackets[n, 1])
-    work.nodes[interval] += _A_BRACKET
+    work.nodes[interval] += _RAYS_PER_BRACKET
     return n + 1
 
 
 @inlined
 def _judge(a, b, varies, course, search):
-    """What is to become of the interval between two rays in a section that varies along its range or does not, and whether the miss is smooth there."""
+    """Return the verdict on the interval between two rays, and True if the miss is smooth there; varies is False if the section is the same at all ranges."""
     rule, h = course.rule, b[at.ANGLE] - a[at.ANGLE]
     reflecting = rule.kind != at.OPEN
     alive = a[at.GOOD] > 0.0 and b[at.GOOD] > 0.0
     same = alive and _same_code(a, b, rule.fold)
     if reflecting and same and a[at.CODE] * b[at.CODE] == 0.0:  # direct
         return _DROP, same
-    if a[at.GOOD] + b[at.GOOD] == 0.0 or (reflecting and _too_many(a, rule) and _too_many(b, rule)):
+    if a[at.GOOD] + b[at.GOOD] == 0.0 or (
+        reflecting and _too_many_bounces(a, rule) and _too_many_bounces(b, rule)
+    ):
         if not reflecting or h < search.trust or not _window(a, b, course.length):
             return _DROP, False
         return _SPLIT, False
     if reflecting and not same:
         believed = h < search.trust or min(abs(a[at.ANGLE]), abs(b[at.ANGLE])) > search.steep
-        return _EDGE if h < search.min_width or (believed and _far(a, h) and _far(b, h)) else _SPLIT, False
+        return _EDGE if h < search.min_width or (
+            believed and _cannot_vanish(a, h) and _cannot_vanish(b, h)
+        ) else _SPLIT, False
     if not alive:
         return _DROP if h < search.min_width else _SPLIT, False
-    if not reflecting and _leave_alike(a, b, course.length):
+    if not reflecting and _leave_water_alike(a, b, course.length):
         return _GONE, same
     return _judge_smooth(a, b, varies, not reflecting, course.length, search), same
 
 
 @inlined
 def _judge_smooth(a, b, varies, direct, length, search):
-    """Judge an interval between rays with the same reflections, none if they are direct."""
+    """Return the verdict on an interval between rays with the same reflections, or between direct rays."""
     h, fa, fb, e = b[at.ANGLE] - a[at.ANGLE], a[at.MISS], b[at.MISS], a[at.DEFECT]
     rise = fb - fa
     ea = h * a[at.SLOPE] - rise
@@ -435,21 +454,21 @@ def _judge_smooth(a, b, varies, direct, length, search):
         return _BRACKET if monotonic or h < search.min_width else _SPLIT
     tol = max(a[at.TOL], b[at.TOL])
     nearest = min(abs(fa), abs(fb))
-    reach = _BOUND * (abs(ea) + abs(eb)) + e
-    # Next to an end that is nearer to zero than the tolerance all others would be halved without end;
-    # on which side of zero that end is, only the fine tolerance tells.
+    reach = _CUBIC_DEPARTURE * (abs(ea) + abs(eb)) + e
+    # If one end is within the tolerance of zero, only the fine tolerance shows on which side of zero it is;
+    # without this condition the intervals beside it would be halved without end.
     sure = tol <= search.fine or nearest > 4.0 * tol
     even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
     clear = even or (nearest > reach + tol and not _oscillates(a, b, h))
-    window = varies and h > _WINDOW and _window(a, b, length)
-    bent = direct and varies and h > _LEAST_PASSAGE and max(abs(ea), abs(eb)) > _BENT * nearest
-    hidden = bent and _maximum_between(a, b, h)
+    window = varies and h > _WINDOW_WIDTH and _window(a, b, length)
+    may_hide = direct and varies and h > _PASSAGE_WIDTH
+    hidden = may_hide and _maximum_between(a, b, h, max(abs(ea), abs(eb)) / max(nearest, 1e-9))
     return _DROP if h < search.min_width or (clear and not window and not hidden) else _SPLIT
 
 
 @kernel
 def _defect(a, m, b):
-    """Greatest departure of the cubic over the wider part of [a, b], from that of the ray between: a quartic's."""
+    """Largest error of the cubic in the wider part of [a, b], from its error at the ray between; the error is taken as a quartic."""
     h = b[at.ANGLE] - a[at.ANGLE]
     t = (m[at.ANGLE] - a[at.ANGLE]) / h
     departure = abs(m[at.MISS] - cubic(t, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE]))
@@ -461,10 +480,10 @@ def _defect(a, m, b):
 def fan_nodes(s, lo, hi, spacing, c_source, nodes):
     """Launch angles of the first fan: equal spacing, and the angles at which rays turn at the levels.
 
-    spacing is the first, and from how far apart nodes are two. [rad]
+    spacing contains the equal spacing and the least distance between two nodes. [rad]
 
-    What a profile does between two levels a ray feels when it turns there: the miss has structure on
-    the scale of these angles, and in a LINEAR section singularities exactly at them.
+    A ray that turns between two levels depends on the profile there: the miss has structure on the scale of these angles, and in a
+    LINEAR section singularities exactly at them.
     """
     spacing, closest = spacing
     count = max(int(math.ceil((hi - lo) / spacing)), 2) + 1
@@ -498,7 +517,7 @@ def fan_nodes(s, lo, hi, spacing, c_source, nodes):
 
 @kernel
 def speed_extremes(s, extremes):
-    """Least and largest sound speed of each layer over the section, and by how much a layer's varies at most along it."""
+    """Put the least and largest sound speed of each layer into extremes; return the largest variation along the section."""
     variation = 0.0
     n = s.depth.size
     for k in range(n - 1):
@@ -528,10 +547,10 @@ def speed_extremes(s, extremes):
 
 @kernel
 def snell_limit(s, c_source, top, low, variation, extremes):
-    """Steepest angle from the horizontal at which a ray can turn between two depths, and at which it may be there.
+    """Steepest launch angle of a ray that turns between two depths, and steepest angle of such a ray there, from the horizontal.
 
-    Snell's law: arccos of the sound speed at the source over the fastest within, raised by what the field
-    varies along the section.
+    Snell's law: arccos of the sound speed at the source over the largest between the depths, increased by the variation of the
+    field along the section.
     """
     slowest, fastest = c_source, c_source
     for k in range(s.depth.size - 1):
@@ -557,5 +576,5 @@ def turning_limits(s, c_source, z0, z1, horizontal, variation, extremes):
 
 @kernel
 def is_steep(slope, limit):
-    """Whether a link's chord is so steep that one direct ray joins its ends, traced along the chord."""
+    """True if the chord is so steep that the link has one direct ray, traced along the chord."""
     return abs(slope) > max(limit + STEEP, 0.3)
