@@ -1,5 +1,7 @@
 """Two-point travel times: all eigenrays between pairs of positions, on the processor in threads or on a CUDA device."""
 
+from __future__ import annotations
+
 import math
 import os
 import threading
@@ -131,7 +133,7 @@ def find_eigenrays(
     return _arrivals(results)
 
 
-def _arrivals(results: "Results") -> Arrivals:
+def _arrivals(results: Results) -> Arrivals:
     from pymantaray.acoustics._kernels import layout
 
     table, info = results.rows, results.info
@@ -164,7 +166,7 @@ def _arrivals(results: "Results") -> Arrivals:
     )
 
 
-def _room(n_links: int) -> "Results":
+def _room(n_links: int) -> Results:
     """Arrays that the kernels fill for a number of links."""
     from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, Results
 
@@ -173,7 +175,7 @@ def _room(n_links: int) -> "Results":
     return Results(rows, np.zeros(n_links, dtype=np.int64), status, np.empty((n_links, N_INFO)))
 
 
-def _compact(room: "Results", n: int) -> "Results":
+def _compact(room: Results, n: int) -> Results:
     """Copy what the first n links have."""
     counts = room.counts[:n].copy()
     used = np.arange(MAX_ARRIVALS) < counts[:, None]
@@ -181,21 +183,21 @@ def _compact(room: "Results", n: int) -> "Results":
 
 
 def _solve_on_processor(
-    domain: "Domain",
+    domain: Domain,
     bounces: tuple[int, int] | None,
-    settings: "Settings",
+    settings: Settings,
     source: Array,
     receiver: Array,
     *,
     threads: int | None = None,
-) -> Generator["Results", None, None]:
+) -> Generator[Results, None, None]:
     """Solve links in threads, a block at a time; memory does not grow with the number of blocks."""
     from pymantaray.acoustics._kernels.layout import workspace
     from pymantaray.acoustics._kernels.link import solve_links
 
     own = threading.local()  # arrays made anew for each block would cost page faults
 
-    def solve(start: int, stop: int) -> "Results":
+    def solve(start: int, stop: int) -> Results:
         if not hasattr(own, "room"):
             own.room, own.work = _room(_MOST_ROWS), workspace(domain.depth.size)
         room, n = own.room, stop - start
@@ -209,8 +211,8 @@ def _solve_on_processor(
 
 
 def _solve_on_cuda(
-    domain: "Domain", bounces: tuple[int, int] | None, settings: "Settings", source: Array, receiver: Array
-) -> Generator["Results", None, None]:
+    domain: Domain, bounces: tuple[int, int] | None, settings: Settings, source: Array, receiver: Array
+) -> Generator[Results, None, None]:
     """Solve links on the current CUDA device, a wave at a time."""
     from pymantaray.acoustics._kernels.cuda import CudaSolver
 
