@@ -82,18 +82,7 @@ class Currents:
 
     @classmethod
     def uniform(cls, north: float, east: float) -> Self:
-        """
-        Return the same current everywhere.
-
-        Parameters
-        ----------
-        north, east : float
-            Components of its velocity, in metres per second.
-
-        Returns
-        -------
-        Currents
-        """
+        """Return the same current everywhere, by its components to the north and to the east. [m/s]"""
         zero = np.zeros(1)
         return cls(zero, zero, zero, np.array([north, east]).reshape(1, 1, 1, 2))
 

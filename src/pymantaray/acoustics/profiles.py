@@ -67,7 +67,7 @@ class ReducedProfile:
         )
 
 
-def read_profile(path: str | Path, position: tuple[float, float] | None = None) -> Profile:
+def read_profile(path: str | Path, place: tuple[float, float] | None = None) -> Profile:
     """
     Read a profile of sound speed, computed by TEOS-10 if the file has temperature and salinity instead.
 
@@ -77,8 +77,8 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
         File of one cast as `pymantaray.ocean.read_cast` takes it, or of sound speed alone, such as a Kongsberg ``.asvp``; or a CSV
         file with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``. Names of
         columns may end in their units, as in ``depth_m``.
-    position : tuple of float, optional
-        Latitude and longitude. By default that of the file, or of a comment line with ``lat ...`` and ``lon ...``; in degrees.
+    place : tuple of float, optional
+        Latitude and longitude. By default that of the file, or of a comment line with ``lat ...`` and ``lon ...``. [degrees]
 
     Returns
     -------
@@ -89,20 +89,20 @@ def read_profile(path: str | Path, position: tuple[float, float] | None = None) 
     AcousticsError
         If the file holds several casts, lacks a column, or its depth does not increase; the message names the line.
     """
-    profiles = read_profiles(path, position)
+    profiles = read_profiles(path, place)
     if len(profiles) > 1:
         names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
         raise AcousticsError(f"{path}: holds {len(profiles)} casts ({names}); one is needed: keep one")
     return profiles[0]
 
 
-def read_profiles(path: str | Path, position: tuple[float, float] | None = None) -> list[Profile]:
+def read_profiles(path: str | Path, place: tuple[float, float] | None = None) -> list[Profile]:
     """
     Read all profiles of a file, one per station.
 
     Parameters
     ----------
-    path, position
+    path, place
         As in `read_profile`.
 
     Returns
@@ -116,7 +116,7 @@ def read_profiles(path: str | Path, position: tuple[float, float] | None = None)
         if holds_argo(path):
             return [_of_cast(cast) for cast in read_casts(path)]
         tables = cast_tables(Path(path))
-        return [_profile(table, name or Path(path).stem, position) for name, table in tables.items()]
+        return [_profile(table, name or Path(path).stem, place) for name, table in tables.items()]
     except OceanError as error:
         raise AcousticsError(str(error)) from None
 
