@@ -4,6 +4,8 @@ Absorption of sound by sea water: three published formulas, and the coefficient 
 The theory page on loss has the formulas, the data behind them, how well they agree, and what was opened of the sources.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -81,7 +83,7 @@ class Absorption:
     @classmethod
     def from_dataset(
         cls,
-        ocean: "xr.Dataset",
+        ocean: xr.Dataset,
         *,
         centre: tuple[float, float] | None = None,
         pH: float = 8.0,
@@ -143,7 +145,7 @@ def _at_depth(column: Callable[[Array], Array], position: Array) -> Array:
     return column(position[:, 2:])
 
 
-def _at_place(look_up: Callable[[Array], Array], window: "Window", position: Array) -> Array:
+def _at_place(look_up: Callable[[Array], Array], window: Window, position: Array) -> Array:
     return look_up(np.stack([position[:, 2], *window.geographic(position[:, 0], position[:, 1])], axis=-1))
 
 

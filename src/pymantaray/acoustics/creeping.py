@@ -1,4 +1,4 @@
-"""Sound in the shadow of the sea surface: it goes to the surface, creeps along it and comes down again, weaker with every metre."""
+"""Sound in the shadow of the sea surface: a wave that creeps along the surface and decays exponentially."""
 
 import math
 from typing import NamedTuple
@@ -18,7 +18,7 @@ _ROUNDS = 8  # between the gradient and the depth that it is meant over
 
 
 class Creep(NamedTuple):
-    """What creeps along the surface from one end of a link to the other."""
+    """Creeping wave from one end of a link to the other."""
 
     spreading_db: float
     """Relative to a metre's, less spherical spreading along the chord. [dB]"""

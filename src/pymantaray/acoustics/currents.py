@@ -1,4 +1,6 @@
-"""What a current does to travel times: the first-order change along each ray of the water at rest."""
+"""Currents, and the first-order change of travel times by a current along each ray of the water at rest."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -59,8 +61,19 @@ class Currents:
         return f"<Currents {n} x {e} x {z}, up to {np.hypot(*self.velocity.T).max():.2g} m/s>"
 
     @classmethod
-    def from_dataset(cls, ocean: "xr.Dataset") -> Self:
-        """Currents ``current_north``, ``current_east`` (north, east, depth) of a local ocean, as `pymantaray.ocean.to_local` makes it."""
+    def from_dataset(cls, ocean: xr.Dataset) -> Self:
+        """
+        Currents of a local ocean.
+
+        Parameters
+        ----------
+        ocean : xarray.Dataset
+            With ``current_north`` and ``current_east`` on (north, east, depth), as `pymantaray.ocean.to_local` returns it. [m/s]
+
+        Returns
+        -------
+        Currents
+        """
         names = ("current_north", "current_east")
         require_local(ocean, *names, *_GRID)
         velocity = np.stack([ocean[name].transpose(*_GRID).values for name in names], axis=-1)
@@ -69,26 +82,51 @@ class Currents:
 
     @classmethod
     def uniform(cls, north: float, east: float) -> Self:
-        """One current everywhere, by its components. [m/s]"""
+        """Return the same current everywhere, by its components to the north and to the east. [m/s]"""
         zero = np.zeros(1)
         return cls(zero, zero, zero, np.array([north, east]).reshape(1, 1, 1, 2))
 
     def at(self, position: ArrayLike) -> Array:
-        """Velocity (n, 3) at positions (n, 3), trilinear; beyond the grid that of its edge. [m/s]"""
+        """
+        Velocity of the current at positions.
+
+        Parameters
+        ----------
+        position : array_like, shape (n, 3)
+            North, east, down. [m]
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Trilinear between the grid points, constant beyond the edges; the component down is 0. [m/s]
+        """
         horizontal = linear_interpolator((self.north, self.east, self.depth), self.velocity)(position)
         return np.concatenate([horizontal, np.zeros((len(horizontal), 1))], axis=1)
 
 
 def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Array:
     r"""
-    First-order change of each arrival's travel time by the current along its ray, by the quadrature of its path. [s]
+    First-order change of each arrival's travel time by the current along its ray.
 
-    To be added to ``travel_time``, from source to receiver; from receiver to source the change has the opposite sign. Between
-    equal positions it is 0.
+    Parameters
+    ----------
+    nodes : Quadrature
+        Points along the rays, from `quadrature`.
+    currents : Currents
+        Current along the rays.
+    n_arrivals : int
+        Number of arrivals; ``nodes.arrival`` is less than this.
 
-    :math:`\delta t = -\int u \cdot p \, dt`, with the slowness :math:`p`, along the ray of the water at rest; derived, with
-    what is neglected, on the theory page on timing. A boundary reflects without a change in time, the water beside it
-    moves along it.
+    Returns
+    -------
+    ndarray, shape (n_arrivals,)
+        Add it to ``travel_time`` for the way from source to receiver and subtract it for the way back; 0 between equal
+        positions. [s]
+
+    Notes
+    -----
+    :math:`\delta t = -\int u \cdot p \, dt` with the slowness :math:`p` along the ray of the water at rest. The theory page on
+    timing derives it and lists what it neglects. A reflection does not change it, because water moves along a boundary.
     """
     p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)

@@ -1,5 +1,7 @@
 """Find all eigenrays between pairs of positions, in threads on the processor or on a CUDA device."""
 
+from __future__ import annotations
+
 import math
 import os
 import threading
@@ -130,7 +132,7 @@ def find_eigenrays(
     return _arrivals(results)
 
 
-def _arrivals(results: "Results") -> Arrivals:
+def _arrivals(results: Results) -> Arrivals:
     from pymantaray.acoustics._kernels import layout
 
     table, info = results.rows, results.info
@@ -163,7 +165,7 @@ def _arrivals(results: "Results") -> Arrivals:
     )
 
 
-def _empty_results(n_links: int) -> "Results":
+def _empty_results(n_links: int) -> Results:
     """Allocate the arrays that the kernels fill for n_links links."""
     from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, Results
 
@@ -172,7 +174,7 @@ def _empty_results(n_links: int) -> "Results":
     return Results(rows, np.zeros(n_links, dtype=np.int64), status, np.empty((n_links, N_INFO)))
 
 
-def _compact(room: "Results", n: int) -> "Results":
+def _compact(room: Results, n: int) -> Results:
     """Copy the results of the first n links."""
     counts = room.counts[:n].copy()
     used = np.arange(MAX_ARRIVALS) < counts[:, None]
@@ -180,21 +182,21 @@ def _compact(room: "Results", n: int) -> "Results":
 
 
 def _solve_on_processor(
-    domain: "Domain",
+    domain: Domain,
     bounces: tuple[int, int] | None,
-    settings: "Settings",
+    settings: Settings,
     source: Array,
     receiver: Array,
     *,
     threads: int | None = None,
-) -> Generator["Results", None, None]:
+) -> Generator[Results, None, None]:
     """Solve links in threads, block by block; memory does not grow with the number of blocks."""
     from pymantaray.acoustics._kernels.layout import workspace
     from pymantaray.acoustics._kernels.link import solve_links
 
     own = threading.local()  # new arrays for each block would cause page faults
 
-    def solve(start: int, stop: int) -> "Results":
+    def solve(start: int, stop: int) -> Results:
         if not hasattr(own, "room"):
             own.room, own.work = _empty_results(_MAX_BLOCK_ROWS), workspace(domain.depth.size)
         room, n = own.room, stop - start
@@ -208,8 +210,8 @@ def _solve_on_processor(
 
 
 def _solve_on_cuda(
-    domain: "Domain", bounces: tuple[int, int] | None, settings: "Settings", source: Array, receiver: Array
-) -> Generator["Results", None, None]:
+    domain: Domain, bounces: tuple[int, int] | None, settings: Settings, source: Array, receiver: Array
+) -> Generator[Results, None, None]:
     """Solve links on the current CUDA device, one launch at a time."""
     from pymantaray.acoustics._kernels.cuda import CudaSolver
 

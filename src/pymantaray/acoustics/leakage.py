@@ -1,4 +1,6 @@
-"""What is heard where no ray goes: sound that leaks past the nearest ray, and scattered sound as a floor."""
+"""Sound at receivers that no ray reaches: diffraction from the nearest ray, and scattered sound as a lower bound."""
+
+from __future__ import annotations
 
 import math
 from collections.abc import Callable
@@ -79,7 +81,7 @@ class Leakage:
 
 
 class Leaks(NamedTuple):
-    """What arrives on links without a ray: at most one a link."""
+    """Arrivals on links without a ray, at most one per link."""
 
     link: Indices
     """Of those that were asked for."""

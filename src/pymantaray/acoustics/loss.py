@@ -4,6 +4,8 @@ Transmission loss of every arrival: spreading, absorption along its path, and it
 The theory page on loss has the limits of each model and what was opened of its sources. Models of reflection are in `reflection`.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 

@@ -1,4 +1,6 @@
-"""The sound-speed field and sea bed through which rays run, as contiguous arrays."""
+"""The medium of rays: sound speed on a grid, sea bed and surface."""
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass
@@ -19,8 +21,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
-_MOST_VALUES = 2**22  # that coefficients are worked out for at a time
-_MOST_ADDED = 100  # levels above the first
+_VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
+_MOST_ADDED_LEVELS = 100  # above the first level
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
 
 
@@ -169,8 +171,22 @@ class Medium:
         """
         Horizontally uniform and unbounded medium from one profile, over a flat sea bed.
 
-        Levels (n_depth,) [m] increase strictly; the sound speed [m/s] of a first level below the surface holds up to it.
-        Bottom and draft of ice, which takes the place of the surface, are depths [m]; otherwise as `from_grid`.
+        Parameters
+        ----------
+        depth : array_like, shape (n_depth,)
+            Levels, strictly increasing, as in `from_grid`. [m]
+        sound_speed : array_like, shape (n_depth,)
+            [m/s]
+        bottom_depth : float or BoundarySurface
+            Depth of the sea bed. [m]
+        interpolation : {"smooth", "linear"}
+            Interpolation of the sound speed between the levels.
+        ice_draft : float or BoundarySurface
+            Depth of the underside of an ice cover, which replaces the surface. [m]
+
+        Returns
+        -------
+        Medium
         """
         c = np.asarray(sound_speed, dtype=float)
         if c.ndim != 1:
@@ -186,11 +202,21 @@ class Medium:
         )
 
     @classmethod
-    def from_dataset(cls, ocean: "xr.Dataset", *, interpolation: Interpolation = "smooth") -> Self:
+    def from_dataset(cls, ocean: xr.Dataset, *, interpolation: Interpolation = "smooth") -> Self:
         """
-        Medium of an ocean data set, local or geographic as `open_ocean` returns it.
+        Medium of an ocean data set.
 
-        A geographic one is regridded about the middle of its window. Ice as `pymantaray.ocean.with_ice` puts it there is taken.
+        Parameters
+        ----------
+        ocean : xarray.Dataset
+            Geographic, as `pymantaray.ocean.open_ocean` returns it, which is regridded about the middle of its window, or local, as
+            `pymantaray.ocean.to_local` returns it. A variable ``sea_ice_draft`` replaces the surface.
+        interpolation : {"smooth", "linear"}
+            Interpolation of the sound speed between the grid points.
+
+        Returns
+        -------
+        Medium
         """
         if "lat" in ocean.dims:
             from pymantaray.ocean import to_local
@@ -209,11 +235,11 @@ class Medium:
         )
 
     def bottom_depth(self, position: ArrayLike) -> Array:
-        """Depth of the sea bed under positions (n, 2) or (n, 3) [m], bilinear between its grid points, the edge's outside. [m]"""
+        """Depth of the sea bed at positions, see `BoundarySurface.depth_at`. [m]"""
         return self.bed.depth_at(position)
 
     def surface_depth(self, position: ArrayLike) -> Array:
-        """Depth of the ice's underside above positions, 0 without ice, otherwise as `bottom_depth`. [m]"""
+        """Depth of the surface, or of the underside of ice, at positions, see `BoundarySurface.depth_at`. [m]"""
         return self.surface.depth_at(position)
 
     @property
@@ -223,7 +249,7 @@ class Medium:
 
     def sound_speed_at(self, position: ArrayLike) -> Array:
         """
-        Sound speed at positions, as rays meet it.
+        Sound speed at positions, by the interpolation that rays use.
 
         Parameters
         ----------
@@ -240,8 +266,8 @@ class Medium:
         speed: Array = find_eigenrays(self, position, position).source_sound_speed
         return speed
 
-    def domain(self) -> "Domain":
-        """Give the medium as the kernels take it; columns of a section at an eighth of a cell."""
+    def domain(self) -> Domain:
+        """Return the medium as the kernels take it, with columns of a section every eighth of a cell."""
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
 
         steps = [np.diff(axis).min() for axis in (self.north, self.east) if axis.size > 1]
@@ -267,22 +293,22 @@ class Medium:
 
 def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
     """
-    Sound speed (..., n_depth) held constant above a first level that is below the surface.
+    Extend levels and sound speed (..., n_depth) to the surface with the sound speed of the first level.
 
-    A spline or line continued from there would go on with the slope below. The levels that are added are as close as
-    the first two, 100 at most, so that a spline is flat between them.
+    A spline or line extrapolated from the first level would continue its slope. The added levels are as close as the first
+    two, at most 100, so that a spline is flat between them.
     """
     if not depth[0] > 0.0:
         return depth, sound_speed
-    n = min(math.ceil(depth[0] / (depth[1] - depth[0])), _MOST_ADDED)
+    n = min(math.ceil(depth[0] / (depth[1] - depth[0])), _MOST_ADDED_LEVELS)
     held = np.repeat(sound_speed[..., :1], n, axis=-1)
     levels = np.linspace(0.0, depth[0], n, endpoint=False)
     return np.concatenate([levels, depth]), np.concatenate([held, sound_speed], axis=-1)
 
 
 def _parts(count: int, size: int) -> list[slice]:
-    """All of a number of slabs of a size, some at a time, so that what is worked out meanwhile takes little memory."""
-    step = max(_MOST_VALUES // size, 1)
+    """Slices of a number of slabs of a size, small enough that intermediate arrays take little memory."""
+    step = max(_VALUES_PER_PART // size, 1)
     return [slice(start, start + step) for start in range(0, count, step)]
 
 
@@ -304,7 +330,7 @@ def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:
             )
 
 
-def require_local(ocean: "xr.Dataset", *names: str) -> None:
+def require_local(ocean: xr.Dataset, *names: str) -> None:
     """Refuse a data set that lacks variables of a local ocean."""
     if missing := [name for name in names if name not in ocean.variables]:
         raise AcousticsError(

@@ -1,4 +1,6 @@
-"""The paths of rays, of eigenrays and of a fan: their nodes, integrals along them, and a picture of one link."""
+"""Paths of eigenrays and of the rays of a fan, integrals along them, and a section along one link."""
+
+from __future__ import annotations
 
 import math
 import threading
@@ -177,7 +179,7 @@ def trace_fan(
 
 
 def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
-    """Workspaces of one thread, and nodes of some paths."""
+    """Workspaces of one thread, and room for the nodes of a few paths."""
     from pymantaray.acoustics._kernels.layout import N_NODE, workspace
 
     work = workspace(medium.depth.size)
@@ -207,10 +209,20 @@ class Quadrature(NamedTuple):
 
 def quadrature(paths: RayPaths) -> Quadrature:
     """
-    Gauss-Legendre points on every segment of paths, four a segment; between nodes a path is a cubic Hermite polynomial in time.
+    Gauss-Legendre points along paths, four on every segment.
 
-    ``position`` (n, 3) [m], ``slowness`` (n, 3), along the ray [s/m], and ``weight`` (n,), the arc length that each point
-    stands for [m].
+    Between nodes a path is a cubic Hermite polynomial in time.
+
+    Parameters
+    ----------
+    paths : RayPaths
+        From `trace_paths` or `trace_fan`.
+
+    Returns
+    -------
+    Quadrature
+        ``arrival`` (n,), the row of the ray; ``position`` (n, 3) [m]; ``slowness`` (n, 3) along the ray [s/m]; ``weight``
+        (n,), the arc length that each point represents [m].
     """
     first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
     a, b = first, first + 1
@@ -258,9 +270,19 @@ def resample(paths: RayPaths, n_points: int) -> Array:
 
 def path_integrals(paths: RayPaths, integrand: Callable[[Array], Array]) -> Array:
     """
-    Integral over arc length (n_rays, k) of functions of place, along every ray; its unit is the integrand's times m.
+    Integrals of functions of position over the arc length of every ray.
 
-    The integrand takes positions (n, 3) [m] and gives values (n,) or (n, k).
+    Parameters
+    ----------
+    paths : RayPaths
+        From `trace_paths` or `trace_fan`.
+    integrand : callable
+        Takes positions (n, 3) [m] and returns values (n,) or (n, k).
+
+    Returns
+    -------
+    ndarray, shape (n_rays, k)
+        [unit of the integrand times m]
     """
     points = quadrature(paths)
     return _gather(paths, points, _values(integrand, points.position) * points.weight[:, None])
@@ -268,11 +290,22 @@ def path_integrals(paths: RayPaths, integrand: Callable[[Array], Array]) -> Arra
 
 def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) -> Array:
     r"""
-    Change of travel time by a small change of the sound speed, to first order.
+    First-order change of travel time by a small change of the sound speed.
 
-    The basis, shapes of the change, takes positions (n, 3) [m] and gives values (n,) or (n, k). The result (n_rays, k) is
-    the derivative of the travel time by the amplitude of each shape. [s per unit of amplitude in m/s]
+    Parameters
+    ----------
+    paths : RayPaths
+        From `trace_paths`.
+    basis : callable
+        Shapes of the change: takes positions (n, 3) [m] and returns values (n,) or (n, k).
 
+    Returns
+    -------
+    ndarray, shape (n_rays, k)
+        Derivative of the travel time by the amplitude of each shape. [s per m/s]
+
+    Notes
+    -----
     For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds` along the
     unperturbed ray: by Fermat's principle the ray's displacement has no first-order effect.
     """
@@ -293,7 +326,7 @@ def ray_picture(
     max_surface_bounces: int = 0,
     max_bottom_bounces: int = 0,
     spreading_cutoff_db: float | None = 15.0,
-) -> "xr.Dataset":
+) -> xr.Dataset:
     """
     Vertical section along one link with its chord, its eigenrays and a fan of other rays.
 

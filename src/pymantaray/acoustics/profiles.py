@@ -1,4 +1,6 @@
-"""Profiles of sound speed that rays can be traced in: read from a file, thinned or smoothed, the change on record."""
+"""Profiles of sound speed: reading, and thinning or smoothing with a record of the change."""
+
+from __future__ import annotations
 
 import math
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ Array = NDArray[np.float64]
 _RAW_SPACING = 2.0  # m
 _POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s, in any sea
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
-_REACH = 4.0  # standard deviations at which the weights are cut off
+_CUT_OFF = 4.0  # standard deviations at which the weights of a Gaussian end
 
 
 class Profile(NamedTuple):
@@ -43,7 +45,7 @@ class Profile(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReducedProfile:
-    """A profile with fewer levels than its raw cast, and how far its interpolation departs from it at its levels."""
+    """Profile with fewer levels than its raw cast, and the change of its sound speed at the levels of the cast."""
 
     depth: Array  # m
     sound_speed: Array  # m/s
@@ -65,35 +67,61 @@ class ReducedProfile:
         )
 
 
-def read_profile(path: str | Path, position: tuple[float, float] | None = None) -> Profile:
+def read_profile(path: str | Path, place: tuple[float, float] | None = None) -> Profile:
     """
-    Sound speed of a profile or a cast in a table, by TEOS-10 if the file does not have it.
+    Read a profile of sound speed, computed by TEOS-10 if the file has temperature and salinity instead.
 
-    A file of casts as `pymantaray.ocean.read_cast` takes it, or one of sound speed alone, such as a Kongsberg ``.asvp``. A CSV with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``; the names
-    may end in their units as in ``depth_m``. The position, latitude and longitude [degrees], is by default that of a comment
-    line with ``lat ...`` and ``lon ...``. What is missing, or a depth that does not increase, is refused by its line.
+    Parameters
+    ----------
+    path : str or Path
+        File of one cast as `pymantaray.ocean.read_cast` takes it, or of sound speed alone, such as a Kongsberg ``.asvp``; or a CSV
+        file with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``. Names of
+        columns may end in their units, as in ``depth_m``.
+    place : tuple of float, optional
+        Latitude and longitude. By default that of the file, or of a comment line with ``lat ...`` and ``lon ...``. [degrees]
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    AcousticsError
+        If the file holds several casts, lacks a column, or its depth does not increase; the message names the line.
     """
-    profiles = read_profiles(path, position)
+    profiles = read_profiles(path, place)
     if len(profiles) > 1:
         names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
         raise AcousticsError(f"{path}: holds {len(profiles)} casts ({names}); one is needed: keep one")
     return profiles[0]
 
 
-def read_profiles(path: str | Path, position: tuple[float, float] | None = None) -> list[Profile]:
-    """Read all profiles of a table, one a station, each as `read_profile` does; each has its name and, if the table says it, its time."""
+def read_profiles(path: str | Path, place: tuple[float, float] | None = None) -> list[Profile]:
+    """
+    Read all profiles of a file, one per station.
+
+    Parameters
+    ----------
+    path, place
+        As in `read_profile`.
+
+    Returns
+    -------
+    list of Profile
+        Each with its name and, if the file has it, its time.
+    """
     from pymantaray.ocean.casts import cast_tables, holds_argo, read_casts
 
     try:
         if holds_argo(path):
             return [_of_cast(cast) for cast in read_casts(path)]
         tables = cast_tables(Path(path))
-        return [_profile(table, name or Path(path).stem, position) for name, table in tables.items()]
+        return [_profile(table, name or Path(path).stem, place) for name, table in tables.items()]
     except OceanError as error:
         raise AcousticsError(str(error)) from None
 
 
-def _profile(table: "CastTable", name: str, position: tuple[float, float] | None) -> Profile:
+def _profile(table: CastTable, name: str, position: tuple[float, float] | None) -> Profile:
     import gsw
 
     from pymantaray.ocean.casts import cast_place, cast_time
@@ -139,13 +167,13 @@ def _profile(table: "CastTable", name: str, position: tuple[float, float] | None
     return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
 
 
-def _of_cast(cast: "Cast") -> Profile:
+def _of_cast(cast: Cast) -> Profile:
     """Profile of a cast whose sound speed is computed."""
     place, water = (cast.lat, cast.lon), (cast.temperature, cast.salinity)
     return Profile(cast.depth, cast.sound_speed(), place, cast.name, cast.time, water, cast.notes, place)
 
 
-def _raw_profile(table: "CastTable", name: str, position: tuple[float, float] | None) -> Profile:
+def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | None) -> Profile:
     """Profile of an instrument's file or a data set: rows downward that are whole and possible, by its own sound speed if it has one."""
     import gsw
 
@@ -171,7 +199,7 @@ def _raw_profile(table: "CastTable", name: str, position: tuple[float, float] | 
 
 
 def is_raw_cast(depth: ArrayLike) -> bool:
-    """Whether a spline through the levels would follow the instrument's errors: closer than 2 m in the median."""
+    """True if levels are so close (median below 2 m) that a spline through them would follow the instrument's errors."""
     spacing = np.diff(np.asarray(depth, dtype=float))
     return bool(spacing.size and np.median(spacing) < _RAW_SPACING)
 
@@ -272,7 +300,7 @@ def smooth_profile(
     share, sigma = np.gradient(z), length / _FWHM
     smoothed = np.empty(levels.size)
     for i, level in enumerate(levels):
-        part = slice(*np.searchsorted(z, [level - _REACH * sigma, level + _REACH * sigma]))
+        part = slice(*np.searchsorted(z, [level - _CUT_OFF * sigma, level + _CUT_OFF * sigma]))
         x = (z[part] - level) / sigma
         w = share[part] * np.exp(-0.5 * x * x)
         s0, s1, s2 = w.sum(), (w * x).sum(), (w * x * x).sum()
@@ -280,7 +308,7 @@ def smooth_profile(
     return _record(*cast, levels, smoothed, "smoothed", length, interpolation)
 
 
-def _place(table: "CastTable", position: tuple[float, float] | None) -> tuple[float, float]:
+def _place(table: CastTable, position: tuple[float, float] | None) -> tuple[float, float]:
     from pymantaray.ocean.casts import cast_place
 
     place = position or cast_place(table)
@@ -335,7 +363,7 @@ def _record(
 
 
 def _fewest_chords(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
-    """Rows of the shortest chain of chords from the first level to the last, breadth first."""
+    """Rows of the shortest chain of chords within the tolerance from the first level to the last, by breadth-first search."""
     n = z.size
     came_from = np.full(n, -1)
     front = [0]

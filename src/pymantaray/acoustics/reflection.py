@@ -5,6 +5,8 @@ A model has a method ``loss_and_phase`` as `pymantaray.geometry.boundary.Reflect
 alone. The theory page on loss has the limits of each model and what was opened of its sources.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Literal, Self

@@ -1,4 +1,6 @@
-"""Which of a link's arrivals a receiver ranges on: the direct one, the first or the strongest."""
+"""Selection of the arrival of a link that a receiver ranges on: the direct, the first or the strongest one."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -33,12 +35,27 @@ def choose_arrivals(
     heard: NDArray[np.bool_] | None = None,
 ) -> Chosen:
     """
-    Pick at most one arrival of each link.
+    Choose at most one arrival of each link.
 
-    ``direct``: the earliest that met no boundary. ``first``: the earliest of all. ``strongest``: the one of least loss; of
-    equals, the earliest. Its loss (n_arrivals,) [dB] is by default ``spreading_db``, which knows neither reflection nor
-    absorption nor distance; NaN counts as greater than any other. A delay (n_arrivals,) [s], see `current_delays`, is added
-    to the travel times before they are compared. Where it is said which arrivals are heard (n_arrivals,), the others are none.
+    Parameters
+    ----------
+    arrivals : Arrivals
+        From `find_eigenrays`.
+    rule : {"direct", "first", "strongest"}
+        ``direct``: the earliest arrival without a reflection. ``first``: the earliest of all. ``strongest``: the one of least
+        loss; of equals, the earliest.
+    loss_db : array_like, shape (n_arrivals,), optional
+        Loss for ``strongest``; NaN counts as infinite. Default: ``spreading_db``, which lacks reflection, absorption and
+        distance. [dB]
+    delay : array_like, shape (n_arrivals,), optional
+        Added to the travel times before they are compared, see `current_delays`. [s]
+    heard : ndarray of bool, shape (n_arrivals,), optional
+        False for arrivals that are not considered.
+
+    Returns
+    -------
+    Chosen
+        Links that have such an arrival, increasing, and its row.
     """
     if rule not in get_args(Rule):
         raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(Rule))}")
@@ -97,12 +114,19 @@ def select(
     arrivals: Arrivals, rule: Rule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
 ) -> FirstArrivals:
     """
-    Give the one arrival of each link that a rule of `choose_arrivals` picks, a row a link; its travel time includes the delay.
+    Select one arrival of each link by a rule.
 
-    By ``first`` and without a delay it is what `Arrivals.first` returns. A link all of whose arrivals have bounced has none by
-    ``direct``: its status is SHADOW, since no ray within the bounces that the rule allows reaches the receiver, and its shadow
-    margin is NaN, since the solver gives that of all families together. Whether the direct rays were rather blocked or weak,
-    the solver says when it is asked for no bounces.
+    Parameters
+    ----------
+    arrivals, rule, loss_db, delay
+        As in `choose_arrivals`.
+
+    Returns
+    -------
+    FirstArrivals
+        One row per link; travel times include the delay. By ``direct``, a link whose arrivals are all reflected has status SHADOW
+        and shadow margin NaN: the solver gives one margin for all numbers of reflections. Solve it without reflections to learn
+        whether its direct rays are blocked or weak. ``first`` without a delay is the same as `Arrivals.first`.
     """
     link, row = choose_arrivals(arrivals, rule, loss_db=loss_db, delay=delay)
     picked = arrivals.of_links(link, row, _delayed(arrivals, delay)[row])

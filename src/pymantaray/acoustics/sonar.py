@@ -4,6 +4,8 @@ Sonar equation: from transmission loss and the noise of the sea to the probabili
 The theory page on loss has what was opened of the sources.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from typing import Literal
@@ -142,23 +144,33 @@ class Sonar:
 
     @property
     def figure_of_merit_db(self) -> float:
-        """Transmission loss at which half the pings are heard. [dB]"""
+        """Transmission loss at which half of the pings are detected. [dB]"""
         return self.source_level_db - self.noise_level_db + self.processing_gain_db - self.threshold_db
 
     def snr_db(self, loss_db: ArrayLike) -> Array:
-        """Signal-to-noise ratio after processing, by the transmission loss; infinite where nothing arrives. [dB]"""
+        """Signal-to-noise ratio after processing, by transmission loss (n,) [dB]. [dB]"""
         return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
 
     def probability_heard(self, loss_db: ArrayLike) -> Array:
-        """Probability that a ping is heard, by the loss of an arrival or a link; 0 where nothing arrives."""
+        """Probability of detection, by transmission loss (n,) of arrivals or links [dB]; 0 at infinite loss."""
         return probability_of_excess(self.snr_db(loss_db) - self.threshold_db, self.spread_db)
 
 
 def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
     """
-    Probability that a level, normal about a prediction so far above the threshold [dB], is above it.
+    Probability that a level with a normal distribution about its prediction exceeds a threshold.
 
-    With a standard deviation of 0 a step, 1 at no excess and above.
+    Parameters
+    ----------
+    excess_db : array_like
+        Predicted level minus threshold. [dB]
+    spread_db : float
+        Standard deviation of the level; 0 gives a step to 1 at an excess of 0. [dB]
+
+    Returns
+    -------
+    ndarray
+        As ``excess_db``.
     """
     excess = np.asarray(excess_db, dtype=float)
     if spread_db == 0.0:
@@ -172,11 +184,25 @@ def link_loss_db(
     loss_db: ArrayLike, link: ArrayLike, n_links: int, *, combine: Literal["strongest", "sum"] = "strongest"
 ) -> Array:
     r"""
-    One transmission loss (n_links,) for each link, from those of its arrivals (n_arrivals,), infinite where nothing arrives. [dB]
+    Transmission loss of each link from that of its arrivals.
 
-    The strongest arrival by default: a ranging modem's band of kilohertz tells arrivals apart that are a millisecond
-    apart, so each has to be heard on its own. Where they overlap, "sum" is the mean power over their phases,
-    :math:`-10 \lg \sum 10^{-TL/10}`.
+    Parameters
+    ----------
+    loss_db : array_like, shape (n_arrivals,)
+        Transmission loss of each arrival. [dB]
+    link : array_like, shape (n_arrivals,)
+        Row of its link.
+    n_links : int
+        Number of links.
+    combine : {"strongest", "sum"}
+        ``strongest``: that of the strongest arrival, because the band of a ranging modem (kilohertz) separates arrivals that are a
+        millisecond apart and each has to be detected alone. ``sum``: the mean power over the phases of arrivals that overlap,
+        :math:`-10 \lg \sum 10^{-TL/10}`.
+
+    Returns
+    -------
+    ndarray, shape (n_links,)
+        Infinite for a link without an arrival. [dB]
     """
     loss, row = np.asarray(loss_db, dtype=float), np.asarray(link, dtype=np.int64)
     if loss.ndim != 1 or loss.shape != row.shape:

@@ -1,5 +1,7 @@
 """A boundary of the water: the sea bed, or the sea surface with the underside of ice, and how it reflects sound."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -84,7 +86,7 @@ class BoundarySurface:
         return f"<BoundarySurface {size}, {self.depth.min():g} to {self.depth.max():g} m{loss}>"
 
     @classmethod
-    def from_dataset(cls, ocean: "xr.Dataset", name: str, error: Error = GeometryError) -> Self:
+    def from_dataset(cls, ocean: xr.Dataset, name: str, error: Error = GeometryError) -> Self:
         """Boundary from a variable of a local ocean, on (floor_north, floor_east), on (north, east) or of one value."""
         variable = ocean[name]
         if variable.ndim == 0:
@@ -142,7 +144,7 @@ class BoundarySurface:
         return np.stack(np.meshgrid(self.north, self.east, indexing="ij"), axis=-1).reshape(-1, 2)
 
     @property
-    def grid(self) -> "BoundaryGrid":
+    def grid(self) -> BoundaryGrid:
         """Depth and axes as the kernels take them."""
         from pymantaray.geometry.boundary_kernels import BoundaryGrid
 

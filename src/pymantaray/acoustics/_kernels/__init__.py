@@ -1,9 +1,18 @@
 """
 Compiled ray machinery: Numba only, no allocation in the inner loops, workspaces passed in.
 
-Each room uses those before it: `layout` names every column and tuple; `field` cuts the medium along a link; `step` has the ray
-equations and one step of them; `boundary` sea bed and ice, where a ray meets them and how it is reflected; `trace` how a link's rays are
-followed, and one ray; `search` the fan and its brackets; `refine` Newton's method within a bracket, and an arrival's row; `cells`
-reflected rays over a gridded bed, cell by cell; `search_reflected` both fans of reflected rays; `link` one link from end to end; `paths`
-the path of a ray that was found; `cuda` links on a device.
+Each module uses those before it. `layout` names all columns and tuples (`at.NAME`). `field` cuts the sound speed along a link into a
+`Section`. `step` has the ray equations and one step of them. `boundary` has sea bed and surface: where a ray meets them and how it is
+reflected. `lanes` is arithmetic on eight numbers at once. Three tracers solve the same equations: `arcs` in closed form through layers
+of constant gradient; `march` eight direct rays of a fan side by side, through smooth sound speed; `trace` any ray, and those that the
+other two leave. `search` launches a fan and brackets the zeros of the miss; `refine` finds a zero by Newton's method and fills an
+arrival's row; `cells` does so for reflected rays over a gridded bed, cell by cell; `search_reflected` searches both fans of reflected
+rays. `link` solves one link from end to end, `paths` traces an eigenray again to record its path, `cuda` solves links on a device.
+
+XI, the derivative of a ray's offset by its launch angle, changes its sign at every reflection; a zero of it anywhere else is a caustic.
+
+To follow one link in a debugger, run without compilation (0.05 s for direct rays, 0.4 s with reflections)::
+
+    NUMBA_DISABLE_JIT=1 python -c "from pymantaray.acoustics import *; print(find_eigenrays(Medium.from_profile(
+        [0, 100, 1000], [1440, 1445, 1460], bottom_depth=1000), [0, 0, 50], [2000, 0, 300]).travel_time)"
 """

@@ -27,7 +27,7 @@ def fits(s, walls, course, q0):
     rule = course.rule
     flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     kind = rule.kind == at.OPEN or (rule.kind == at.FORWARD and flat)
-    return s.layered and kind and course.axis[2] == 0.0 and abs(q0) < _LEAST_SINE
+    return s.layered and kind and course.axis.sb == 0.0 and abs(q0) < _LEAST_SINE
 
 
 @inlined
@@ -100,7 +100,7 @@ def _fill(path, count, here, place, g, a, dr, c_ref):
     n = min(2 * int(dr / _NODE), path.shape[0] - 2 - count)
     for i in range(1, n + 1):
         step = dr * i / (n + 1)
-        z1, _, s1, _, cos1 = _end(here, (0.0, 0.0, 0.0), g, a, 0.0, step)
+        z1, _, s1, _, cos1 = _end(here, at.ArcRates(0.0, 0.0, 0.0), g, a, 0.0, step)
         c1 = cos1 / a
         time = tau + c_ref * _time(g, step, z1 - z, c, c1)
         _record(path[count + i], time, r + step, z1, (a * c_ref, c_ref * s1 / c1), at.IN_WATER)
@@ -117,9 +117,9 @@ def _turn_back(walls, rule, ray, r, hit, so_far):
     if too_many and ray.K.shape[1] == at.N_FAN and ray.y[at.GONE] == 0.0:
         ray.y[at.GONE] = r
     if surface > rule.max_surface + rule.spare or bottom > rule.max_bottom + rule.spare:
-        return False, (surface, bottom, code)
+        return False, at.Reflections(surface, bottom, code)
     mark = landed(walls, r, 0.0, bottom) + 2 if hit == at.AT_BOTTOM else ON_SURFACE
-    return True, (surface, bottom, append_code(code, mark))
+    return True, at.Reflections(surface, bottom, append_code(code, mark))
 
 
 @inlined
@@ -149,9 +149,9 @@ def _rates(face, here, rates, way, g):
     dcos_end = da * c_end
     ds_end = -(a * c_end) * dcos_end / s_end
     if turning:
-        return ds_end, dcos_end, dr + ((ds - ds_end) / (a * g) - step * da / a)
+        return at.ArcRates(ds_end, dcos_end, dr + ((ds - ds_end) / (a * g) - step * da / a))
     change = (z_end - z) * (dcos + dcos_end) - step * (ds + ds_end)
-    return ds_end, dcos_end, dr + change / (sine + s_end)
+    return at.ArcRates(ds_end, dcos_end, dr + change / (sine + s_end))
 
 
 @kernel
@@ -162,15 +162,15 @@ def _arrive(course, here, rates, way, g, place, ray):
     y, path = ray.y, ray.path
     left = course.length - r
     z, dz, sine, ds, _ = _end(here, rates, g, a, da, left)
-    c = here[1] + g * (z - here[0])
+    c = here.speed + g * (z - here.depth)
     n = c_ref / c
-    y[at.W], y[at.P], y[at.XI] = z - course.axis[0], n * sine, dz
+    y[at.W], y[at.P], y[at.XI] = z - course.axis.z_source, n * sine, dz
     y[at.ETA] = n * (ds - sine * g * dz / c)
     y[at.GROWN] = max(y[at.GROWN], abs(dz))
     if ray.K.shape[1] == at.N_FAN:
         return count
     y[at.TAU], y[at.DY_DQ] = (
-        tau + c_ref * _time(g, left, z - here[0], here[1], c),
+        tau + c_ref * _time(g, left, z - here.depth, here.speed, c),
         course.length / (c_ref * a),
     )
     y[at.Y], y[at.Q] = 0.0, 0.0
@@ -185,21 +185,21 @@ def _above(walls, here, face, way, g, r):
     """Whether a direct ray is above the water at a face, at a range r, or below even ice was on its way there."""
     if walls.surface.depth.size > 1:
         return face[0] < surface_at(walls, r, 0.0, r)[0]
-    highest = here[0] + (1.0 / way[0] - here[1]) / g if face[4] else face[0]
+    highest = here.depth + (1.0 / way.a - here.speed) / g if face[4] else face[0]
     return highest < walls.surface.depth[0, 0]
 
 
 @kernel
 def trace_arcs(s, walls, course, angle, ray):
     """Trace a ray as `trace.trace` does, where `fits` says so."""
-    rule, y, path, c_ref = course.rule, ray.y, ray.path, course.axis[3]
-    z, sine, cosine = course.axis[0], math.sin(angle), math.cos(angle)
+    rule, y, path, c_ref = course.rule, ray.y, ray.path, course.axis.c_ref
+    z, sine, cosine = course.axis.z_source, math.sin(angle), math.cos(angle)
     top, bottom = -2.0 * _FAR, 2.0 * _FAR
     if rule.kind == at.FORWARD:
         top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
-    way = cosine / c_ref, -sine / c_ref, sine * sine, c_ref
-    here, rates, r, tau = (z, c_ref, sine, cosine), (cosine, -sine, 0.0), 0.0, 0.0
-    k, count, turns, so_far = find_level(s, z), 0, 0, (0, 0, 0)
+    way = at.Snell(cosine / c_ref, -sine / c_ref, sine * sine, c_ref)
+    here, rates, r, tau = at.ArcPoint(z, c_ref, sine, cosine), at.ArcRates(cosine, -sine, 0.0), 0.0, 0.0
+    k, count, turns, so_far = find_level(s, z), 0, 0, at.Reflections(0, 0, 0)
     xi, caustics = 0.0, 0  # in a layer XI passes through zero once at most
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0
     room = path.shape[0] - 3 if ray.K.shape[1] == at.N_FULL else -1
@@ -214,33 +214,34 @@ def trace_arcs(s, walls, course, angle, ray):
         face = _face(layer, here, way, top)
         z, c, sine, step, turning = face
         down = sine > 0.0
-        if z == here[0] and not turning:  # it starts on a level
+        if z == here.depth and not turning:  # it starts on a level
             k += 1 if down else -1
             ok = top < z < bottom
             continue
         if not r + step < course.length:
             count = _arrive(course, here, rates, way, g, (r, tau, count), ray)
             y[at.CAUSTICS_PASSED] = caustics + (1 if xi * y[at.XI] < 0.0 else 0)
-            return True, count, turns + (1 if here[2] * y[at.P] < 0.0 else 0), so_far[2]
+            return True, count, turns + (1 if here.sine * y[at.P] < 0.0 else 0), so_far.code
         rates = _rates(face, here, rates, way, g)
         if room > 0:
-            count = _fill(path, count, here, (r, tau), g, way[0], step, c_ref) + 1
-        tau += c_ref * _time(g, step, z - here[0], here[1], c) if ray.K.shape[1] == at.N_FULL else 0.0
+            count = _fill(path, count, here, (r, tau), g, way.a, step, c_ref) + 1
+        tau += c_ref * _time(g, step, z - here.depth, here.speed, c) if ray.K.shape[1] == at.N_FULL else 0.0
         r += step
         turns += 1 if turning else 0
         if y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, here, face, way, g, r):
             y[at.GONE] = r
-        here = z, c, sine, way[0] * c
-        before, xi = xi, -rates[2] * sine / here[3]
+        here = at.ArcPoint(z, c, sine, way.a * c)
+        before, xi = xi, -rates.range * sine / here.cosine
         caustics += 1 if before * xi < 0.0 else 0
         y[at.GROWN] = max(y[at.GROWN], abs(xi))
         hit = at.IN_WATER
         if z >= bottom if down else z <= top:
             hit = at.AT_BOTTOM if down else at.AT_SURFACE
-            here, rates, xi = (z, c, -sine, here[3]), (-rates[0], rates[1], rates[2]), -xi
+            here, xi = at.ArcPoint(z, c, -sine, here.cosine), -xi
+            rates = at.ArcRates(-rates.sine, rates.cosine, rates.range)
             ok, so_far = _turn_back(walls, rule, ray, r, hit, so_far)
         else:
             k += 1 if down else -1
         if room > 0:
-            _record(path[count], tau, r, z, (c_ref * way[0], c_ref * here[2] / c), hit)
-    return False, count, turns, so_far[2]
+            _record(path[count], tau, r, z, (c_ref * way.a, c_ref * here.sine / c), hit)
+    return False, count, turns, so_far.code

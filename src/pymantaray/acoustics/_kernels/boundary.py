@@ -313,8 +313,7 @@ def extremum(h, f0, d0, f1, d1):
 def _face_distance(s, walls, cell, face, point, axis, nudge):
     """Signed distance into the cell or the water from a face, and its derivative along the axis.
 
-    point is the place along the axis, the offsets in and out of the plane, and after each its derivative; nudge moves it
-    along the ray to where the cell of the boundary is chosen.
+    nudge moves the point along the ray to where the cell of the boundary is chosen.
     """
     z_source, cb, sb, _ = axis
     pos, w, dw, side, dside = point
@@ -379,7 +378,7 @@ def _gridded_crossing(walls, face, pos, h, ray, axis):
         lo = t
     if hi < 2.0:
         hi = _bisected(walls, face, lo, hi, (pos, h), ray, axis)
-    if axis[1] == 0.0 and not held:
+    if axis.cb == 0.0 and not held:
         ridge = _first_ridge(walls, face, hi, (pos, h), ray, axis)
         if ridge < hi:
             lo = math.floor(ridge * _SAMPLES) / _SAMPLES
@@ -409,7 +408,7 @@ def _first_ridge(walls, face, before, stride, ray, axis):
     Ridges are at the edges of the boundary's cells, which rays that are followed in range do not step over.
     """
     pos, h = stride
-    near, far = -ray.y[at.W] * axis[2], -ray.ynew[at.W] * axis[2]
+    near, far = -ray.y[at.W] * axis.sb, -ray.ynew[at.W] * axis.sb
     first = 9.0
     for i in range(walls.n_breaks):
         r = walls.breaks[i]
@@ -457,11 +456,11 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
     best = h
     best_face = -1
     y, K, ynew = ray.y, ray.K, ray.ynew
-    start = (pos, y[at.W], K[0, at.W], 0.0, 0.0)
-    end = (pos + h, ynew[at.W], K[6, at.W], 0.0, 0.0)
+    start = at.Point(pos, y[at.W], K[0, at.W], 0.0, 0.0)
+    end = at.Point(pos + h, ynew[at.W], K[6, at.W], 0.0, 0.0)
     if K.shape[1] == at.N_FULL:
-        start = (pos, y[at.W], K[0, at.W], y[at.Y], K[0, at.Y])
-        end = (pos + h, ynew[at.W], K[6, at.W], ynew[at.Y], K[6, at.Y])
+        start = at.Point(pos, y[at.W], K[0, at.W], y[at.Y], K[0, at.Y])
+        end = at.Point(pos + h, ynew[at.W], K[6, at.W], ynew[at.Y], K[6, at.Y])
     first, past = faces
     for i in range(past - first):
         face = past - 1 - i
@@ -483,10 +482,7 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
 
 @kernel
 def land(s, walls, cell, face, pos, lengths, ray, axis):
-    """Repeat a step with other lengths until it ends within near of the face; return the length, or -1.
-
-    lengths are a first one, the most, and near.
-    """
+    """Repeat a step with other `Lengths` until it ends near enough to the face; return the length, or -1."""
     h, hi, near = lengths
     lo = 0.0
     ynew, K = ray.ynew, ray.K
@@ -496,7 +492,7 @@ def land(s, walls, cell, face, pos, lengths, ray, axis):
         side, dside = 0.0, 0.0
         if K.shape[1] == at.N_FULL:
             side, dside = ynew[at.Y], K[6, at.Y]
-        point = (pos + h, ynew[at.W], K[6, at.W], side, dside)
+        point = at.Point(pos + h, ynew[at.W], K[6, at.W], side, dside)
         g, slope = face_distance(s, walls, cell, face, point, axis, 0.0)
         if abs(g) < near:
             return h
@@ -523,19 +519,19 @@ def start_cell(s, axis, dw):
         b += 1
     n = s.depth.size
     if z_source > s.depth[n - 1]:
-        return b, n - 1
+        return at.Cell(b, n - 1)
     if z_source < s.depth[0]:
-        return b, -1
+        return at.Cell(b, -1)
     k = find_level(s, z_source)
     down = sb + dw * cb
     if z_source == s.depth[n - 1]:
-        return b, n - 1 if down > 0.0 else n - 2
+        return at.Cell(b, n - 1 if down > 0.0 else n - 2)
     if z_source == s.depth[k] and down <= 0.0:
         if down < 0.0:
-            return b, k - 1
+            return at.Cell(b, k - 1)
         # horizontal on a level: into the layer towards which it bends
         below = linear_full(s, b, k, 0.0, z_source)[1]
         above = linear_full(s, b, k - 1, 0.0, z_source)[1]
         if below > 0.0 and above > 0.0:
-            return b, k - 1
-    return b, k
+            return at.Cell(b, k - 1)
+    return at.Cell(b, k)

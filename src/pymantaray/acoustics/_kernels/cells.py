@@ -18,7 +18,7 @@ from pymantaray.compile import kernel
 KNOWN, _FAILED = 99, -1  # generations of a ray that is found and of a candidate that led to none
 _MOST_GENERATIONS = 4  # of candidates that lead to others
 _ALIKE, _ALIKE_FAILED = 0.1, 0.02  # rad; candidates of the same cells launched so near to each other are one
-_REACH = 4.0  # times the shift of a reflection that another slope of the bed causes, were the bed flat else
+_SHIFT_MARGIN = 4.0  # times the shift of a reflection by another slope of the bed, within which a neighbouring cell is tried
 _BACK = 1e-6  # rad; an edge is where the search's tolerance puts it
 _STEEPER = 0.01  # rad
 
@@ -116,7 +116,7 @@ def add_neighbours(walls, n, launch, counts, generation, work):
                 gap = max(gap, abs(grid.east[i_e + (1 if k % 3 == 0 else 0)] - east))
             cells[at.HELD, 0] = i_n * n_e + i_e
             _, g_r, g_y, _, _ = bed_at(bed, r, y, r)
-            if gap < _REACH * lever * math.hypot(g_r - f_r, g_y - f_y):
+            if gap < _SHIFT_MARGIN * lever * math.hypot(g_r - f_r, g_y - f_y):
                 cells[at.TRIED, bounce] = cells[at.HELD, 0]
                 n = add_candidate(candidates, n, cells[at.TRIED], launch.angle, launch.q, counts, generation)
                 cells[at.TRIED, bounce] = own

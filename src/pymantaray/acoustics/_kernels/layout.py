@@ -32,7 +32,7 @@ N_NODE = 8
 # Ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, code of its reflections; for the
 # search only: error of the cubic about it, tolerance, how far it diverged on its way (before it is traced, is expected to), and GONE
 # with what is known of it, and its least and greatest depth less the source's with their derivatives. The upper end of an interval has in place of DEFECT the number of the fan's interval that it is of.
-ANGLE, MISS, SLOPE, SLOWNESS, TURN, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
+ANGLE, MISS, SLOPE, SLOWNESS, SLOWNESS_SLOPE, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
 LEFT, LEFT_RATE, LEFT_BEND = range(10, 13)
 TOP, TOP_RATE, LOW, LOW_RATE = range(13, 17)
 INTERVAL = DEFECT
@@ -105,12 +105,39 @@ search then unfolds the miss, see `search.shoot`.
 OPEN, FORWARD, LEGS = 0, 1, 2
 
 Course = namedtuple("Course", "rule axis length target to_levels")
-Course.__doc__ = """How rays are followed: by a rule, along an axis (z_source, cb, sb, c_ref) over a length, to an offset target. [m]
+Course.__doc__ = """How rays are followed: by a rule, along an axis over a length, to an offset target. [m]
 
 Steps of a fan's direct rays through a SMOOTH section end at its levels with to_levels; those of full rays always do.
-cb and sb are the cosine and sine of the axis' tilt, c_ref the sound speed at the source. For LEGS the length is a rough
+For LEGS the length is a rough
 measure of all legs.
 """
+
+Axis = namedtuple("Axis", "z_source cb sb c_ref")
+Axis.__doc__ = """Axis through the source along which a ray is followed: depth of the source, cosine and sine of its tilt, sound speed there."""
+
+Cell = namedtuple("Cell", "column layer")
+Cell.__doc__ = """Cell of a section: number of its column along the range (LINEAR) and of its layer; layers -1 and n - 1 are outside the levels."""
+
+Point = namedtuple("Point", "along w dw side dside")
+Point.__doc__ = """Place of a ray: distance along the axis, offsets in and out of the plane, and the derivative of each by that distance."""
+
+Lengths = namedtuple("Lengths", "first longest near")
+Lengths.__doc__ = """Lengths of a step to a face: that to begin with, the longest, and how near to the face it has to end. [m]"""
+
+Reflections = namedtuple("Reflections", "surface bottom code")
+Reflections.__doc__ = """Reflections of a ray: the number at either boundary, and the code of their order and cells, see `boundary.append_code`."""
+
+Found = namedtuple("Found", "count weak rays complete")
+Found.__doc__ = """Result of a search: rows of arrivals, rays too weak to count, rays traced, and whether none was left out for want of room."""
+
+ArcPoint = namedtuple("ArcPoint", "depth speed sine cosine")
+ArcPoint.__doc__ = """Place on an arc of `arcs`: depth, sound speed, and sine (positive down) and cosine of the ray's angle."""
+
+ArcRates = namedtuple("ArcRates", "sine cosine range")
+ArcRates.__doc__ = """Derivatives of sine, cosine and range by the launch angle at a fixed depth."""
+
+Snell = namedtuple("Snell", "a da sine_squared c_ref")
+Snell.__doc__ = """Constants of a ray through layers: a = cos / c with its derivative by the launch angle; sine squared and c at the source."""
 
 Link = namedtuple("Link", "z0 z1 c0 c1 horizontal length unit_north unit_east")
 Link.__doc__ = """The two ends of a link: depths, sound speeds, distances and direction."""

@@ -48,7 +48,7 @@ _CLEAR, _THROUGH, _BLOCKED = range(3)  # where a ray goes: in the water, through
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; of the first fan, and nodes nearer to each other are merged
 _SPACING_LINEAR = 0.008, 1e-9
-_LONG = 2e4  # m; beyond, the tolerance grows with the length of the link
+_FULL_TOLERANCE_LENGTH = 2e4  # m; for longer links the tolerance grows with their length
 _GAUSS_NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
 _GAUSS_WEIGHTS = (
     0.23692688505618908,
@@ -156,7 +156,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     limits = turning_limits(s, link.c0, link.z0, link.z1, link.horizontal, variation, work.extremes)
     slope = math.atan2(link.z1 - link.z0, link.horizontal)
     course = direct_course(link, is_steep(slope, max(limits[0], limits[1])))
-    tol = settings.tolerance * max(1.0, link.length / _LONG)
+    tol = settings.tolerance * max(1.0, link.length / _FULL_TOLERANCE_LENGTH)
     fine, coarse = min(tol, 1e-4 * link.length), min(30.0 * tol, 1e-2 * link.length)
     spacing = _SPACING_SMOOTH
     if s.kind == at.LINEAR:  # a ray that dips a centimetre into the next layer comes out metres away
@@ -165,7 +165,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
         spacing = _SPACING_LINEAR
     accuracy = Accuracy(coarse, fine, min(1e-2, 1e-6 * link.length))
     weak_slope = link.length * 10.0 ** (0.1 * settings.cutoff_db + 1.0)
-    if course.axis[2] != 0.0:
+    if course.axis.sb != 0.0:
         n, margin, rays, complete = _chord_bracket(s, walls, course, coarse, work)
     else:
         # a ray that turns does so within the limits; one that does not is at some depth as steep as the chord

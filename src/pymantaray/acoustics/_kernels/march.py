@@ -33,7 +33,10 @@ _COME, _FAILED = 1.0, 2.0
 # Where rays diverge, measured by straight ones, the errors made on their way grow with them
 _DIVERGING = 3.0  # from here on a ray is traced with a tolerance that allows for it,
 _HOPELESS = 1e3  # up to here: weaker ones are no arrivals
-_AMPLIFIED, _MOST = 2.0, 30.0  # smaller by the first times the divergence, or times the second
+_AMPLIFIED, _DIVERGENCE_LIMIT = (
+    2.0,
+    30.0,
+)  # smaller by the first times the divergence, which counts up to the second
 _AT_LEVELS = 10.0  # times the tolerance is allowed where steps end at the levels: errors are a fiftieth of their estimate there
 ERRING = 100.0  # times tolerance and divergence away from the receiver, errors do not matter
 
@@ -44,7 +47,7 @@ def allowed(tol, growth, to_levels):
     diverges = _DIVERGING < growth < _HOPELESS
     if to_levels:
         return tol * _AT_LEVELS / min(growth, _AT_LEVELS) if diverges else tol * _AT_LEVELS
-    return tol / (_AMPLIFIED * min(growth, _MOST)) if diverges else tol
+    return tol / (_AMPLIFIED * min(growth, _DIVERGENCE_LIMIT)) if diverges else tol
 
 
 @kernel
@@ -193,7 +196,7 @@ def _relay(rows, fan, n_rays, course):
         if rows[_RAY, lane] < n_rays:
             node = fan[int(rows[_RAY, lane])]
             node[at.MISS], node[at.SLOPE] = rows[at.W, lane] - course.target, rows[at.XI, lane]
-            node[at.SLOWNESS], node[at.TURN] = rows[at.P, lane], rows[at.ETA, lane]
+            node[at.SLOWNESS], node[at.SLOWNESS_SLOPE] = rows[at.P, lane], rows[at.ETA, lane]
             node[at.GOOD], node[at.CODE] = 1.0 if rows[_DONE, lane] == _COME else 0.0, 0.0
             node[at.LEFT] = rows[_GONE, lane]
             node[at.LEFT_RATE], node[at.LEFT_BEND] = rows[_RATE, lane], rows[_BEND, lane]

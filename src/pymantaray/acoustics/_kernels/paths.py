@@ -122,7 +122,7 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
     s, walls = baseline(domain, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
     rule = Rule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
-    course = Course(rule, (source[2], 1.0, 0.0, c), distance, 0.0, False)
+    course = Course(rule, at.Axis(source[2], 1.0, 0.0, c), distance, 0.0, False)
     n = 0
     for i in range(angles.size):
         if n + work.path.shape[0] > nodes.shape[0]:

@@ -81,14 +81,14 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
             break
         growth = grown
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
-    node[at.SLOWNESS], node[at.TURN] = y[at.P], y[at.ETA]
+    node[at.SLOWNESS], node[at.SLOWNESS_SLOPE] = y[at.P], y[at.ETA]
     node[at.GOOD], node[at.CODE] = 1.0 if ok else 0.0, code
     node[at.TOL], node[at.GROWTH], node[at.LEFT] = tol, grown, y[at.GONE]
     node[at.LEFT_RATE], node[at.LEFT_BEND] = y[at.GONE_RATE], y[at.GONE_BEND]
     node[at.TOP], node[at.TOP_RATE] = y[at.HIGHEST], y[at.HIGHEST_RATE]
     node[at.LOW], node[at.LOW_RATE] = y[at.LOWEST], y[at.LOWEST_RATE]
     if rule.fold != 0 and (code % 1024 // 32 if rule.fold <= ON_SURFACE else code % 32) % 2 == 1:
-        for i in (at.MISS, at.SLOPE, at.SLOWNESS, at.TURN):
+        for i in (at.MISS, at.SLOPE, at.SLOWNESS, at.SLOWNESS_SLOPE):
             node[i] = -node[i]
 
 
@@ -128,7 +128,7 @@ def _oscillates(a, b, h):
     Two rays that differ by several cycles may both be at the top of a cycle, where the miss is flat.
     """
     rise = b[at.SLOWNESS] - a[at.SLOWNESS]
-    defect = max(abs(h * a[at.TURN] - rise), abs(h * b[at.TURN] - rise))
+    defect = max(abs(h * a[at.SLOWNESS_SLOPE] - rise), abs(h * b[at.SLOWNESS_SLOPE] - rise))
     return defect > _SLOWNESS_DEFECT * max(abs(math.sin(a[at.ANGLE])), abs(math.sin(b[at.ANGLE])), 0.02)
 
 

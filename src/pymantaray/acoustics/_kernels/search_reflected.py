@@ -81,7 +81,7 @@ def add_reflected(s, walls, hunt, count, work):
     Returns rows in use, weak ones, rays traced, and whether none was left out.
     """
     horizontal, reach = hunt.link.horizontal, hunt.reach
-    so_far = count, 0, 0, True
+    so_far = at.Found(count, 0, 0, True)
     steepest = 0.5 * math.pi
     if horizontal > 1e-9:
         legs = hunt.bounces[0] + hunt.bounces[1] + 1
@@ -180,7 +180,7 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, so_far, work):
             weak += too_weak
         if gridded and not same:
             n = add_of_bracket(s, walls, course, bracket, n, accuracy.fine, work)
-    return count, weak, rays + more_rays, complete and all_there
+    return at.Found(count, weak, rays + more_rays, complete and all_there)
 
 
 @kernel

@@ -47,7 +47,7 @@ E1, E3, E4, E5, E6, E7 = 71 / 57600, -71 / 16695, 71 / 1920, -17253 / 339200, 22
 def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     """Right-hand side; ok False where the ray has turned across the axis, and the layer, found from layer k.
 
-    axis = (z_source, cb, sb, c_ref); c_ref is the sound speed at the source, so that n = 1 there.
+    n = 1 at the source, where the sound speed is axis.c_ref.
     """
     z_source, cb, sb, c_ref = axis
     r = pos * cb - y[at.W] * sb
@@ -94,9 +94,9 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
 
 
 @kernel
-def derivative(s, b, k, pos, y, dy, n_eq, axis):
+def derivative(s, cell, pos, y, dy, n_eq, axis):
     """Right-hand side at one place; False where the ray has turned across the axis."""
-    return _derivative(s, b, k, pos, y, dy, n_eq, axis)[0]
+    return _derivative(s, cell.column, cell.layer, pos, y, dy, n_eq, axis)[0]
 
 
 @inlined

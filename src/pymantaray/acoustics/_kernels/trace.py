@@ -35,7 +35,7 @@ from pymantaray.compile import inlined, kernel, out_of_line, shared
 
 MAX_STEPS = 100_000
 _MOST_STUCK = 20  # steps too short to be shortened, of a ray so flat that the field's last digits turn it
-_LONG = 1e7  # m; a leg that a boundary ends
+_ENDLESS_LEG = 1e7  # m; length of a leg that a boundary ends
 
 
 @kernel
@@ -45,14 +45,14 @@ def direct_course(link, along_chord):
     if along_chord:
         slope = math.atan2(target, link.horizontal)
         cb, sb, length, target = math.cos(slope), math.sin(slope), link.length, 0.0
-    return Course(Rule(at.OPEN, 0, 0, 0, 0, 0.0, 0), (link.z0, cb, sb, link.c0), length, target, False)
+    return Course(Rule(at.OPEN, 0, 0, 0, 0, 0.0, 0), at.Axis(link.z0, cb, sb, link.c0), length, target, False)
 
 
 @kernel
 def forward_course(link, bounces, spare, fold, z_end):
     """Follow rays along the horizontal, reflected at most so many times at the surface and at the sea bed, to a depth."""
     rule = Rule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
-    return Course(rule, (link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0, False)
+    return Course(rule, at.Axis(link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0, False)
 
 
 @kernel
@@ -62,7 +62,7 @@ def legs_course(link, bounces, down, z_end, length):
     sb = 1.0 if down else -1.0
     sb_end = sb if legs % 2 == 1 else -sb
     rule = Rule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
-    return Course(rule, (link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end, False)
+    return Course(rule, at.Axis(link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end, False)
 
 
 @kernel
@@ -70,13 +70,13 @@ def ray_axis(course):
     """What an arrival's row says of its course."""
     if course.rule.kind == at.LEGS:
         return at.VERTICAL
-    return at.CHORD if course.axis[2] != 0.0 else at.HORIZONTAL
+    return at.CHORD if course.axis.sb != 0.0 else at.HORIZONTAL
 
 
 @inlined
 def course_to_levels(s, course):
     """Have the steps of a fan's rays end at the levels: of direct ones along the horizontal, in a SMOOTH section."""
-    able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis[2] == 0.0
+    able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
     return Course(course.rule, course.axis, course.length, course.target, able)
 
 
@@ -131,13 +131,13 @@ def trace(s, walls, course, angle, q0, tol, ray):
     full = n_eq == at.N_FULL
     at_levels = course.to_levels or (s.kind == at.SMOOTH and full)
     tube = TUBE if full else (FAN_TUBE if course.to_levels else 0.0)
-    span = _LONG if rule.kind == at.LEGS else length
+    span = _ENDLESS_LEG if rule.kind == at.LEGS else length
     turns, code, surface, bottom = 0, 0, 0, 0
     count, leg, next_break, stuck = 0, 1, 0, 0
     pos, gone = 0.0, 0.0
     h = min(length, 60.0)
     if at_levels:
-        h = min(h, _to_level(s, cell[1], axis[0], down))
+        h = min(h, _to_level(s, cell.layer, axis.z_source, down))
     lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # place of the surface
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
@@ -146,7 +146,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         if hit != at.IN_WATER:
             surface += 1 if hit == at.AT_SURFACE else 0
             bottom += 1 if hit == at.AT_BOTTOM else 0
-            so_far = surface, bottom, code
+            so_far = at.Reflections(surface, bottom, code)
             ok, code, new_axis = _reflected(s, walls, course.rule, axis, cell, (pos, hit), so_far, ray)
             if not ok:
                 return False, count, turns, code
@@ -158,16 +158,16 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 leg += 1
                 axis = new_axis
                 if leg == rule.legs:
-                    span = (rule.end_depth - axis[0]) * axis[2]
+                    span = (rule.end_depth - axis.z_source) * axis.sb
                     if not span >= 0.0:
                         return False, count, turns, code
-            if not derivative(s, cell[0], cell[1], pos, y, K[0], n_eq, axis):
+            if not derivative(s, cell, pos, y, K[0], n_eq, axis):
                 return False, count, turns, code
-            down = axis[2] + K[0, at.W] * axis[1]
+            down = axis.sb + K[0, at.W] * axis.cb
             if at_levels:
                 z = _depth(axis, pos, y)
-                cell = cell[0], move_level(s.depth, cell[1], z)
-                h = min(h, _to_level(s, cell[1], z, down))
+                cell = at.Cell(cell.column, move_level(s.depth, cell.layer, z))
+                h = min(h, _to_level(s, cell.layer, z, down))
             if record:
                 count += 1
                 if count >= path.shape[0]:
@@ -206,7 +206,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         if faces[1] > faces[0]:
             face, h_hit = crossing(s, walls, cell, faces, pos, h, ray, axis)
             if face >= 0:
-                h_hit = land(s, walls, cell, face, pos, (h_hit, h, near), ray, axis)
+                h_hit = land(s, walls, cell, face, pos, at.Lengths(h_hit, h, near), ray, axis)
                 if h_hit < 0.0:
                     return False, count, turns, code
                 last = last and h_hit == h
@@ -227,7 +227,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
             if not ok:
                 return False, count, turns, code
         count += 1
-        new_down = axis[2] + K[0, at.W] * axis[1]
+        new_down = axis.sb + K[0, at.W] * axis.cb
         z = _depth(axis, pos, y)
         if n_eq == at.N_FAN:
             y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
@@ -238,9 +238,9 @@ def trace(s, walls, course, angle, q0, tol, ray):
             if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN:
                 _note_exit(walls, axis, pos, z, y, K)
         if s.kind == at.SMOOTH:
-            cell = cell[0], move_level(s.depth, cell[1], z)
+            cell = at.Cell(cell.column, move_level(s.depth, cell.layer, z))
             if at_levels:
-                h = min(h, _to_level(s, cell[1], z, new_down))
+                h = min(h, _to_level(s, cell.layer, z, new_down))
         if new_down * down < 0.0:
             turns += 1
         if new_down != 0.0:
@@ -255,7 +255,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
 @inlined
 def _depth(axis, pos, y):
     """Depth of a ray."""
-    return axis[0] + pos * axis[2] + y[at.W] * axis[1]
+    return axis.z_source + pos * axis.sb + y[at.W] * axis.cb
 
 
 @inlined
@@ -268,14 +268,14 @@ def _launch(s, walls, rule, axis, angle, q0, ray):
     y[at.P] = math.sin(angle)
     y[at.ETA] = math.cos(angle)
     y[at.Q] = q0
-    cell = 0, find_level(s, z_source)
+    cell = at.Cell(0, find_level(s, z_source))
     if s.kind == at.LINEAR:
         cell = start_cell(s, axis, math.tan(angle))
-    if not derivative(s, cell[0], cell[1], 0.0, y, K[0], K.shape[1], axis):
+    if not derivative(s, cell, 0.0, y, K[0], K.shape[1], axis):
         return False, cell, 0.0
     down = sb + K[0, at.W] * cb
     if rule.kind != at.OPEN:
-        point = 0.0, 0.0, K[0, at.W], 0.0, 0.0
+        point = at.Point(0.0, 0.0, K[0, at.W], 0.0, 0.0)
         gap, rate = face_distance(s, walls, cell, SURFACE, point, axis, 0.0)
         if gap <= 0.0 and rate < 0.0:
             return False, cell, down
@@ -304,7 +304,7 @@ def _reflected(s, walls, rule, axis, cell, place, so_far, ray):
     r = pos * cb - y[at.W] * sb
     mark = landed(walls, r, y[at.Y], bottom) + 2 if hit == at.AT_BOTTOM else mark_of(walls, r, y[at.Y], False)
     ok = reflect(s, walls, cell, pos, ray, axis, hit, new_sb)
-    return ok, append_code(code, mark), (z, cb, new_sb, c_ref)
+    return ok, append_code(code, mark), at.Axis(z, cb, new_sb, c_ref)
 
 
 @kernel
@@ -316,7 +316,7 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
     y, K = ray.y, ray.K
     _, cb, sb, _ = axis
     before = K[0, at.P]
-    rate = face_distance(s, walls, cell, face, (pos, y[at.W], K[0, at.W], 0.0, 0.0), axis, 0.0)[1]
+    rate = face_distance(s, walls, cell, face, at.Point(pos, y[at.W], K[0, at.W], 0.0, 0.0), axis, 0.0)[1]
     b, k = cell
     weight = cb
     if face == TOP:
@@ -330,12 +330,13 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
     elif face == FAR:
         b += 1
         weight = sb
-    if not derivative(s, b, k, pos, y, K[0], K.shape[1], axis):
-        return False, (b, k)
+    cell = at.Cell(b, k)
+    if not derivative(s, cell, pos, y, K[0], K.shape[1], axis):
+        return False, cell
     if rate < 0.0:
         y[at.ETA] += (before - K[0, at.P]) * (-weight * y[at.XI] / rate)
-        derivative(s, b, k, pos, y, K[0], K.shape[1], axis)
-    return True, (b, k)
+        derivative(s, cell, pos, y, K[0], K.shape[1], axis)
+    return True, cell
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""What Bellhop writes as records in SI units: arrivals (`.arr`, text or binary) and rays (`.ray`)."""
+"""Bellhop's output as records in SI units: arrivals (`.arr`, text or binary) and rays (`.ray`)."""
 
 import math
 import re
