@@ -105,13 +105,13 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
 
 REFUSED = {
     "rule 'loudest'; allowed are first": (*WATER, "--rule", "loudest"),
-    "rule threshold: a sonar says what is heard": (*WATER, "--rule", "threshold"),
+    "rule threshold: it needs a sonar": (*WATER, "--rule", "threshold"),
     "exactly one of --ocean, --profile and --run": (),
     "first: a profile has no sea bed": WATER[:2],
     "casts.csv: not valid TOML": (*WATER, "--detection", "casts.csv"),
     "empty.toml: has no section [detection]": (*WATER, "--detection", "empty.toml"),
     "francois-garrison, but first lacks temperature or salinity": (*WATER, "--detection", "salty.toml"),
-    "reference 'Z' is no node": (*WATER, "--reference", "Z"),
+    "reference 'Z': no such node": (*WATER, "--reference", "Z"),
     "--window is -5 s; it must be finite and zero or positive": (*WATER, "--window", -5),
     "not a run folder": ("--run", "."),
 }

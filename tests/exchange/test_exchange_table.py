@@ -234,7 +234,7 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     refused(
         ExchangeError, "times are dates, but the mission's start has none", lambda: read_pings(path, None)
     )
-    refused(ExchangeError, "a ping is at -60 s; the mission begins at 0", lambda: read_pings(
+    refused(ExchangeError, "a ping is at -60 s; the mission starts at 0", lambda: read_pings(
         path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
     refused(ExchangeError, "lacks transmitter; found time, who; a list of pings needs", lambda: read_pings(
         text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip

@@ -62,7 +62,7 @@ BAD = {
     ),
     "source and receiver of event 1 is A and A; allowed: two nodes": (HEAD, ROW.replace(",B,", ",A,")),
     "latitude in -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
-    "line 2: sigma is 'small'; seconds are needed, or nothing": (f"{HEAD},sigma", f"{ROW},small"),
+    "line 2: sigma is 'small'; allowed: seconds, or an empty cell": (f"{HEAD},sigma", f"{ROW},small"),
     "sigma of event 1 is 0.0; allowed: seconds above 0": (f"{HEAD},sigma", f"{ROW},0"),
     "has positions in lat, lon and in north, east": (f"{HEAD},source_north", f"{ROW},0"),
     "has two columns sigma; keep one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),
@@ -107,10 +107,10 @@ def test_an_event_takes_the_cast_that_it_names_or_the_nearest_in_time():
 @pytest.mark.parametrize(
     ("message", "events", "casts"),
     [
-        ("cast noon is not among those given; there are a, b", events_at([0.0], ["noon"]), "ab"),
-        ("cast a has no time; name each event's cast", events_at([0.0]), "ab"),
+        ("cast noon is unknown; allowed are a, b", events_at([0.0], ["noon"]), "ab"),
+        ("cast a has no time; add a column cast", events_at([0.0]), "ab"),
         ("two casts are called a", events_at([0.0], ["a"]), "aa"),
-        ("no water given", events_at([0.0]), ""),
+        ("replay: there is no water", events_at([0.0]), ""),
     ],
 )
 def test_a_cast_that_cannot_be_told_is_refused(message, events, casts):
@@ -176,10 +176,10 @@ def test_rules_and_references_that_do_not_fit_are_refused():
     events = events_at([0.0])
     sonar = Reception(detector=Detector(Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0)))
     for waters in (Water(WATER), [Water(WATER, reception=sonar), Water(WATER)]):
-        refused(ReplayError, "rule threshold: a sonar says", replay_events, events, waters, "threshold")
+        refused(ReplayError, "rule threshold: it needs a sonar", replay_events, events, waters, "threshold")
     refused(
         ReplayError,
-        "reference 'Z' is no node; there are A, B",
+        "reference 'Z': no such node; allowed are A, B",
         replay_events,
         events,
         Water(WATER),

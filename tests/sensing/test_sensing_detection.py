@@ -11,7 +11,7 @@ from pymantaray.sensing import perturb
 
 
 def hear(measurements, probability, realization=3):
-    return perturb(measurements, root_seed=7, realization=realization, probability=probability)
+    return perturb(measurements, root_seed=7, realization=realization, detection=probability)
 
 
 def test_each_ordered_pair_draws_from_its_own_stream_once_an_attempt(make_measurements):
@@ -47,7 +47,7 @@ def test_probabilities_that_are_none_are_refused(make_measurements):
         hear(m, [1.0, 1.0])
     for value in (1.5, np.nan):
         with pytest.raises(
-            SensingError, match=f"1 attempts with .* have none in 0 to 1, the first is {value:g}"
+            SensingError, match=f"1 attempts with .* have one outside 0 to 1, the first is {value:g}"
         ):
             hear(m, np.where(np.arange(ok.size) == 0, value, 1.0))
     hear(m, np.where(ok, 1.0, np.nan))  # a dropout needs none

@@ -69,12 +69,12 @@ def test_what_is_heard_of_it_is_a_range_like_any_other(truth, leaky):
     m = assemble(truth, [HIDDEN], leaky, NoiseModel(range_sigma=1.0))
     leaked = m.range_status == RayStatus.LEAKED
     chance = np.where(leaked, 0.5, leaky.probability)
-    noisy = [perturb(m, root_seed=1, realization=r, probability=chance).range_status for r in range(60)]
+    noisy = [perturb(m, root_seed=1, realization=r, detection=chance).range_status for r in range(60)]
     for status in noisy:
         assert set(status[leaked]) <= {RayStatus.OK, RayStatus.UNHEARD}
     share = np.mean([(status[leaked] == RayStatus.OK).mean() for status in noisy])
     assert share == pytest.approx(0.5, abs=4.0 * 0.5 / np.sqrt(60 * leaked.sum()))
-    heard = perturb(m, root_seed=1, realization=0, probability=np.where(leaked, 1.0, chance))
+    heard = perturb(m, root_seed=1, realization=0, detection=np.where(leaked, 1.0, chance))
     off = heard.refracted_range[leaked] - m.refracted_range[leaked]
     assert np.abs(off).max() < 5.0
 
@@ -143,7 +143,7 @@ def test_what_leaks_stands_for_the_direct_arrival_where_receivers_err(truth, tim
     np.testing.assert_array_equal(candidates.travel_time[rows], ranging.truth.travel_time[leaked])
     assert np.bincount(candidates.attempt)[leaked].min() > 1  # sound by the surface competes with it
     # what is heard of all candidates is heard of each alone, and one that is sure leaves nothing to the others
-    noisy = [perturb(m, root_seed=2, realization=r, timing=timing, candidates=candidates) for r in range(10)]
+    noisy = [perturb(m, root_seed=2, realization=r, timing=timing, detection=candidates) for r in range(10)]
     for one in noisy:
         assert set(one.range_status.tolist()) <= {RayStatus.OK, RayStatus.UNHEARD}
     took = np.concatenate([one.refracted_range[leaked] - m.refracted_range[leaked] for one in noisy])

@@ -149,7 +149,7 @@ def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, timi
     ranging, o, candidates = mission(truth, RIDGED, Picker("strongest-detected"), timing)
     certain = replace(candidates, probability=candidates.direct)
     options = {"timing": timing, "clocks": ClockModel(1e-3, 1e-6), "ranging_truth": ranging.truth}
-    one, other = (perturb(o, root_seed=1, realization=2, **options, candidates=c) for c in (certain, None))
+    one, other = (perturb(o, root_seed=1, realization=2, **options, detection=c) for c in (certain, None))
     assert_same(one, other)
     assert certain.expected_mistaken == 0.0
     assert candidates.expected_mistaken > 1.0
@@ -163,9 +163,9 @@ def test_without_other_arrivals_the_outcome_is_that_of_detection_alone(truth, ti
     o = assemble(truth, [HIDDEN], ranging, NoiseModel())
     candidates = find_candidates(ranging, truth, Picker("first-detected", modem), timing=timing)
     options = {"root_seed": 3, "realization": 1, "timing": timing}
-    plain = perturb(o, **options, probability=ranging.probability)
+    plain = perturb(o, **options, detection=ranging.probability)
     assert {RayStatus.OK, RayStatus.UNHEARD} == set(plain.range_status)
-    assert_same(perturb(o, **options, candidates=candidates), plain)
+    assert_same(perturb(o, **options, detection=candidates), plain)
 
 
 def test_mistakes_come_in_the_place_of_what_was_not_heard(truth):
@@ -173,8 +173,8 @@ def test_mistakes_come_in_the_place_of_what_was_not_heard(truth):
     ranging, o, candidates = mission(truth, RIDGED, Picker("first-detected", sonar(168.0)))
     gained = 0
     for realization in range(20):
-        without = perturb(o, root_seed=3, realization=realization, probability=ranging.probability)
-        with_them = perturb(o, root_seed=3, realization=realization, candidates=candidates)
+        without = perturb(o, root_seed=3, realization=realization, detection=ranging.probability)
+        with_them = perturb(o, root_seed=3, realization=realization, detection=candidates)
         heard = without.range_status == RayStatus.OK
         np.testing.assert_array_equal(with_them.refracted_range[heard], without.refracted_range[heard])
         more = ~heard & (with_them.range_status == RayStatus.OK)
@@ -231,7 +231,7 @@ def test_what_is_stopped_has_no_candidates(truth):
     silent = np.flatnonzero(o.range_status == RayStatus.STOPPED)
     assert silent.size
     assert not np.isin(candidates.attempt, silent).any()
-    noisy = perturb(o, root_seed=1, realization=0, candidates=candidates)
+    noisy = perturb(o, root_seed=1, realization=0, detection=candidates)
     assert (noisy.range_status[silent] == RayStatus.STOPPED).all()
 
 
@@ -249,15 +249,12 @@ def test_rules_without_the_threshold_that_they_need_are_refused(message):
 
 
 def test_candidates_that_do_not_fit_are_refused(truth):
-    ranging, o, candidates = mission(truth, RIDGED, BARE[1])
+    ranging, _, candidates = mission(truth, RIDGED, BARE[1])
     with pytest.raises(
         SensingError, match="a picker with a sonar needs ranges that were measured with a det"
     ):
         find_candidates(ranging, truth, CERTAIN)
     refused(SensingError, r"candidates of attempt \d+; the measurements have 2", candidates.picks, [0.5, 0.5])
-    both = {"candidates": candidates, "probability": np.ones(o.range_status.size)}
-    with pytest.raises(SensingError, match="candidates hold both, give them alone"):
-        perturb(o, root_seed=1, realization=0, **both)
 
 
 @pytest.fixture(scope="module")

@@ -173,7 +173,7 @@ def test_impossible_clocks_and_schemes_are_refused(message):
 
 @pytest.mark.parametrize(("n", "true", "message"), [
     (2, True, "clocks of 2 vehicles; the measurements have 3"),
-    (3, False, "clocks act on true travel times"),
+    (3, False, "clocks need true travel times"),
 ])  # fmt: skip
 def test_clocks_that_do_not_fit_are_refused(make_measurements, make_ranging_truth, n, true, message):
     clocks = Clocks(offset=[0] * n, skew=[0] * n)

@@ -235,7 +235,7 @@ A = (0.0, 0.0, 50.0)
 @pytest.mark.parametrize(
     ("error", "line", "arguments", "options"),
     [
-        (ServiceError, "time: nan; a finite number", (np.nan, A, [A]), {}),
+        (ServiceError, "time is nan; it must be a finite number", (np.nan, A, [A]), {}),
         (AcousticsError, r"source: shape \(1, 2\); needs", (0.0, A[:2], [A]), {}),
         (AcousticsError, "receivers: 1 coordinates are not finite", (0.0, A, [(0.0, np.inf, 5.0)]), {}),
         (ServiceError, "source: 2 positions; a ping has one source", (0.0, [A, A], [A]), {}),
@@ -253,7 +253,7 @@ def test_velocities_are_one_for_each(loud):
 
 
 def test_options_that_cannot_be_are_refused_in_one_line(medium):
-    refused(ServiceError, "workers: -1; a number of processes", RangingService, medium, workers=-1)
+    refused(ServiceError, "workers is -1; allowed are 0 and more", RangingService, medium, workers=-1)
     refused(ServiceError, "water_interval is -1 s", RangingService, medium, water_interval=-1.0)
     refused(MantaRayError, "sea.toml: cannot be read", RangingService, "sea.toml")
 

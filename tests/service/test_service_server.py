@@ -23,9 +23,9 @@ from pymantaray.cli.main import main
 from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.records import RayStatus
-from pymantaray.service import RangingService, make_server, server
+from pymantaray.service import RangingService, connections, make_server, server
 from pymantaray.service.messages import PingAnswer
-from pymantaray.service.server import MOST_BYTES
+from pymantaray.service.server import MAX_BYTES
 
 pytestmark = pytest.mark.network
 NAMES = ("north", "east", "depth")
@@ -183,8 +183,8 @@ BAD = {
     "{": "not valid JSON: EOF while parsing an object",
     "\xff": "not valid JSON: invalid unicode|not valid JSON: expected value",
     "[" * 100_000: "not valid JSON: recursion limit exceeded",
-    "[1, 2]": "the request is no JSON object; it needs time, source and receivers",
-    "null": "the request is no JSON object",
+    "[1, 2]": "the request is not a JSON object; it needs time, source and receivers",
+    "null": "the request is not a JSON object",
     "{}": r"time: missing; add it \(seconds since .*\); source: missing; .*; receivers: missing",
     json.dumps(GOOD | {"time": "noon"}): "time: found 'noon'; allowed: .*number",
     json.dumps(GOOD | {"time": float("nan")}): "time: found nan; allowed: .*finite number",
@@ -216,14 +216,14 @@ def test_a_malformed_request_is_refused_in_one_line(port, body, line):
 
 def test_what_is_not_there_and_what_is_too_large_has_its_status(port):
     status, answer = ask(port, None, "GET", "/pings")
-    assert (status, answer["error"]) == (404, "no '/pings'; there are GET /, GET /schema, POST /ping")
+    assert (status, answer["error"]) == (404, "no '/pings'; allowed are GET /, GET /schema, POST /ping")
     for method, path in (("GET", "/ping"), ("DELETE", "/"), ("POST", "/schema")):
         status, answer = ask(port, None, method, path)
         assert status == 405
         assert re.search(f"^{method} {path}; only (GET|POST) is allowed$", answer["error"])
-    status, answer = ask(port, b" " * (MOST_BYTES + 1))
+    status, answer = ask(port, b" " * (MAX_BYTES + 1))
     assert status == 413
-    assert answer["error"].startswith(f"the request has {MOST_BYTES + 1:,} bytes; {MOST_BYTES:,} are allowed")
+    assert answer["error"].startswith(f"the request has {MAX_BYTES + 1:,} bytes; {MAX_BYTES:,} are allowed")
 
 
 def raw(port, text):
@@ -265,7 +265,7 @@ def test_a_fault_of_the_server_is_told_and_logged_and_it_goes_on(serve, medium, 
     assert ask(port, json.dumps(GOOD))[0] == 200
     service.close()
     status, answer = ask(port, json.dumps(GOOD))
-    assert (status, answer["error"]) == (500, "a fault of the server; its log has more")
+    assert (status, answer["error"]) == (500, "internal error of the server; see its log")
     assert "POST /ping" in caplog.text
     assert ask(port, None, "GET", "/")[0] == 200
 
@@ -273,14 +273,14 @@ def test_a_fault_of_the_server_is_told_and_logged_and_it_goes_on(serve, medium, 
 def test_where_nobody_can_listen_is_refused_in_one_line(service, port):
     refused(
         ServiceError,
-        f"127.0.0.1, port {port}: nobody can listen there: Address already in use",
+        f"127.0.0.1, port {port}: cannot listen there: Address already in use",
         make_server,
         service,
         port=port,
     )
     refused(
         ServiceError,
-        "no.such.host.invalid, port 0: nobody can listen there",
+        "no.such.host.invalid, port 0: cannot listen there",
         make_server,
         service,
         "no.such.host.invalid",
@@ -288,7 +288,7 @@ def test_where_nobody_can_listen_is_refused_in_one_line(service, port):
 
 
 def test_without_waitress_one_line_says_what_to_install(service, monkeypatch):
-    monkeypatch.setitem(sys.modules, "waitress.channel", None)
+    monkeypatch.setitem(sys.modules, "waitress.server", None)
     refused(ServiceError, r"pip install 'pymantaray\[serve\]'", make_server, service)
 
 
@@ -304,13 +304,13 @@ def kept_open():
 
 def test_clients_that_keep_connections_open_do_not_shut_others_out(serve, service, kept_open):
     port = serve(service)
-    kept_open(port, 3 * server._MOST_CONNECTIONS)
+    kept_open(port, 3 * server._MAX_CONNECTIONS)
     for _ in range(20):
         assert ask(port, json.dumps(GOOD))[0] == 200
 
 
 def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(serve, service, monkeypatch):
-    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 8)
+    monkeypatch.setattr(server, "_MAX_CONNECTIONS", 8)
     port = serve(service)
 
     def answered(client):  # so that the server has taken it before the next one comes
@@ -358,7 +358,7 @@ def is_closed(line, piece):
 def test_a_request_that_never_ends_does_not_hold_its_connection(serve, service, kept_open, monkeypatch, kind):
     port = serve(service)
     with monkeypatch.context() as patch:
-        patch.setattr(server, "_TIMEOUT", 1)
+        patch.setattr(connections, "TIMEOUT", 1)
         (line,) = kept_open(port, 1)
         line.settimeout(0.1)
         end = time.monotonic() + 300.0
@@ -516,7 +516,7 @@ def resident(process):
 def test_memory_stays_flat_under_good_bad_and_oversized_requests(begin, config):
     process, _, port = begin(config, "--port", "0")
     dice = random.Random(0)
-    bodies = [json.dumps(GOOD).encode(), *(body.encode("latin-1") for body in BAD), b" " * (MOST_BYTES + 1)]
+    bodies = [json.dumps(GOOD).encode(), *(body.encode("latin-1") for body in BAD), b" " * (MAX_BYTES + 1)]
     weights = [30.0, *[1.0] * len(BAD), 0.1]
     sizes = []
     for _ in range(4):

@@ -91,9 +91,9 @@ def erring(run_tiny):
 def test_noise_is_that_of_sensing_with_what_the_sections_say(request, name, options):
     run = request.getfixturevalue(name)
     if run.candidates is not None:
-        options = options | {"candidates": run.candidates}
+        options = options | {"detection": run.candidates}
     elif run.hearing is not None:
-        options = options | {"probability": run.hearing.probability}
+        options = options | {"detection": run.hearing.probability}
     seed = {"root_seed": run.config.study.seed, "realization": 0}
     expected = perturb(run.measurements, **seed, **options, ranging_truth=run.ranging_truth)
     assert run.noisy_measurements(0).to_dataset().identical(expected.to_dataset())

@@ -314,11 +314,11 @@ def far_away(table):
 IMPOSSIBLE = {
     "far.csv: no pose lies in the ocean: they are 10.* km north, .* the ocean reaches -15.0 to 15.0": lambda table: (
         measure(far_away(table), OCEAN, 600.0)),
-    "SlotSchedule: slots of 10 s from 0 s on: there is no vehicle and no landmark 'Z'; there is A, B, M":
+    "SlotSchedule: slots of 10 s from 0 s on: no vehicle or landmark is called 'Z'; allowed: A, B, M":
         lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
     "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping":
         lambda table: measure(table, OCEAN, 7200.0),
-    "PingList: .* there is no vehicle and no landmark 'L'": lambda table: measure(
+    "PingList: .* no vehicle or landmark is called 'L'": lambda table: measure(
         table, OCEAN, PingList((1.0,), ("L",))),
     "PingList: .*: A listens to itself": lambda table: measure(table, OCEAN, PingList((1.0,), ("A",), (("A",),))),
     "names of vehicles and landmarks must differ; found A": lambda table: measure(
@@ -361,7 +361,7 @@ def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table,
     stages = []
     refused(
         MantaRayError,
-        "there is no vehicle and no landmark 'Z'; there is A, B",
+        "no vehicle or landmark is called 'Z'; allowed: A, B",
         lambda: run_study(
             parse_study(tree, folder=tmp_path), tmp_path / "run", progress=lambda *now: stages.append(now)
         ),

@@ -1,5 +1,6 @@
 """Command `mantaray replay`: measured travel times beside predicted ones."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -111,9 +112,9 @@ def replay(
             kind,
             window=window_s,
             reference=reference,
-            notes=notes,
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
+        result = replace(result, notes=tuple(notes))
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),

@@ -1,4 +1,4 @@
-"""Measured travel times beside predicted ones: events in; residuals, coverage, clocks and switching out."""
+"""Comparison of measured with predicted travel times: residuals, coverage, clocks and switching of events."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What residuals say of clocks: an offset a node, and one way against the other."""
+"""Clocks from residuals: the offset of each node, and differences between both directions."""
 
 import numpy as np
 import pandas as pd
@@ -16,24 +16,24 @@ def clock_table(
     Parameters
     ----------
     events : pandas.DataFrame
-        Of a `Replay`; those with a residual count, by their ``sigma_s`` if all of them have one, else alike.
+        Events of a `Replay`. Those with a residual are used, weighted by ``sigma_s`` if all have one, else equally.
     residual : pandas.Series
-        Of each event: measured travel time less that of an arrival. [s]
+        Residual of each event: measured travel time minus that of an arrival. [s]
     reference : str, optional
-        Node whose clock is right. By default, and in a group of nodes that it is not connected to, the mean of each connected group is.
+        Node with the reference clock. By default, and in a group of nodes without it, the mean of each connected group.
 
     Returns
     -------
     pandas.DataFrame
-        A row a node: ``offset_s`` of its clock (ahead is positive), ``events`` it takes part in, ``group`` of connected nodes, and two
-        standard errors: ``standard_error_s`` as if events were independent, scaled by their scatter, and ``standard_error_pairs_s`` for
-        errors that all events of a pair share (a sandwich over pairs, NaN unless there are more pairs than clocks to be told).
+        One row per node: ``offset_s`` of its clock (ahead is positive), number of ``events``, ``group`` of connected nodes, and two
+        standard errors: ``standard_error_s`` for independent events, scaled by their scatter, and ``standard_error_pairs_s`` for
+        errors that all events of a pair share (a sandwich estimator over pairs, NaN unless there are more pairs than clocks).
 
     Notes
     -----
-    A residual is :math:`o_r - o_s + e` with the offsets of receiver and source. Only differences are seen, hence the gauge: the
-    solution of least norm has mean zero over each connected group. What both directions of a pair share (a wrong sound speed, a
-    later candidate) does not enter offsets where events run both ways, and enters them where they run one way only.
+    A residual is :math:`o_r - o_s + e` with the offsets of receiver and source. Only differences are observable: the
+    solution of least norm has mean zero over each connected group. An error that both directions of a pair share (a wrong sound
+    speed, a later candidate) does not affect offsets if there are events in both directions, and does if there is only one.
     """
     has = residual.notna()
     used, times = events[has], residual[has].to_numpy()
@@ -71,7 +71,7 @@ def clock_table(
 
 
 def _groups(k: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Group of connected nodes that each of k belongs to, by the links between them; from 1."""
+    """Number of the connected group of each of k nodes, by the links between them; from 1."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -80,7 +80,7 @@ def _groups(k: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDAr
 
 
 def _over_pairs(score: Array, pair: NDArray[np.str_], inverse: Array, clocks: int) -> Array:
-    """Standard errors of so many clocks from the sums of scores over each pair."""
+    """Standard errors of clocks from the sums of scores over each pair."""
     names, of = np.unique(pair, return_inverse=True)
     if names.size <= clocks:
         return np.full(len(inverse), np.nan)
@@ -94,23 +94,24 @@ def reciprocity_table(
     events: pd.DataFrame, times: "pd.Series[float]", clocks: pd.DataFrame, *, window: float
 ) -> pd.DataFrame:
     """
-    Difference of residuals one way and the other, of events near in time.
+    Difference of residuals between opposite directions, of events near in time.
 
     Parameters
     ----------
     events, clocks : pandas.DataFrame
-        Of a `Replay`.
+        Tables of a `Replay`.
     times : pandas.Series
-        Residual of each event, clocks in it. [s]
+        Residual of each event, including clock errors. [s]
     window : float
-        An event's partner is the one of the other direction that is nearest in time, at most so far away; a partner serves once. [s]
+        Maximum time between paired events. The partner of an event is the nearest in time of the other direction; each is used once. [s]
 
     Returns
     -------
     pandas.DataFrame
-        A row a pair: events with a residual ``forth`` and ``back``, ``matched`` ones, ``mean_s`` and ``sd_s`` of the difference (first name to second, less second to first),
-        ``clocks_s``, what the clocks' offsets make of it, and ``left_s``, the rest with its ``standard_error_s``. In water at rest
-        nothing is left; a current v along a way d leaves about -2 d v / c^2.
+        One row per pair: number of events with a residual ``forth`` and ``back``, number ``matched``, ``mean_s`` and ``sd_s`` of the
+        difference (first name to second, minus second to first), ``clocks_s``, the part due to clock offsets, and ``left_s``, the
+        rest with its ``standard_error_s``. The rest is zero in water at rest; a current v over a distance d causes about
+        -2 d v / c^2.
     """
     offset = dict(zip(clocks["node"], clocks["offset_s"], strict=True))
     rows = []
@@ -132,7 +133,7 @@ def reciprocity_table(
 
 
 def _matched(time: Array, other: Array, window: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of events, and of the partner nearest in time to each; a partner that is the nearest of several goes to the nearest of them."""
+    """Rows of events and of their nearest partners in time; a partner of several events goes to the nearest of them."""
     if not time.size or not other.size:
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     order = np.argsort(other, kind="stable")

@@ -1,4 +1,4 @@
-"""Each measured travel time beside the one predicted, and what the differences say together."""
+"""Measured and predicted travel times of events, and tables of their differences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -26,29 +26,29 @@ from pymantaray.water import Source, Water, open_waters
 
 Array = NDArray[np.float64]
 SEED = 20140715
-"""That of studies."""
+"""Default seed, that of studies."""
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
     """
-    Measured events, what was predicted of each, and tables of what the differences say.
+    Measured events with their predictions, and tables of the residuals.
 
     Parameters
     ----------
     events : pandas.DataFrame
-        A row an event, as `replay_events` says.
+        One row per event, see `replay_events`.
     rule : DetectionRule
     window : float
-        Events at most so far apart in time are near, for reciprocity and switching. [s]
+        Maximum time between paired events, for reciprocity and switching. [s]
     seed : int
-        Of the bootstrap.
+        Seed of the bootstrap.
     candidates : pandas.DataFrame
-        Every arrival that a receiver could have taken: its event, its travel time, and its loss.
+        Every arrival that a receiver could have taken: event, travel time and loss.
     reference : str, optional
-        Node whose clock is taken for true; by default the mean of each group of connected nodes is.
+        Node with the reference clock; by default the mean of each group of connected nodes.
     notes : tuple of str
-        What is doubtful about the water.
+        Reservations about the water, for reports.
     """
 
     events: pd.DataFrame
@@ -60,7 +60,7 @@ class Replay:
     notes: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: what became of the events, and residuals of all and by depth and range."""
+        """Notebook view: status counts, and residuals of all events and by depth and range."""
         counts = {str(name): n for name, n in self.events["status"].value_counts().items()}
         summary = self.summary[self.summary["by"] != "pair"]
         return shown_html(f"Replay of {len(self.events)} events by rule {self.rule}", counts, {"": summary})
@@ -81,17 +81,17 @@ class Replay:
 
     @property
     def taken(self) -> pd.DataFrame:
-        """Which candidate each event is nearest to, clocks taken off; a row an event, NaN without a candidate."""
+        """Candidate nearest to each event after the clock correction; one row per event, NaN without a candidate."""
         return self._fit[1]
 
     @cached_property
     def reciprocity(self) -> pd.DataFrame:
-        """Residuals of each pair's events one way less those the other way near in time."""
+        """Difference of residuals between paired events in opposite directions, for each pair."""
         return reciprocity_table(self.events, self.taken["taken_time_s"], self.clocks, window=self.window)
 
     @cached_property
     def switching(self) -> pd.DataFrame:
-        """How often receivers change from one candidate to another, and how often they would independently."""
+        """Rate at which receivers change between candidates, and the rate of independent choices."""
         return switching_table(self.events, self.taken, window=self.window, seed=self.seed)
 
     @property
@@ -116,56 +116,55 @@ def replay_events(
     water_interval: float = 600.0,
     reference: str | None = None,
     seed: int = SEED,
-    notes: Sequence[str] = (),
     progress: CountProgress | None = None,
 ) -> Replay:
     """
-    Predict the travel time of every event, and set it beside what was measured.
+    Predict the travel time of every event and compare it with the measured one.
 
     Parameters
     ----------
     events : Events
     waters : Water, sequence of Water, or source of `open_waters`
-        What sound runs through; of several an event takes the one that it names, else the nearest in time.
+        Water of the events. If there are several, an event uses the one that it names, else the nearest in time.
     rule : DetectionRule or str
-        Which arrival is taken to have been detected. Fix it before you look at residuals.
+        Rule that predicts the detected arrival. Fix it before you look at residuals.
     window : float
-        Events at most so far apart in time are near each other, for reciprocity and switching. [s]
+        Maximum time between paired events, for reciprocity and switching. [s]
     water_interval : float
-        Water that varies in time is taken at the multiple of this that is nearest to an event. [s]
+        Water that varies in time is evaluated at the multiple of this interval that is nearest to an event. [s]
     reference : str, optional
-        Node whose clock is taken for true. By default the mean of all clocks is.
+        Node with the reference clock. By default the mean of all clocks.
     seed : int
-        Of the bootstrap over pairs.
-    notes : sequence of str
-        What a reader should know of the water.
+        Seed of the bootstrap over pairs.
     progress : callable, optional
-        Told how many events are done, and how many there are.
+        Called with the number of finished events and the total.
 
     Returns
     -------
     Replay
-        Its ``events`` has a row an event: ``status``, ``n_arrivals`` within the cut-off, ``predicted_s``, bounces, ``loss_db``
-        re 1 m (of spreading alone without a detector), ``level_db`` at the receiver with one, ``next_s`` and ``next_db`` (by how much the
-        next candidate is later and louder), ``near_limit`` (a limit 1 dB higher or lower would change the pick),
-        ``residual_s`` (measured less predicted) and ``residual_m`` (times the sound speed at the source). An event without a
-        predicted arrival keeps its row, with a status that says why.
+        Its ``events`` has one row per event: ``status``, ``n_arrivals`` within the cut-off, ``predicted_s``, bounces, ``loss_db``
+        re 1 m (of spreading alone without a detector), ``level_db`` at the receiver with one, ``next_s`` and ``next_db`` (how much
+        later and louder the next candidate is), ``near_limit`` (a limit 1 dB higher or lower changes the pick),
+        ``residual_s`` (measured minus predicted) and ``residual_m`` (times the sound speed at the source). An event without a
+        predicted arrival keeps its row, with a status that gives the reason.
 
     Raises
     ------
     ReplayError
-        If an event names a cast that is not there, none can be chosen, the rule needs a sonar that is not given, or the window is
+        If an event names an unknown cast, no cast can be assigned, the rule needs a sonar and there is none, or the window is
         negative.
     """
     waters = _waters(waters)
     rule = DetectionRule.parse(rule) if isinstance(rule, str) else rule
     if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
-        raise ReplayError("rule threshold: a sonar says what is heard; give [detection], or another rule")
+        raise ReplayError("rule threshold: it needs a sonar; give a section [detection], or use another rule")
     if not window >= 0.0:
-        raise ReplayError(f"window {window:g} s; allowed are 0 s and more")
+        raise ReplayError(f"window is {window:g} s; allowed are 0 s and more")
     nodes = set(events.source) | set(events.receiver)
     if reference is not None and reference not in nodes:
-        raise ReplayError(f"reference {reference!r} is no node; there are {', '.join(sorted(nodes)[:12])}")
+        raise ReplayError(
+            f"reference {reference!r}: no such node; allowed are {', '.join(sorted(nodes)[:12])}"
+        )
     predicted, candidates, done = [], [], 0
     for water, time, rows in _parts(events, waters, water_interval):
 
@@ -183,11 +182,11 @@ def replay_events(
     every = pd.concat(candidates, ignore_index=True).sort_values(
         ["event", "travel_time_s"], ignore_index=True
     )
-    return Replay(table, rule, window, seed, every, reference, tuple(notes))
+    return Replay(table, rule, window, seed, every, reference)
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
-    """Waters as a list, those of a source opened."""
+    """Waters as a list; a source is opened."""
     if isinstance(waters, Water):
         return [waters]
     if (
@@ -202,7 +201,7 @@ def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
 def _parts(
     events: Events, waters: list[Water], interval: float
 ) -> Iterator[tuple[Water, float, NDArray[np.int64]]]:
-    """Events that share a water and its time [s]."""
+    """Groups of events with the same water at the same time [s]."""
     which = choose_water(events, waters)
     for index in np.unique(which).tolist():
         rows = np.flatnonzero(which == index)

@@ -1,4 +1,4 @@
-"""Measured one-way travel times: who sent, who heard, where, when, and how long it took."""
+"""Events: measured one-way travel times with the names and positions of source and receiver."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Names = NDArray[np.str_]
 _ENDS = ("source", "receiver")
 _PLACES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
-_SLOWEST = 3600.0  # s; longer travel times are in another unit, or of no vehicle's modem
+_MAX_TIME = 3600.0  # s; a longer travel time is in another unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,20 +25,20 @@ class Events:
     Parameters
     ----------
     time : array_like, shape (n,)
-        Of emission, since some instant. [s]
+        Time of emission, since any instant. [s]
     source, receiver : array_like of str, shape (n,)
         Names of the nodes at both ends.
     source_position, receiver_position : array_like, shape (n, 3)
         Latitude, longitude [degrees] and depth [m] if ``geographic``, else north, east and depth in a local frame [m].
     travel_time : array_like, shape (n,)
-        The receiver's clock at the reception less the source's at the emission. [s]
+        Receiver's clock at the reception minus the source's clock at the emission. [s]
     geographic : bool
     sigma : array_like, shape (n,), optional
-        Standard deviation of the travel times, NaN where it is unknown, as it is by default. [s]
+        Standard deviation of the travel times, NaN if unknown, as by default. [s]
     cast : array_like of str, shape (n,), optional
-        Name of the cast that the event belongs to, empty for the nearest in time, as it is by default.
+        Name of the cast of the event, empty for the nearest in time, as by default.
     epoch : numpy.datetime64
-        UTC of time 0; NaT, the default, where only differences of time are known.
+        UTC of time 0; NaT, the default, if only differences of time are known.
     """
 
     time: Array
@@ -53,7 +53,7 @@ class Events:
     epoch: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
 
     def __post_init__(self) -> None:
-        """Check the shapes and that the values can be."""
+        """Check shapes and values."""
         n = np.size(self.travel_time)
         for name, shape in (
             ("travel_time", (None,)),
@@ -75,8 +75,8 @@ class Events:
         object.__setattr__(self, "sigma", sigma)
         self._refuse(
             "travel_time",
-            ~((self.travel_time > 0.0) & (self.travel_time < _SLOWEST)),
-            f"seconds above 0, below {_SLOWEST:g}",
+            ~((self.travel_time > 0.0) & (self.travel_time < _MAX_TIME)),
+            f"seconds above 0, below {_MAX_TIME:g}",
         )
         self._refuse("sigma", sigma <= 0.0, "seconds above 0, or empty")
         self._refuse("source and receiver", self.source == self.receiver, "two nodes")
@@ -100,7 +100,7 @@ class Events:
 
     @property
     def instant(self) -> NDArray[np.datetime64]:
-        """Of each emission, UTC; NaT where only differences are known."""
+        """UTC of each emission; NaT if only differences are known."""
         return self.epoch + np.round(1e9 * self.time).astype("timedelta64[ns]")
 
 
@@ -113,7 +113,7 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     path : str or pathlib.Path
         Columns ``time`` (UTC as ``2020-03-10T12:00:00``, or seconds), ``source`` and ``receiver`` (names), ``source_lat``,
         ``source_lon``, ``source_depth`` and the same of the receiver [degrees, m], or ``_north`` and ``_east`` for ``_lat`` and
-        ``_lon`` [m], and ``travel_time`` [s]; if there, ``sigma`` [s] and ``cast`` (a name). Others are passed over.
+        ``_lon`` [m], and ``travel_time`` [s]; optionally ``sigma`` [s] and ``cast`` (a name). Other columns are ignored.
     nodes : str or pathlib.Path, optional
         Table of fixed nodes with ``name``, ``lat``, ``lon`` and ``depth`` (or ``north`` and ``east``), as `mantaray locate` writes it.
         Its positions replace those of the events, whose cells for these nodes, or whole columns, may be empty.
@@ -125,7 +125,7 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     Raises
     ------
     ReplayError
-        If a column is missing, or a cell is not what it has to be, which is named by its line.
+        If a column is missing, or a cell is invalid; the message names the line.
     """
     try:
         table = read_text_table(path)
@@ -138,7 +138,7 @@ def _events(table: TextTable) -> Events:
     path, columns = table.path, set(table.frame.columns)
     geographic = {f"{end}_lat" for end in _ENDS} <= columns
     if geographic and "source_north" in columns:
-        raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one")
+        raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one of the two")
     places = [f"{end}_{axis}" for end in _ENDS for axis in _PLACES[geographic]]
     table.require(["time", *_ENDS, *places, "travel_time", *sorted({"sigma", "cast"} & columns)])
     numbers = table.numbers([*places, "travel_time"])
@@ -162,7 +162,7 @@ def _events(table: TextTable) -> Events:
 
 
 def _placed(table: TextTable, nodes: TextTable) -> TextTable:
-    """The table with positions of nodes from another, in that one's coordinates."""
+    """Table with the positions of nodes from another table, in its coordinates."""
     geographic = "source_lat" in table.frame.columns or "receiver_lat" in table.frame.columns
     axes = _PLACES[geographic]
     nodes.require(["name", *axes])
@@ -192,13 +192,13 @@ def _sigmas(table: TextTable) -> Array:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise ReplayError(
-            f"{table.path}, line {table.frame.index[row]}: sigma is {cells.iloc[row]!r}; seconds are needed, or nothing"
+            f"{table.path}, line {table.frame.index[row]}: sigma is {cells.iloc[row]!r}; allowed: seconds, or an empty cell"
         )
     return values
 
 
 def _times(table: TextTable) -> tuple[Array, np.datetime64]:
-    """Seconds since the first event, and when that was; seconds as they stand where the column has numbers."""
+    """Seconds since the first event, and its time; unchanged if the column has numbers."""
     times = table.times("time")
     if not np.issubdtype(times.dtype, np.datetime64):
         return times, np.datetime64("NaT", "ns")

@@ -22,10 +22,10 @@ DEFAULT_RULE = "within:6"
 @dataclass(frozen=True)
 class DetectionRule:
     """
-    Rule by which the detected arrival is predicted.
+    Rule that predicts the detected arrival.
 
-    ``first``: the earliest. ``strongest``: that of least loss. ``within``: the earliest of those at most ``within_db`` weaker
-    than the strongest. ``threshold``: the earliest that the sonar equation has above its threshold.
+    ``first``: the earliest. ``strongest``: the arrival of least loss. ``within``: the earliest of those at most ``within_db`` weaker
+    than the strongest. ``threshold``: the earliest above the threshold of the sonar equation.
 
     Examples
     --------
@@ -38,7 +38,7 @@ class DetectionRule:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Rule from its word, with the decibels behind a colon."""
+        """Read a rule from its word, with decibels after a colon."""
         kind, _, number = text.partition(":")
         try:
             within = float(number) if number else None
@@ -46,12 +46,12 @@ class DetectionRule:
             within = np.nan
         if kind not in get_args(Kind) or (kind == "within") != (within is not None and within >= 0.0):
             raise ReplayError(
-                f"rule {text!r}; allowed are first, strongest, threshold and within:DB with decibels from 0, as within:6"
+                f"rule {text!r}; allowed are first, strongest, threshold and within:DB with DB of 0 or more, such as within:6"
             )
         return cls(kind, within)  # type: ignore[arg-type]
 
     def __str__(self) -> str:
-        """Give the word that `parse` reads."""
+        """Return the word that `parse` reads."""
         return self.kind if self.within_db is None else f"{self.kind}:{self.within_db:g}"
 
 

@@ -1,4 +1,4 @@
-"""Coverage and residuals of groups of events, with intervals from pairs drawn again."""
+"""Coverage and residuals of groups of events, with bootstrap intervals over pairs."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ RESAMPLES = 1000
 _CONFIDENCE = 95.0  # percent
 _DEPTH_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0)  # m
 _RANGE_STEPS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5)  # m
-_MOST_DEPTHS, _MOST_RANGES = 12, 8  # groups
+_MAX_DEPTH_GROUPS, _MAX_RANGE_GROUPS = 12, 8
 
 
 def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
@@ -24,17 +24,18 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
     Parameters
     ----------
     events : pandas.DataFrame
-        Of a `Replay`.
+        Events of a `Replay`.
     seed : int
-        Of the bootstrap.
+        Seed of the bootstrap.
 
     Returns
     -------
     pandas.DataFrame
-        A row a group, by ``by`` and ``group``: its ``pairs``, ``events``, those ``predicted`` and their share in ``percent``, why the others are not (a
-        column a status that occurs), and of the residuals in metres the median, with its 95 % interval, the median size, with its own, mean
-        and root mean square. Intervals draw pairs again, not events, for the events of a pair share their errors; one pair alone has
-        none. Depths and ranges are rounded to the finest step of 1, 2 and 5 that makes at most 12 and 8 groups.
+        One row per group, named by ``by`` and ``group``: number of ``pairs`` and ``events``, number and percentage of ``predicted``
+        ones, the number of others by status, and of the residuals in metres the median and the median absolute value with their 95 %
+        intervals, the mean and the root mean square. The bootstrap resamples pairs and not events, because the events of a pair
+        share their errors; a single pair has no interval. Depths and ranges are rounded to the finest step of 1, 2 and 5 that makes
+        at most 12 and 8 groups.
     """
     others = [s.name.lower() for s in RayStatus if s != RayStatus.OK]
     present = [name for name in others if (events["status"] == name).any()]
@@ -81,12 +82,12 @@ def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], l
     depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
     for step in _DEPTH_STEPS:
         values, of = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
-        if len(values) <= _MOST_DEPTHS:
+        if len(values) <= _MAX_DEPTH_GROUPS:
             break
     yield "depths", of, [f"{a:g} and {b:g} m" for a, b in values]
     for step in _RANGE_STEPS:
         cells, of = np.unique(np.floor(events["distance_m"].to_numpy() / step), return_inverse=True)
-        if cells.size <= _MOST_RANGES:
+        if cells.size <= _MAX_RANGE_GROUPS:
             break
     yield "range", of, [f"{1e-3 * step * cell:g} to {1e-3 * step * (cell + 1.0):g} km" for cell in cells]
 
@@ -98,7 +99,7 @@ def _of(statistic: object, values: Array) -> float:
 def _bootstrap(
     residual: Array, pair: NDArray[np.str_], seed: int, names: tuple[str, str]
 ) -> list[tuple[float, float]]:
-    """Intervals of the median and of the median size, pairs drawn again."""
+    """Bootstrap intervals of the median and of the median absolute value, over pairs."""
     pairs = np.unique(pair)
     if pairs.size < 2:
         return [(np.nan, np.nan)] * 2

@@ -1,4 +1,4 @@
-"""Which candidate a receiver took, and how long it stays with one."""
+"""Candidates that receivers took, and how often they change."""
 
 import numpy as np
 import pandas as pd
@@ -9,8 +9,8 @@ from pymantaray.replay.clocks import clock_table
 from pymantaray.replay.summary import RESAMPLES, percentiles
 
 Array = NDArray[np.float64]
-_APART = 4.0  # standard deviations by which candidates must be told from each other
-_MOST_ROUNDS = 50  # between clocks and candidates
+_MIN_SEPARATION = 4.0  # standard deviations between candidates that can be separated
+_MAX_ITERATIONS = 50  # of clocks and candidates
 _NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 
 
@@ -18,28 +18,28 @@ def fit_clocks(
     events: pd.DataFrame, candidates: pd.DataFrame, *, reference: str | None = None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """
-    Clocks of the nodes and the candidates that receivers took, each by the other, until neither changes.
+    Fit clocks and candidates in turn until neither changes.
 
-    Begun with the clocks by residuals of the predicted arrivals. Where receivers take later candidates now and then, these alone would make the
-    scatter of those delays that of the clocks.
+    The first clocks are those by the residuals of the predicted arrivals. If receivers sometimes take later candidates, these
+    residuals alone would attribute the scatter of the delays to the clocks.
 
     Parameters
     ----------
     events, candidates : pandas.DataFrame
-        Of a `Replay`.
+        Tables of a `Replay`.
     reference : str, optional
         As in `clock_table`.
 
     Returns
     -------
     clocks : pandas.DataFrame
-        Of `clock_table`, and ``predicted_offset_s``, the offsets by the residuals of the predicted arrivals alone.
+        As from `clock_table`, with ``predicted_offset_s``, the offsets by the residuals of the predicted arrivals alone.
     taken : pandas.DataFrame
-        Of `taken_candidates`.
+        As from `taken_candidates`.
     """
     clocks = begin = clock_table(events, events["residual_s"], reference=reference)
     taken = taken_candidates(events, candidates, clocks)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_ITERATIONS):
         before = taken["taken"]
         clocks = clock_table(events, taken["taken_time_s"], reference=reference)
         taken = taken_candidates(events, candidates, clocks)
@@ -50,7 +50,7 @@ def fit_clocks(
 
 def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.DataFrame) -> pd.DataFrame:
     """
-    Candidate that each event is nearest to, its clocks' offsets taken off.
+    Candidate nearest to each event after the clock correction.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.
     Returns
     -------
     pandas.DataFrame
-        A row an event: ``n_candidates``, ``taken`` (the number of places in time after the predicted arrival, negative before it), what is left
-        of its residual, ``taken_residual_s``, the same with the clocks in it, ``taken_time_s``, and ``apart_s``, the time between the two
-        candidates that are nearest to each other.
+        One row per event: ``n_candidates``, ``taken`` (position in time relative to the predicted arrival, negative before it),
+        the residual after the clock correction ``taken_residual_s`` and before it ``taken_time_s``, and ``apart_s``, the shortest
+        time between two candidates.
     """
     offset = clocks.set_index("node")["offset_s"]
     clock = events["receiver"].map(offset).to_numpy() - events["source"].map(offset).to_numpy()
@@ -92,31 +92,32 @@ def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.
 
 def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float, seed: int) -> pd.DataFrame:
     """
-    How often a receiver changes its candidate from one event to the next.
+    Rate at which receivers change their candidate from one event to the next.
 
     Parameters
     ----------
     events, taken : pandas.DataFrame
         Of a `Replay`.
     window : float
-        Events of the same source and receiver are compared if they are at most so far apart. [s]
+        Maximum time between paired events of the same source and receiver. [s]
     seed : int
-        Of the bootstrap over pairs.
+        Seed of the bootstrap over pairs.
 
     Returns
     -------
     pandas.DataFrame
-        One row for all and one a pair: ``steps`` from event to event, the share ``rate`` of them in which ``taken`` changes with its 95 % interval
-        over pairs, ``independent_rate``, that of independent draws of the same shares, ``step_s``, the mean time between the events, and
-        ``correlation_s``, the correlation time of `pymantaray.sensing.draw_picks` for which rate and independent rate are as found.
+        One row for all events and one per pair: number of ``steps`` between events, the fraction ``rate`` of steps in which ``taken``
+        changes with its 95 % interval over pairs, ``independent_rate``, the rate of independent draws with the same shares, ``step_s``,
+        the mean time between the events, and ``correlation_s``, the correlation time of `pymantaray.sensing.draw_picks` with both
+        rates.
 
     Notes
     -----
-    Events count that have at least two candidates, all further apart than four standard deviations (of a median absolute deviation) of
-    what is left of residuals: nearer ones cannot be told from each other.
+    Only events with separable candidates are used: at least two, all further apart than four standard deviations of the corrected
+    residuals (by their median absolute deviation).
     """
     left = taken["taken_residual_s"].abs()
-    clear = taken["apart_s"] > _APART * _NORMAL * left.dropna().median()
+    clear = taken["apart_s"] > _MIN_SEPARATION * _NORMAL * left.dropna().median()
     told = pd.concat([events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1)[clear]
     parts = []
     for (pair, *_), way in told.groupby(["pair", "source", "receiver"], sort=True):

@@ -1,4 +1,4 @@
-"""Which water an event belongs to, when its sound ran through it, and its ends there."""
+"""Water and time of each event, and its ends in the frame of the water."""
 
 from collections.abc import Sequence
 
@@ -16,20 +16,20 @@ _ELLIPSOID = pyproj.Geod(ellps="WGS84")
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
-    """Which water each event belongs to: the only one, that of its name, or the nearest in time."""
+    """Index of the water of each event: the only one, the one with its name, or the nearest in time."""
     names = [water.name for water in waters]
     if not names:
-        raise ReplayError("replay: no water given; a cast or an ocean is needed")
+        raise ReplayError("replay: there is no water; add a cast or an ocean")
     named = events.cast != ""
     unknown = sorted(set(events.cast[named]) - set(names))
     if unknown:
         raise ReplayError(
-            f"events: cast {unknown[0]} is not among those given; there are {', '.join(names[:8])}"
+            f"events: cast {unknown[0]} is unknown; allowed are {', '.join(names[:8])}"
             + (", ..." if len(names) > 8 else "")
         )
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise ReplayError(f"two casts are called {twice}; give each a name of its own")
+        raise ReplayError(f"two casts are called {twice}; rename one")
     if len(waters) == 1:
         return np.zeros(events.time.size, dtype=np.int64)
     chosen = np.full(events.time.size, -1)
@@ -39,7 +39,7 @@ def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
         if nameless is not None or np.isnat(events.epoch):
             lacks = "the events' times are seconds" if nameless is None else f"cast {nameless} has no time"
             raise ReplayError(
-                f"events without a cast go to the nearest in time, but {lacks}; name each event's cast in a column cast"
+                f"events without a cast use the nearest in time, but {lacks}; add a column cast with the name of each event's cast"
             )
         times = np.array([water.time for water in waters], dtype="datetime64[ns]")
         apart = np.abs(events.instant[~named][:, None] - times[None, :])
@@ -49,7 +49,7 @@ def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
 
 def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval: float) -> Array:
     """
-    Time [s] in water that varies at which each of some events is predicted, the nearest multiple of an interval within its span.
+    Time of the water of each of some events [s]: the nearest multiple of an interval within the water's span.
 
     Zero if the water does not vary.
     """
@@ -57,7 +57,7 @@ def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval:
         return np.zeros(rows.size)
     if np.isnat(events.epoch):
         raise ReplayError(
-            "the events' times are seconds, but the water varies; write them as 2020-03-10T12:00:00"
+            "the events' times are seconds, but the water varies; write times as 2020-03-10T12:00:00"
         )
     since = (events.instant[rows] - np.datetime64(water.start, "ns")) / np.timedelta64(1, "s")
     for time in since:

@@ -1,7 +1,7 @@
 """
-What the vehicles measure: one module a sensor, ranges by sound, and the noise of all.
+Measurements of the vehicles: one module per sensor, acoustic ranges, and noise.
 
-Levels of noise are quick to read; what ranges need is imported when it is first asked for.
+Noise levels import quickly; the modules of ranges are imported on first use.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Attitude and heading reference (AHRS): the rotation of every vehicle at every sample; absent unless it has levels."""
+"""Attitude and heading reference (AHRS): the rotation of every vehicle at every sample; absent without noise levels."""
 
 from dataclasses import dataclass, fields
 
@@ -15,8 +15,8 @@ class AttitudeNoise:
     """
     Standard deviations of an attitude [rad]; without tilt and heading there is no such sensor.
 
-    Gravity gives roll and pitch, which err by a tilt about each horizontal axis. Heading errs about the vertical, at
-    each sample anew, and by a bias that a vehicle keeps through a realization and no estimator is told of.
+    Gravity gives roll and pitch, with an error about each horizontal axis. Heading has an independent error at each sample, and
+    a bias that is constant for each vehicle and realization and that estimators do not know.
     """
 
     attitude_tilt_sigma: float = level(
@@ -29,7 +29,7 @@ class AttitudeNoise:
     )
     attitude_heading_bias_sigma: float = level(
         0.0,
-        "Standard deviation of a bias of heading that a vehicle keeps and no estimator is told of. [rad]",
+        "Standard deviation of the constant heading bias of a vehicle, which estimators do not know. [rad]",
         may_be_zero=True,
     )
 
@@ -44,7 +44,7 @@ class AttitudeNoise:
 
 
 def measure(scene: Scene, noise: AttitudeNoise) -> Columns:
-    """Rotations of the truth."""
+    """True rotations."""
     tilt, heading = noise.attitude_tilt_sigma, noise.attitude_heading_sigma
     truth = scene.truth
     vehicle, sample = np.nonzero(np.full(truth.status.shape, tilt > 0.0))
@@ -58,7 +58,7 @@ def measure(scene: Scene, noise: AttitudeNoise) -> Columns:
 
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
-    """Turns about the world's axes from the left, ``Exp(xi) R``."""
+    """Add rotations about the axes of the world, ``Exp(xi) R``."""
     m = measurements
     if not m.attitude_vehicle.size:
         return {}

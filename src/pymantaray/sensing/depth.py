@@ -16,7 +16,7 @@ class DepthNoise:
 
 
 def measure(scene: Scene, noise: DepthNoise) -> Columns:
-    """Depth of the truth."""
+    """True depths."""
     depth = scene.truth.position[..., 2]
     return {"depth": depth, "depth_sigma": np.full(len(depth), noise.depth_sigma)}
 

@@ -1,4 +1,4 @@
-"""Whether a ping is heard: the sonar equation gives a probability, a random draw decides."""
+"""Detection of pings: probability by the sonar equation, outcome by a random draw."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Hearing(Record):
-    """Probability that each range attempt is heard, row by row the attempts of a `Measurements` record."""
+    """Detection probability of each range attempt, row by row those of a `Measurements` record."""
 
     kind: ClassVar[str] = "hearing"
 
@@ -34,12 +34,12 @@ class Hearing(Record):
 @dataclass(frozen=True, eq=False)
 class Detector:
     """
-    Everything that decides how loud an arrival is, and how loud it has to be.
+    Levels, losses and threshold that determine the detection of an arrival.
 
     Parameters
     ----------
     sonar : Sonar
-        Levels, band, noise and threshold; every modem is alike.
+        Levels, band, noise and threshold, the same for every modem.
     absorption : Absorption, optional
         By default the water absorbs nothing.
     bottom : Reflection, optional
@@ -56,7 +56,7 @@ class Detector:
     def loss_db(
         self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths
     ) -> Array:
-        """Transmission loss of each arrival, whose paths `trace_paths` gave, at the middle of the sonar's band. [dB]"""
+        """Transmission loss of each arrival at the centre of the sonar's band; ``paths`` are from `trace_paths`. [dB]"""
         loss = transmission_loss(
             medium,
             source,
@@ -76,27 +76,27 @@ def draw_unheard(
     measurements: Measurements, probability: ArrayLike, *, root_seed: int, realization: int
 ) -> Measurements:
     """
-    Let chance decide which of the arrivals are heard: the others are UNHEARD, with a refracted range of NaN.
+    Draw which arrivals are detected: the others have status UNHEARD and a refracted range of NaN.
 
-    Probabilities are read where something arrives. A higher one only ever adds ranges, and nothing else moves. What leaks
-    and is heard has status OK: the receiver knows no better.
+    Only probabilities of attempts with an arrival count. A higher probability only adds ranges and changes nothing else. Detected
+    sound without a ray has status OK, because the receiver cannot tell the difference.
     """
-    o = measurements
+    m = measurements
     p = np.asarray(probability, dtype=float)
-    ok = np.isin(o.range_status, ARRIVES)
+    ok = np.isin(m.range_status, ARRIVES)
     if p.shape != ok.shape:
         raise SensingError(f"probability: shape {p.shape}; {ok.size} range attempts need one value each")
     wrong = ok & ~((p >= 0.0) & (p <= 1.0))
     if wrong.any():
         raise SensingError(
-            f"probability: {np.count_nonzero(wrong)} attempts with an arrival have none in 0 to 1, the first is"
+            f"probability: {np.count_nonzero(wrong)} attempts with an arrival have one outside 0 to 1, the first is"
             f" {p[wrong][0]:g}"
         )
-    lost = ok & ~(chances(o, root_seed=root_seed, realization=realization) < p)
+    lost = ok & ~(chances(m, root_seed=root_seed, realization=realization) < p)
     return replace(
-        o,
+        m,
         range_status=np.where(
-            lost, np.int8(RayStatus.UNHEARD), np.where(ok, np.int8(RayStatus.OK), o.range_status)
+            lost, np.int8(RayStatus.UNHEARD), np.where(ok, np.int8(RayStatus.OK), m.range_status)
         ),
-        refracted_range=np.where(lost, np.nan, o.refracted_range),
+        refracted_range=np.where(lost, np.nan, m.refracted_range),
     )

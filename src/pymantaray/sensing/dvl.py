@@ -1,5 +1,5 @@
 """
-Doppler velocity log (DVL): the mean velocity over ground between samples, in the body frame; absent unless it has a level.
+Doppler velocity log (DVL): the mean velocity over ground between samples, in the body frame; absent without a noise level.
 
 Four beams point down at 30 degrees from the vertical. Each can be lost between two samples; three determine a velocity.
 """
@@ -23,8 +23,9 @@ class DvlNoise:
     """
     Errors of a velocity over ground, in the body frame; without a standard deviation there is no such sensor.
 
-    Each axis errs at each sample anew, and by a bias that a vehicle keeps through a realization and that estimators do not know.
-    With three beams the noise of each axis is larger by their geometry; its correlation between axes is neglected.
+    Each axis has an independent error at each sample, and a bias that is constant for each vehicle and realization and that
+    estimators do not know. With three beams the noise of each axis is larger by their geometry; its correlation between axes is
+    neglected.
     """
 
     dvl_sigma: float = level(
@@ -34,7 +35,7 @@ class DvlNoise:
     )
     dvl_bias_sigma: float = level(
         0.0,
-        "Standard deviation of a bias of each axis that a vehicle keeps and that estimators do not know. [m/s]",
+        "Standard deviation of the constant bias of each axis of a vehicle, which estimators do not know. [m/s]",
         may_be_zero=True,
     )
     dvl_beam_loss: float = level(
@@ -56,7 +57,7 @@ class DvlNoise:
 
 
 def measure(scene: Scene, noise: DvlNoise) -> Columns:
-    """Velocities of the truth, wherever the vehicle is within reach of the sea floor at both samples."""
+    """True velocities between samples that are both within reach of the sea floor."""
     truth, sigma = scene.truth, noise.dvl_sigma
     near = np.broadcast_to(np.asarray(scene.altitude) <= noise.dvl_reach, truth.status.shape)
     vehicle, sample = np.nonzero(near[:, :-1] & near[:, 1:] & (sigma > 0.0))
@@ -74,7 +75,7 @@ def measure(scene: Scene, noise: DvlNoise) -> Columns:
 
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
-    """Noise, bias and lost beams; a velocity of fewer than three beams is missing."""
+    """Add noise and bias; remove velocities of fewer than three beams."""
     from scipy.special import ndtr
 
     m = measurements
@@ -96,7 +97,7 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
 
 
 def three_beam_factor() -> NDArray[np.float64]:
-    """Standard deviation of each axis with three beams, by that with four; shape (3,)."""
+    """Ratio of the standard deviations of each axis with three and with four beams; shape (3,)."""
     azimuth = np.radians([45.0, 135.0, 225.0, 315.0])
     across, down = np.sin(_TILT), np.full(_BEAMS, np.cos(_TILT))
     beams = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), down], axis=1)

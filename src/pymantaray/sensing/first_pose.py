@@ -1,4 +1,4 @@
-"""What is known of each vehicle's pose when the mission starts."""
+"""Prior of each vehicle's pose at the start of the mission."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ class FirstPoseNoise:
 
 
 def measure(scene: Scene, noise: FirstPoseNoise) -> Columns:
-    """First poses of the truth."""
+    """True first poses."""
     sigma = np.repeat([noise.first_rotation_sigma, noise.first_position_sigma], 3)
     return {
         "first_position": scene.truth.position[:, 0],

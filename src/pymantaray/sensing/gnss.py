@@ -1,4 +1,4 @@
-"""GNSS: a fix at each sample at which a vehicle is shallower than its antenna can reach."""
+"""GNSS: a fix at each sample at which a vehicle is close enough to the surface."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ def measure(scene: Scene, noise: GnssNoise) -> Columns:
 
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
-    """Noise drawn for every sample, surfaced or not, so that a fix more moves no other's."""
+    """Noise; drawn at every sample, so that one more fix changes no other."""
     m = measurements
     noise = np.stack([normal((m.time.size, 3), name, "gnss") for name in m.name])
     return {"gnss_position": m.gnss_position + noise[m.gnss_vehicle, m.gnss_sample] * m.gnss_sigma[:, None]}

@@ -1,4 +1,4 @@
-"""Fixed, surveyed points that hear the fleet, and what their survey says."""
+"""Landmarks: fixed, surveyed points that receive pings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ class Landmark:
     """
     A fixed point that receives the vehicles' pings.
 
-    Its name is unique among landmarks and vehicles; its true place is ``(north, east, down)`` in the local frame [m]. ``sigma`` is
-    the standard deviation of each axis of its survey in place of the noise model's: large for one that the fleet has to locate. [m]
+    Its name is unique among landmarks and vehicles; its true position is ``(north, east, down)`` in the local frame [m]. ``sigma``
+    replaces the noise model's standard deviation of each axis of the survey; it is large if the fleet has to locate the landmark. [m]
     """
 
     name: str
@@ -52,7 +52,7 @@ class SurveyNoise:
 
 
 def measure(scene: Scene, noise: SurveyNoise) -> Columns:
-    """True places of the landmarks."""
+    """True positions of the landmarks."""
     return {
         "landmark_name": np.array([landmark.name for landmark in scene.landmarks], dtype=str),
         "landmark_position": landmark_positions(scene.landmarks),
@@ -75,7 +75,7 @@ def landmark_positions(landmarks: Sequence[Landmark]) -> Array:
 
 
 def check_names(vehicle_names: Sequence[str], landmarks: Sequence[Landmark]) -> None:
-    """Refuse two participants of one name: their random streams are found by it."""
+    """Refuse two participants of one name, which identifies their random streams."""
     seen = set(vehicle_names)
     for landmark in landmarks:
         if landmark.name in seen:

@@ -1,4 +1,4 @@
-"""All measurements of a mission: without noise, and as one realization's random streams perturb them."""
+"""All measurements of a mission, without noise and with the noise of one realization."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -66,8 +66,7 @@ def perturb(
     timing: Timing = ONE_WAY,
     clocks: ClockModel | Clocks | None = None,
     ranging_truth: RangingTruth | None = None,
-    probability: ArrayLike | None = None,
-    candidates: Candidates | None = None,
+    detection: ArrayLike | Candidates | None = None,
     correlation_time: float = 0.0,
 ) -> Measurements:
     """
@@ -76,74 +75,62 @@ def perturb(
     Parameters
     ----------
     measurements : Measurements
-        As `assemble` made them; their standard deviations are those of the noise.
+        From `assemble`; their standard deviations are those of the noise.
     root_seed : int
         Seed of the whole study.
     realization : int
         Index of the realization.
     timing : OneWay or TwoWay
-        As the ranges were measured; clocks act by it.
+        Timing of the ranges; it determines the effect of clocks.
     clocks : ClockModel or Clocks, optional
-        Clocks of the vehicles, drawn anew in each realization or given. By default they are synchronous.
+        Clocks of the vehicles, or their distribution in each realization. By default they are synchronous.
     ranging_truth : RangingTruth, optional
-        Of the same range attempts. Needed where there are clocks, which act on its travel times.
-    probability : array_like, shape (n_ranges,), optional
-        That an attempt with an arrival is heard. By default it is.
-    candidates : Candidates, optional
-        Arrivals that may be taken for the direct ones; their probabilities include that of being heard, so
-        `probability` is left out. By default the receiver never errs.
+        True values of the same range attempts. Clocks need their travel times.
+    detection : array_like, shape (n_ranges,), or Candidates, optional
+        Probability that an attempt with an arrival is detected; or the arrivals that a receiver can mistake for the direct one,
+        with probabilities that include their detection. By default every arrival is detected and no receiver errs.
     correlation_time : float
-        How long a receiver stays with what it takes of the candidates, see `draw_picks`. [s]
+        Correlation time of the choice among candidates, see `draw_picks`. [s]
 
     Returns
     -------
     Measurements
-        With noise on what every sensor measured. With clocks, both ranges of an attempt are pseudoranges. An
-        attempt that was not heard has status UNHEARD. One that took another arrival for the direct one has that
-        arrival's refracted range, see `range_on_picks`.
+        With noise on all columns of sensors. With clocks, both ranges of an attempt are pseudoranges. An
+        attempt that was not detected has status UNHEARD. An attempt with a mistaken arrival has the refracted range of that
+        arrival, see `range_on_picks`.
 
     Raises
     ------
     SensingError
-        If clocks, probabilities or candidates do not fit the measurements, or both of the latter are given.
+        If clocks, probabilities or candidates do not fit the measurements.
 
     Notes
     -----
-    Each vehicle's sensor and each ordered pair draws from its own stream, so another vehicle or sensor
-    moves no draw. A range attempt has one draw, heard or not, and both of its ranges get it. So all conditions see
+    Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or sensor
+    changes no draw. A range attempt has one draw, detected or not, for both of its ranges. Therefore all conditions have
     the same noise.
     """
 
     def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:
         return stream(root_seed, realization, "sensing", *map(str, names)).standard_normal(shape)
 
-    m, true = measurements, ranging_truth
-    if candidates is not None:
-        if probability is not None:
-            raise SensingError(
-                "perturb: probability and candidates are given; candidates hold both, give them alone"
-            )
-        picks = draw_picks(
-            m,
-            candidates,
-            root_seed=root_seed,
-            realization=realization,
-            correlation_time=correlation_time,
-        )
-        m = range_on_picks(m, candidates, picks)
+    m, true, draw = measurements, ranging_truth, {"root_seed": root_seed, "realization": realization}
+    if isinstance(detection, Candidates):
+        picks = draw_picks(m, detection, **draw, correlation_time=correlation_time)
+        m = range_on_picks(m, detection, picks)
         if true is not None:
-            wrong, time = candidates.mistaken(picks), true.travel_time.copy()
-            time[wrong] = candidates.travel_time[picks[wrong]]
+            wrong, time = detection.mistaken(picks), true.travel_time.copy()
+            time[wrong] = detection.travel_time[picks[wrong]]
             true = replace(true, travel_time=time)
     noise = (
         by_pair(m, lambda transmitter, receiver, n: normal((n,), transmitter, "range", receiver))
         * m.range_sigma
     )
     if isinstance(clocks, ClockModel):
-        clocks = clocks.draw(m.name.tolist(), root_seed=root_seed, realization=realization)
+        clocks = clocks.draw(m.name.tolist(), **draw)
     if clocks is not None:
         if true is None:
-            raise SensingError("perturb: clocks act on true travel times; give ranging_truth")
+            raise SensingError("perturb: clocks need true travel times; add ranging_truth")
         noise += clock_error(m, true, clocks, timing)
     columns: dict[str, Any] = {
         "straight_range": m.straight_range + noise,
@@ -152,6 +139,6 @@ def perturb(
     for sensor in SENSORS:
         columns |= sensor.perturb(m, normal)
     noisy = replace(m, **columns)
-    if probability is None:
+    if detection is None or isinstance(detection, Candidates):
         return noisy
-    return draw_unheard(noisy, probability, root_seed=root_seed, realization=realization)
+    return draw_unheard(noisy, detection, **draw)

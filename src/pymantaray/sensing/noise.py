@@ -1,4 +1,4 @@
-"""The table of sensors, and how noisy each measurement is."""
+"""Table of sensors, and noise levels of all measurements."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from pymantaray.sensing import attitude, depth, dvl, first_pose, gnss, landmarks
 from pymantaray.sensing.sensor import Sensor, level
 
 SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude, dvl)
-"""All but the ranges, which `pymantaray.sensing.ranging` measures."""
+"""All sensors except ranges, which are in `pymantaray.sensing.ranging`."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class NoiseModel(
     RangeNoise,
 ):
     """
-    Levels of all noise, each described where its sensor is; the defaults are the paper's table, but for the survey's.
+    Noise levels of all measurements, described in the modules of the sensors; the defaults are the paper's table, except the survey.
 
     Lengths are in metres, angles in radians, drifts per second; fractions are of an edge's length or angle.
 

@@ -12,19 +12,19 @@ from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Shares of an edge's rotation angle and length [-], and what is added per time [rad/s, m/s]."""
+    """Errors as fractions of an edge's rotation angle and length [-], and per time [rad/s, m/s]."""
 
     odometry_rotation_fraction: float = level(
-        1e-6, "Error of an edge's rotation as a share of its angle. [-]", may_be_zero=True
+        1e-6, "Error of an edge's rotation as a fraction of its angle. [-]", may_be_zero=True
     )
-    odometry_rotation_drift: float = level(5e-7, "Error of rotation that is added per time. [rad/s]")
+    odometry_rotation_drift: float = level(5e-7, "Error of rotation per time. [rad/s]")
     odometry_xy_fraction: float = level(
-        0.05, "Error forward and to the right as a share of an edge's length. [-]", may_be_zero=True
+        0.05, "Error forward and to the right as a fraction of an edge's length. [-]", may_be_zero=True
     )
     odometry_z_fraction: float = level(
-        0.001, "Error downward as a share of an edge's length. [-]", may_be_zero=True
+        0.001, "Error downward as a fraction of an edge's length. [-]", may_be_zero=True
     )
-    odometry_translation_drift: float = level(0.0125, "Error of translation that is added per time. [m/s]")
+    odometry_translation_drift: float = level(0.0125, "Error of translation per time. [m/s]")
 
     def odometry_sigma(
         self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike
@@ -32,9 +32,9 @@ class OdometryNoise:
         r"""
         Composite standard deviation (..., n_time - 1, 6) of edges, in the tangent of their noise-free relative poses.
 
-        The paper's :math:`\sigma_i = \sqrt{(f_i \lVert m \rVert)^2 + (d_i \Delta t)^2}`. It leaves the
-        motion's magnitude open: here it is the length of the edge's translation for the translations
-        and of its rotation vector for the rotations.
+        The paper's :math:`\sigma_i = \sqrt{(f_i \lVert m \rVert)^2 + (d_i \Delta t)^2}`. The paper does not define the
+        magnitude of the motion: here it is the length of the edge's translation for translations
+        and of its rotation vector for rotations.
         """
         turned = np.linalg.norm(so3_log(matrix_from_quaternion(rotation)), axis=-1)
         moved = np.linalg.norm(np.asarray(translation, dtype=float), axis=-1)

@@ -1,4 +1,4 @@
-"""Ranges on another arrival than the direct one: which arrivals a receiver may take, how probably, and which by chance."""
+"""Mistaken arrivals: candidates of a receiver for the direct arrival, their probabilities and random choice."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
@@ -29,17 +29,17 @@ _TAIL = 8.0  # standard deviations beyond which a normal level does not go
 @dataclass(frozen=True)
 class Picker:
     r"""
-    Rule by which a receiver picks one of the arrivals of a ping.
+    Rule by which a receiver picks one arrival of a ping.
 
     Parameters
     ----------
     rule : {"first-detected", "strongest-detected"}
-        The earliest of the arrivals that it detects, or the loudest of them.
+        The earliest of the detected arrivals, or the loudest.
     sonar : Sonar, optional
-        What it detects, and how much levels spread about the predicted ones.
+        Detection threshold, and spread of levels about the predicted ones.
     below_strongest_db : float, optional
-        Without a sonar, for ``first-detected``: an arrival predicted to be so much weaker than the link's strongest
-        is detected half the time. [dB]
+        Without a sonar, for ``first-detected``: level below the link's strongest arrival at which an arrival is detected
+        with probability 0.5. [dB]
 
     Notes
     -----
@@ -53,9 +53,9 @@ class Picker:
 
     .. math:: \int_{-e_k / \sigma}^\infty \varphi(z) \prod_{j \ne k} \Phi\left(z + (e_k - e_j) / \sigma\right) dz
 
-    by ``strongest-detected``. Both add up to :math:`1 - \prod_k (1 - p_k)`: with a sonar, nothing may be heard.
-    Without one, as everywhere, something is: the threshold lies `below_strongest_db` below the predicted level of
-    the strongest, :math:`\sigma` is 6 dB, and if nothing passes the receiver takes the predicted strongest;
+    by ``strongest-detected``. Both add up to :math:`1 - \prod_k (1 - p_k)`: with a sonar, it is possible that nothing is
+    detected. Without a sonar something always is: the threshold lies `below_strongest_db` below the predicted level of
+    the strongest, :math:`\sigma` is 6 dB, and if nothing passes the receiver takes the arrival predicted to be strongest;
     ``strongest-detected`` has no threshold then.
     """
 
@@ -64,7 +64,7 @@ class Picker:
     below_strongest_db: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the rule and that it has its threshold."""
+        """Check the rule and its threshold."""
         if self.rule not in get_args(PickRule):
             raise SensingError(f"Picker: rule {self.rule!r}; allowed are {', '.join(get_args(PickRule))}")
         needed = self.rule == "first-detected" and self.sonar is None
@@ -76,7 +76,7 @@ class Picker:
 
     def probabilities(self, loss_db: ArrayLike, link: ArrayLike, travel_time: ArrayLike) -> Array:
         """
-        Probability that each arrival is the one that its receiver takes; arrivals of the same link compete.
+        Probability that the receiver takes each arrival; arrivals of the same link compete.
 
         A loss of NaN counts as infinite. Without a sonar only differences within a link matter. [dB]
         """
@@ -109,7 +109,7 @@ class Picker:
 
 
 def by_rank(group: NDArray[np.int64]) -> list[Indices]:
-    """The first row of each group, the second of each that has so many, and so on; rows of a group stand together."""
+    """First row of each group, then second row of each group that has one, and so on; rows of a group are consecutive."""
     _, start, count = np.unique(group, return_index=True, return_counts=True)
     return [start[count > rank] + rank for rank in range(int(count.max(initial=0)))]
 
@@ -124,7 +124,7 @@ def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) ->
 
 
 def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
-    """Probability of each row to be the first detected, and of each link that none is."""
+    """Probability that each row is detected first, and that none of a link is."""
     first, missed = np.empty(detected.size), np.ones(link.max(initial=-1) + 1)
     for rows in ranks:
         first[rows] = detected[rows] * missed[link[rows]]
@@ -133,7 +133,7 @@ def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array,
 
 
 def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | None) -> Array:
-    """Probability of each row to be the loudest, above its lowest level; levels have standard deviation 1."""
+    """Probability that each row is the loudest, above its lowest level; levels have standard deviation 1."""
     from scipy.special import ndtr
 
     low = np.full(level.size, -_TAIL) if lowest is None else np.clip(lowest, -_TAIL, _TAIL)
@@ -152,9 +152,9 @@ def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | 
 @dataclass(frozen=True, eq=False)
 class Candidates(Record):
     """
-    What each range attempt may take for its direct arrival, rows of an attempt together, the direct one first.
+    Arrivals that each range attempt can mistake for its direct one; rows of an attempt are consecutive, the direct one first.
 
-    Two-way a candidate is an arrival of the ping with one of the answer.
+    Two-way, a candidate is an arrival of the ping with one of the answer.
     """
 
     kind: ClassVar[str] = "candidates"
@@ -163,20 +163,20 @@ class Candidates(Record):
     travel_time: Column = column(
         "candidate", "s", "travel time, two-way half of the round trip as in the range table"
     )
-    probability: Column = column("candidate", "1", "that the receiver takes this one")
-    direct: Column = column("candidate", "1", "1 for what is ranged on without mistakes, else 0", "i1")
-    bounces: Column = column("candidate", "1", "reflections, two-way those of both ways", "i2")
+    probability: Column = column("candidate", "1", "probability that the receiver takes this one")
+    direct: Column = column("candidate", "1", "1 for the arrival of a range without mistakes, else 0", "i1")
+    bounces: Column = column("candidate", "1", "reflections, two-way of both ways", "i2")
 
     @property
     def expected_mistaken(self) -> float:
-        """Mean number of attempts in a realization that take something else for the direct arrival."""
+        """Mean number of attempts in a realization that mistake another arrival for the direct one."""
         return float(np.sum(self.probability[self.direct == 0]))
 
     def picks(self, chance: ArrayLike) -> Indices:
         """
-        Candidate that each attempt takes by a uniform number in 0 to 1, -1 for none.
+        Candidate of each attempt by a uniform number in 0 to 1, -1 for none.
 
-        It is the first whose probability, added to those before it, is greater than the number.
+        It is the first whose cumulative probability is greater than the number.
         """
         u = np.asarray(chance, dtype=float)
         if self.attempt.size and self.attempt.max() >= u.size:
@@ -192,7 +192,7 @@ class Candidates(Record):
         return picks
 
     def mistaken(self, picks: Indices) -> NDArray[np.bool_]:
-        """Whether each attempt took another arrival than the direct one, by what `picks` gives."""
+        """True for attempts whose pick, see `picks`, is not the direct arrival."""
         return np.asarray((picks >= 0) & (np.append(self.direct, 1)[picks] == 0))
 
 
@@ -252,12 +252,12 @@ def draw_picks(
     correlation_time: float = 0.0,
 ) -> Indices:
     """
-    Let chance decide what each attempt of one realization takes for the direct arrival: rows of candidates, -1 for nothing.
+    Draw the candidate of each attempt in one realization: rows of candidates, -1 for none.
 
-    The draws are those of `draw_unheard`. Since the direct candidate comes first, an attempt whose direct arrival is
-    the earliest and is heard without mistakes is heard with them too, by ``first-detected``: mistakes come
-    in the place of what was not heard. With a correlation time [s] a receiver stays with its pick for about so long, see
-    `chances`; each attempt for itself picks as without.
+    The draws are those of `draw_unheard`. Because the direct candidate comes first, an attempt whose direct arrival is
+    the earliest and is detected without mistakes is detected with them too, by ``first-detected``: mistakes replace
+    missed detections. A correlation time [s] makes successive picks of a receiver depend on each other, see
+    `chances`; the distribution of each pick stays the same.
     """
     return candidates.picks(
         chances(
@@ -271,14 +271,14 @@ def draw_picks(
 
 def range_on_picks(measurements: Measurements, candidates: Candidates, picks: Indices) -> Measurements:
     """
-    Range on what each attempt takes for the direct arrival, by `draw_picks`; straight ranges stay.
+    Replace refracted ranges by those of the picks of `draw_picks`; straight ranges stay.
 
-    Where another arrival was taken, the refracted range is its own, and the status is OK, as of what leaked: the receiver knows
-    no better. Where nothing was, an arrival that there is has status UNHEARD and a refracted range of NaN.
+    An attempt with a mistaken arrival has the refracted range of that arrival and status OK, as has sound without a ray, because
+    the receiver cannot tell the difference. An existing arrival that was not detected has status UNHEARD and a refracted range of NaN.
     """
-    o, wrong = measurements, candidates.mistaken(picks)
-    lost = (picks < 0) & np.isin(o.range_status, ARRIVES)
-    status, refracted = o.range_status.copy(), o.refracted_range.copy()
+    m, wrong = measurements, candidates.mistaken(picks)
+    lost = (picks < 0) & np.isin(m.range_status, ARRIVES)
+    status, refracted = m.range_status.copy(), m.refracted_range.copy()
     status[picks >= 0], status[lost], refracted[lost] = RayStatus.OK, RayStatus.UNHEARD, np.nan
-    refracted[wrong] = o.transmitter_sound_speed[wrong] * candidates.travel_time[picks[wrong]]
-    return replace(o, range_status=status, refracted_range=refracted)
+    refracted[wrong] = m.transmitter_sound_speed[wrong] * candidates.travel_time[picks[wrong]]
+    return replace(m, range_status=status, refracted_range=refracted)

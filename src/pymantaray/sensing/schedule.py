@@ -1,4 +1,4 @@
-"""Who pings when: ping epochs and the range attempts of each."""
+"""Ping schedules: times of pings and the range attempts of each."""
 
 import math
 from abc import ABC, abstractmethod
@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 
 
 class Attempts(NamedTuple):
-    """Range attempts by epoch, transmitter and receiver; landmarks count on after the vehicles."""
+    """Range attempts by epoch, transmitter and receiver; the numbers of landmarks follow those of vehicles."""
 
     sample: Indices
     transmitter: Indices
@@ -28,23 +28,23 @@ class Attempts(NamedTuple):
 
 
 class Schedule(ABC):
-    """Who pings when and who listens: the one thing that range attempts come from."""
+    """Times, transmitters and receivers of pings; the only source of range attempts."""
 
     @abstractmethod
     def times(self, duration: float) -> Array:
-        """When somebody pings in a mission that lasts so long, rising, each time once. [s]"""
+        """Distinct times of pings in a mission of a duration, in ascending order. [s]"""
 
     @abstractmethod
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """Attempts of pings by the samples at which they are, one for each of `times`."""
+        """Attempts of pings; ``pings`` has the sample of each of `times`."""
 
     def check_names(self, vehicles: Sequence[str], landmarks: Sequence[str]) -> None:
-        """Refuse names that are none of a vehicle or a landmark."""
+        """Refuse names that belong to no vehicle and no landmark."""
         for name in self.names():
             _number(str(self), name, [*vehicles, *landmarks])
 
     def names(self) -> Iterable[str]:
-        """Who is named; at an interval nobody is."""
+        """Names in the schedule; an interval has none."""
         return ()
 
     def samples(self, time: Array) -> Indices:
@@ -73,7 +73,7 @@ class Schedule(ABC):
 
 @dataclass(frozen=True)
 class PingSchedule(Schedule):
-    """All vehicles ping at every whole multiple of an interval [s], the first time after one interval."""
+    """All vehicles ping at every whole multiple of an interval [s], except at 0."""
 
     interval: float
 
@@ -82,7 +82,7 @@ class PingSchedule(Schedule):
         check_fields(SensingError, self, "s", "interval", positive=True)
 
     def __str__(self) -> str:
-        """Say it in refusals."""
+        """Return the schedule as error messages name it."""
         return f"PingSchedule: interval is {self.interval:g} s"
 
     def times(self, duration: float) -> Array:
@@ -98,10 +98,10 @@ class PingSchedule(Schedule):
 @dataclass(frozen=True)
 class SlotSchedule(Schedule):
     """
-    One pings in each slot, and they begin anew after the last (TDMA); all others listen.
+    One participant pings in each slot, all others listen; slots repeat (TDMA).
 
-    ``slots`` are names of vehicles and of landmarks that transmit, in their order; a name may come twice. A slot lasts ``slot``
-    seconds, and its ping is when it begins; the first begins ``start`` seconds after the mission.
+    ``slots`` are the names of the transmitting vehicles and landmarks in order; a name may occur twice. A slot lasts ``slot``
+    seconds, and its ping is at its start; the first slot starts ``start`` seconds after the mission.
     """
 
     slots: tuple[str, ...]
@@ -116,20 +116,20 @@ class SlotSchedule(Schedule):
             raise SensingError("SlotSchedule: there are no slots; name at least one vehicle or landmark")
 
     def __str__(self) -> str:
-        """Say it in refusals."""
+        """Return the schedule as error messages name it."""
         return f"SlotSchedule: slots of {self.slot:g} s from {self.start:g} s on"
 
     def names(self) -> Iterable[str]:
-        """Who has a slot."""
+        """Names of those with a slot."""
         return dict.fromkeys(self.slots)
 
     def times(self, duration: float) -> Array:
-        """Beginnings of the slots."""
+        """Starts of the slots."""
         count = math.floor((duration - self.start) / self.slot * (1.0 + 1e-12)) + 1
         return np.asarray(self.start + self.slot * np.arange(max(count, 0)))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """From who has each slot to all others."""
+        """Attempts from the owner of each slot to all others."""
         turns = np.array([_number(str(self), name, [*vehicles, *landmarks]) for name in self.slots])
         return _to_all(pings, turns[np.arange(pings.size) % turns.size], len(vehicles), len(landmarks))
 
@@ -137,23 +137,23 @@ class SlotSchedule(Schedule):
 @dataclass(frozen=True, eq=False)
 class PingList(Schedule):
     """
-    Pings one by one: when [s], who, and who listens; `read_pings` makes it of a table.
+    List of pings: time [s], transmitter and receivers of each; `read_pings` reads it from a table.
 
-    Both are vehicles or landmarks, at most one of them a landmark; no listener means everybody. Pings after the mission's end are
-    left out.
+    Transmitters and receivers are vehicles or landmarks, at most one of the two a landmark; without receivers, everybody listens.
+    Pings after the end of the mission are omitted.
     """
 
     time: tuple[float, ...]
     transmitter: tuple[str, ...]
     receivers: tuple[tuple[str, ...], ...] = ()
-    """By ping; none at all: everybody listens to every ping."""
+    """Receivers of each ping; empty if everybody listens to every ping."""
 
     def __post_init__(self) -> None:
         """Check lengths and times."""
         checked_array(SensingError, "PingList: time", self.time, (None,))
         if min(self.time) < 0.0:
             raise SensingError(
-                f"PingList: a ping is at {min(self.time):g} s; the mission begins at 0: leave it out"
+                f"PingList: a ping is at {min(self.time):g} s; the mission starts at 0: remove the ping"
             )
         for name in ("transmitter", "receivers"):
             size = len(getattr(self, name))
@@ -161,11 +161,11 @@ class PingList(Schedule):
                 raise SensingError(f"PingList: {size} {name} of {len(self.time)} pings; give one for each")
 
     def __str__(self) -> str:
-        """Say it in refusals."""
+        """Return the schedule as error messages name it."""
         return f"PingList: the first of {len(self.time)} pings is at {min(self.time):g} s"
 
     def names(self) -> Iterable[str]:
-        """Who pings, and who listens."""
+        """Names of transmitters and receivers."""
         return dict.fromkeys(chain(self.transmitter, *self.receivers))
 
     def times(self, duration: float) -> Array:
@@ -174,7 +174,7 @@ class PingList(Schedule):
         return times[times <= duration * (1.0 + 1e-12)]
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """From each transmitter to those that listen."""
+        """Attempts from each transmitter to its receivers."""
         row = np.searchsorted(np.unique(np.asarray(self.time, dtype=float)), self.time)
         inside = np.flatnonzero(row < pings.size)
         names, n = [*vehicles, *landmarks], len(vehicles)
@@ -186,7 +186,7 @@ class PingList(Schedule):
             heard = [_number(str(self), name, names) for name in self.receivers[i]]
             if transmitter in heard:
                 raise SensingError(
-                    f"{self}: {names[transmitter]} listens to itself; leave it out of its receivers"
+                    f"{self}: {names[transmitter]} listens to itself; remove it from its receivers"
                 )
             fixed = [k for k in heard if min(k, transmitter) >= n]
             if fixed:
@@ -199,14 +199,14 @@ class PingList(Schedule):
 
 
 def attempts(n_vehicles: int, n_landmarks: int, epochs: Indices) -> Attempts:
-    """At every epoch each vehicle transmits to every other vehicle and to every landmark; by epoch, transmitter, receiver."""
+    """Attempts of every vehicle to all others and to every landmark at every epoch; by epoch, transmitter, receiver."""
     epochs = np.asarray(epochs, dtype=np.int64)
     senders = np.tile(np.arange(n_vehicles), epochs.size)
     return _to_all(np.repeat(epochs, n_vehicles), senders, n_vehicles, n_landmarks)
 
 
 def _to_all(samples: Indices, transmitter: Indices, n_vehicles: int, n_landmarks: int) -> Attempts:
-    """One ping a row, to all participants but the one that sends it; from landmarks to vehicles alone."""
+    """Attempts of one ping per row to all other participants; from landmarks to vehicles only."""
     n = n_vehicles + n_landmarks
     receiver = np.tile(np.arange(n), samples.size)
     sample, sender = np.repeat(samples, n), np.repeat(transmitter, n)
@@ -217,13 +217,13 @@ def _to_all(samples: Indices, transmitter: Indices, n_vehicles: int, n_landmarks
 def _number(schedule: str, name: str, names: Sequence[str]) -> int:
     if name not in names:
         raise SensingError(
-            f"{schedule}: there is no vehicle and no landmark {name!r}; there is {', '.join(names)}"
+            f"{schedule}: no vehicle or landmark is called {name!r}; allowed: {', '.join(names)}"
         )
     return list(names).index(name)
 
 
 def by_pair(measurements: Measurements, draw: Callable[[str, str, int], Array]) -> Array:
-    """One number a range attempt, drawn for each transmitter and receiver and the number of their attempts."""
+    """One number per range attempt; ``draw`` gets each transmitter and receiver and the number of their attempts."""
     m = measurements
     names = [str(name) for name in (*m.name, *m.landmark_name)]
     pair = m.range_transmitter.astype(np.int64) * len(names) + m.range_receiver
@@ -240,11 +240,10 @@ def chances(
     measurements: Measurements, *, root_seed: int, realization: int, correlation_time: float = 0.0
 ) -> Array:
     r"""
-    Uniform draws that decide what becomes of each attempt, arrival or not; each ordered pair has its own stream.
+    Uniform draws that determine the outcome of each attempt, with an arrival or not; each ordered pair has its own stream.
 
-    With a correlation time :math:`\tau` [s] an attempt has the number of the one before it of the same ordered pair, a time
-    :math:`\Delta` ago, with probability :math:`e^{-\Delta / \tau}`, else a new one: a Markov chain of which every number is
-    uniform.
+    With a correlation time :math:`\tau` [s], an attempt has the number of the previous attempt of the same ordered pair, a time
+    :math:`\Delta` before, with probability :math:`e^{-\Delta / \tau}`, else a new one: a Markov chain of uniform numbers.
     """
     check_number(SensingError, "correlation_time", correlation_time, "s")
 

@@ -1,4 +1,4 @@
-"""How a travel time is measured: one way between clocks, or there and back on one clock; and how clocks err."""
+"""Timing of ranges: one-way between two clocks or two-way on one clock; and clock errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ _NOMINAL_SPEED = 1500.0  # m/s; where an end lies outside the water and c is unk
 @dataclass(frozen=True)
 class OneWay:
     """
-    The receiver notes the arrival on its own clock; the fleet is at rest while it pings, as in the paper.
+    The receiver records the arrival on its own clock; the fleet is at rest during a ping, as in the paper.
 
-    What clocks that are not synchronous add, the noise stage adds (`ClockModel`).
+    Errors of the clocks are part of the noise (`ClockModel`).
     """
 
 
 @dataclass(frozen=True)
 class TwoWay:
     """
-    The responder answers each ping after a known time; the initiator notes the round trip on its own clock.
+    The responder answers each ping after a known time; the initiator measures the round trip on its own clock.
 
     ``turn_around`` is from the ping's arrival to the answer, on the responder's clock. [s]
     """
@@ -41,16 +41,16 @@ class TwoWay:
 
 
 Timing = OneWay | TwoWay
-"""How travel times are measured."""
+"""Timing of ranges."""
 ONE_WAY = OneWay()
 
 
 class Leg(NamedTuple):
     """
-    One way of an exchange, by its travel time between the places of both vehicles at the ping.
+    One way of an exchange: travel time between the positions of both vehicles at the ping.
 
-    The gradients are those of travel time with respect to the place of the initiator and of the responder:
-    the slowness vector along the ray where the ray ends, minus it where the ray begins.
+    The gradients are those of the travel time with respect to the positions of the initiator and of the responder:
+    the slowness vector along the ray at the ray's end, minus that vector at its start.
     """
 
     travel_time: Array
@@ -62,7 +62,7 @@ def half_round_trip(
     timing: TwoWay, ping: Leg, answer: Leg, initiator_velocity: Array, responder_velocity: Array
 ) -> Array:
     r"""
-    Half of what is left of a round trip after the turn-around time, with both vehicles moving meanwhile.
+    Half of a round trip without the turn-around time, with both vehicles moving meanwhile.
 
     With the times :math:`t_1, t_2` of both legs at rest, their gradients :math:`g` and the turn-around time
     :math:`\tau`, the responder has moved for :math:`t_1` when the ping arrives and for :math:`t_1 + \tau` when
@@ -126,7 +126,7 @@ class Clocks:
 @dataclass(frozen=True)
 class ClockModel:
     """
-    How far apart the vehicles' clocks are.
+    Distribution of the errors of the vehicles' clocks.
 
     Standard deviations of a clock's offset at the start of the mission [s] and of its skew [-].
     """
@@ -139,7 +139,7 @@ class ClockModel:
         check_fields(SensingError, self, "", *vars(self))
 
     def draw(self, names: Sequence[str], *, root_seed: int, realization: int) -> Clocks:
-        """Draw one realization's clocks, each from its vehicle's own stream."""
+        """Draw the clocks of one realization, each from the stream of its vehicle."""
         draws = np.array(
             [stream(root_seed, realization, "sensing", name, "clock").standard_normal(2) for name in names]
         ).reshape(-1, 2)
@@ -147,25 +147,25 @@ class ClockModel:
 
 
 def clock_error(measurements: Measurements, truth: RangingTruth, clocks: Clocks, timing: Timing) -> Array:
-    r"""Share of the clocks in each range attempt, as a length.
+    r"""Error by the clocks in each range attempt, as a length.
 
     One way, a ping sent at true time T and received at T + t is measured as too long by
     :math:`o_r(T + t) - o_t(T)`, with the offsets of receiver and transmitter. Two ways, the initiator's
     offset cancels and the skews :math:`k` of initiator and responder leave
     :math:`\frac12 [k_i (2 t + \tau) - k_r \tau]`, to first order in the skews.
     """
-    o = measurements
-    if clocks.offset.size != o.name.size:
-        raise SensingError(f"clocks of {clocks.offset.size} vehicles; the measurements have {o.name.size}")
-    speed = np.where(np.isnan(o.transmitter_sound_speed), _NOMINAL_SPEED, o.transmitter_sound_speed)
+    m = measurements
+    if clocks.offset.size != m.name.size:
+        raise SensingError(f"clocks of {clocks.offset.size} vehicles; the measurements have {m.name.size}")
+    speed = np.where(np.isnan(m.transmitter_sound_speed), _NOMINAL_SPEED, m.transmitter_sound_speed)
     time = np.where(np.isnan(truth.travel_time), truth.chord_travel_time, truth.travel_time)
     time = np.where(np.isnan(time), truth.distance / speed, time)
     (offset, skew), (other_offset, other_skew) = (
-        clocks.of(p) for p in (o.range_transmitter, o.range_receiver)
+        clocks.of(p) for p in (m.range_transmitter, m.range_receiver)
     )
     if isinstance(timing, TwoWay):
         wait = timing.turn_around
         return np.asarray(speed * 0.5 * (skew * (2.0 * time + wait) - other_skew * wait))
-    sent = o.time[o.range_sample]
+    sent = m.time[m.range_sample]
     received = other_offset + other_skew * (sent + time)
     return np.asarray(speed * (received - (offset + skew * sent)))

@@ -1,4 +1,4 @@
-"""What a service says of its water, and which places are in it."""
+"""Facts of a service's water, and the check that a position is in it."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 def require_place(medium: Medium, name: str, place: Array) -> None:
-    """Refuse a place beyond the horizontal extent, which is a fault of who asks and no outcome of a ping. [m]"""
+    """Refuse a position beyond the horizontal extent, which is an error of the request and no outcome of a ping. [m]"""
     for k, along in enumerate(("north", "east")):
         axis = getattr(medium, along)
         if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
@@ -25,7 +25,7 @@ def require_place(medium: Medium, name: str, place: Array) -> None:
 
 
 def facts(water: Water) -> dict[str, Any]:
-    """What to know before the first ping, as JSON takes it."""
+    """Facts to know before the first ping, as JSON takes them."""
     medium = water.at_start[0]
     detector, timing = water.reception.detector, water.timing
     out: dict[str, Any] = {
@@ -50,7 +50,7 @@ def facts(water: Water) -> dict[str, Any]:
 
 
 def _in_water(medium: Medium) -> Array:
-    """Sound speeds at the grid points that are in the water, and at its bed and surface below and above them. [m/s]"""
+    """Sound speeds at grid points in the water, and at the sea bed and the surface below and above them. [m/s]"""
     north, east = (x.ravel() for x in np.meshgrid(medium.north, medium.east, indexing="ij"))
     columns = np.stack([north, east], axis=-1)
     top, bed = (depth[:, None] for depth in (medium.surface_depth(columns), medium.bottom_depth(columns)))
@@ -64,5 +64,5 @@ def _in_water(medium: Medium) -> Array:
 
 
 def _ends(values: Array) -> list[float]:
-    """Least and greatest value."""
+    """Smallest and largest value."""
     return [float(values.min()), float(values.max())]

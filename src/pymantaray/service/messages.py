@@ -1,4 +1,4 @@
-"""What a server of ranges is asked and what it answers, as JSON; what is missing is null."""
+"""Requests and answers of the ranging server as JSON; missing values are null."""
 
 from typing import Annotated, Self
 
@@ -8,18 +8,20 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
 from pymantaray.errors import ServiceError
+from pymantaray.messages import one_line
 from pymantaray.records import RayStatus
 from pymantaray.sensing.receptions import Direction
 from pymantaray.service.ping import Ping
 from pymantaray.service.ranging_service import RangingService
 
-MOST_RECEIVERS = 10_000
-_MOST_FAULTS = 3  # that one answer tells
+MAX_RECEIVERS = 10_000
+_MAX_FAULTS = 3  # in one answer
+_MAX_LINE = 480  # characters of an error
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
 class Participant(Section):
-    """Who pings or listens: north and east [m], or lat and lon [degrees], and depth [m]; velocity two-way only. [m/s]."""
+    """Source or receiver: north and east [m], or lat and lon [degrees], and depth [m]; velocity for two-way timing only [m/s]."""
 
     name: str | None = Field(default=None, max_length=64)
     north: float | None = None
@@ -43,27 +45,31 @@ class Participant(Section):
 
     @property
     def geographic(self) -> bool:
-        """Whether its place is by latitude and longitude."""
+        """True if its position is a latitude and longitude."""
         return self.lat is not None
 
     @property
     def place(self) -> tuple[float | None, float | None, float]:
-        """As `RangingService.ping` takes it."""
+        """Position as `RangingService.ping` takes it."""
         return (self.lat, self.lon, self.depth) if self.geographic else (self.north, self.east, self.depth)
 
 
 class PingRequest(Section):
-    """One ping. With ``arrivals`` everything that reaches each receiver is told, not only what it ranges on."""
+    """One ping. With ``arrivals`` the answer lists all arrivals of each receiver, not only the selected one."""
 
-    time: float = Field(description="seconds since the ocean's start; only told back where it stands still")
+    time: float = Field(
+        description="seconds since the start of the ocean; without effect if the ocean does not vary"
+    )
     source: Participant
-    receivers: tuple[Participant, ...] = Field(max_length=MOST_RECEIVERS, strict=False)
+    receivers: tuple[Participant, ...] = Field(max_length=MAX_RECEIVERS, strict=False)
     arrivals: bool = False
 
     @model_validator(mode="after")
     def _one_frame(self) -> Self:
         if len({p.geographic for p in (self.source, *self.receivers)}) > 1:
-            raise ValueError("some positions have north and east, others lat and lon; give all in one way")
+            raise ValueError(
+                "some positions have north and east, others lat and lon; use one of the two for all"
+            )
         return self
 
 
@@ -81,7 +87,7 @@ class ArrivalAnswer(BaseModel):
 
 
 class ReceiverAnswer(BaseModel):
-    """What becomes of the ping at a receiver: columns of `Ping`; numbers are null where no arrival or no sonar has them."""
+    """Outcome of the ping at a receiver: columns of `Ping`; numbers are null without an arrival or a sonar."""
 
     name: str | None
     status: str
@@ -104,13 +110,18 @@ class PingAnswer(BaseModel):
 
 
 class ErrorAnswer(BaseModel):
-    """Why there is no answer, in one line."""
+    """Reason of a failed request, in one line."""
 
     error: str
 
 
+def error_body(line: str) -> bytes:
+    """Body of an answer with one short printable line that says why a request failed."""
+    return ErrorAnswer(error=one_line(line, _MAX_LINE)).model_dump_json().encode()
+
+
 def read_request(body: bytes) -> PingRequest:
-    """Ping of a request's body; one that is malformed is refused in a line."""
+    """Parse the body of a request; a malformed one is refused in one line."""
     try:
         return PingRequest.model_validate_json(body)
     except ValidationError as error:
@@ -118,14 +129,16 @@ def read_request(body: bytes) -> PingRequest:
         if first["type"] == "json_invalid":
             raise ServiceError(f"not valid JSON: {first['ctx']['error']}") from None
         if not first["loc"] and first["type"] == "model_type":
-            raise ServiceError("the request is no JSON object; it needs time, source and receivers") from None
+            raise ServiceError(
+                "the request is not a JSON object; it needs time, source and receivers"
+            ) from None
         lines = [line.removeprefix(": ") for line in finding_lines(error, PingRequest)]
-        more = f"; and {len(lines) - _MOST_FAULTS} more" if len(lines) > _MOST_FAULTS else ""
-        raise ServiceError("; ".join(lines[:_MOST_FAULTS]) + more) from None
+        more = f"; and {len(lines) - _MAX_FAULTS} more" if len(lines) > _MAX_FAULTS else ""
+        raise ServiceError("; ".join(lines[:_MAX_FAULTS]) + more) from None
 
 
 def answer(service: RangingService, request: PingRequest) -> PingAnswer:
-    """Ping as a request asks for it."""
+    """Answer a request by one ping."""
     receivers = request.receivers
     moving = any(p.velocity is not None for p in (request.source, *receivers))
     ping = service.ping(
@@ -176,7 +189,7 @@ def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[Arr
 
 
 def schema() -> dict[str, object]:
-    """JSON schemas of what is asked and answered."""
+    """JSON schemas of requests and answers."""
     return {
         "PingRequest": PingRequest.model_json_schema(),
         "PingAnswer": PingAnswer.model_json_schema(mode="serialization"),

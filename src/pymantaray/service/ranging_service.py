@@ -1,4 +1,4 @@
-"""Ranges in a simulator's loop: built once, asked ping by ping, in this thread or by processes of its own."""
+"""Ranges in a simulator's loop: a service that answers ping by ping, in the calling thread or in worker processes."""
 
 import math
 from contextlib import ExitStack
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 def _water(ocean: Source | Water, options: dict[str, Any]) -> Water:
-    """Water of any source; the frame of a study's configuration may be about its vehicles."""
+    """Water of any source; for a study, the frame is centred as its vehicles require."""
     if isinstance(ocean, Water):
         if options:
             raise ServiceError(f"water takes no options; found {', '.join(options)}")
@@ -40,28 +40,27 @@ def _water(ocean: Source | Water, options: dict[str, Any]) -> Water:
 
 class RangingService:
     """
-    Ranging, ping by ping, for those who move vehicles themselves.
+    Ranges, ping by ping, for a simulator that moves the vehicles.
 
-    Travel times are to the last digit those of a study in the same water. A service may be asked from any number of
-    threads; what it answers does not depend on them. What compiles does so when it is built.
+    Travel times equal those of a study in the same water to the last digit. Any number of threads may use a service; the
+    results do not depend on them. Kernels are compiled when the service is built.
 
     Parameters
     ----------
     ocean : SoundConfig, Water, or any source of `pymantaray.open_water`
-        A configuration (`load_sound`, `load_study`) also says what receivers listen for.
+        A configuration (`load_sound`, `load_study`) also contains the reception.
     reception : Reception, optional
-        What receivers listen for, in place of the configuration's; else direct arrivals, all of them heard.
+        Replaces the reception of the configuration. By default direct arrivals, all of them detected.
     currents : Currents or str, optional
-        Their effect on travel times, in place of the configuration's; or as an option of `open_water`. By default the water
-        is at rest.
+        Replaces the currents of the configuration; or an option of `open_water`. By default the water is at rest.
     timing : OneWay or TwoWay, optional
-        In place of the configuration's; else one-way, with everybody at rest while sound is on its way.
+        Replaces the timing of the configuration. By default one-way, with all participants at rest during a ping.
     water_interval : float
-        Where the ocean varies, the water of a ping is that of the last whole multiple of this. With 0 it is made for each
-        time that is asked for, which takes a large ocean 0.2 s. [s]
+        If the ocean varies, the water of a ping is that of the last whole multiple of this interval. With 0 it is built for
+        each time, which takes 0.2 s for a large ocean. [s]
     workers : int
-        Processes that pings are handed to; with 0 the thread that asks does the work. Processes pay where several threads
-        ask at a time.
+        Number of worker processes; with 0 the calling thread does the work. Workers help if several threads call at the same
+        time.
     **options
         Of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``.
 
@@ -95,7 +94,7 @@ class RangingService:
     ) -> None:
         check_number(ServiceError, "water_interval", water_interval, "s")
         if workers < 0:
-            raise ServiceError(f"workers: {workers}; a number of processes, 0 or more, is needed")
+            raise ServiceError(f"workers is {workers}; allowed are 0 and more")
         given: dict[str, Any] = {"reception": reception, "timing": timing}
         if isinstance(currents, str):
             options["currents"] = currents
@@ -116,14 +115,14 @@ class RangingService:
             self._running = running.pop_all()
 
     def __enter__(self) -> Self:
-        """Use the service in a block, at whose end its processes end."""
+        """Use the service in a block; its processes end with the block."""
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """End the processes of the service, if it has any; they end with this process otherwise."""
+        """End the worker processes; otherwise they end with this process."""
         self._running.close()
 
     def ping(
@@ -137,42 +136,42 @@ class RangingService:
         geographic: bool = False,
     ) -> Ping:
         """
-        Who hears a ping, what of it, and when.
+        Return the outcome of a ping at all receivers.
 
         Parameters
         ----------
         time : float
-            When it is sent; where the ocean varies since its start, else since whenever. [s]
+            Time of the ping, since the start of the ocean if it varies. [s]
         source : array_like, shape (3,)
             North, east, down [m], or latitude, longitude [degrees], down [m].
         receivers : array_like, shape (n, 3)
-            Likewise.
+            Positions in the same coordinates.
         source_velocity : array_like, shape (3,), optional
-            North, east, down; two-way only. By default the source is at rest. [m/s]
+            North, east, down; for two-way timing only. By default the source is at rest. [m/s]
         receiver_velocities : array_like, shape (n, 3), optional
-            Likewise.
+            North, east, down; for two-way timing only. By default receivers are at rest. [m/s]
         geographic : bool
-            Whether positions are by latitude and longitude; velocities are then along true north and east.
+            True if positions are latitudes and longitudes; velocities are then along true north and east.
 
         Returns
         -------
         Ping
-            One row a receiver. One outside the water, in a shadow or behind the sea floor has a status that says so.
+            One row per receiver. The status says if a receiver is outside the water, in a shadow or behind the sea floor.
 
         Raises
         ------
         ServiceError
-            If there is no water at that time, the source is beyond the ocean's horizontal extent, or a velocity is given
-            although the timing is one-way.
+            If there is no water at that time, the source is beyond the horizontal extent of the ocean, or there is a velocity
+            with one-way timing.
         AcousticsError
             If positions or velocities are not finite or have another shape.
         """
         if not math.isfinite(time):
-            raise ServiceError(f"time: {time}; a finite number of seconds is needed")
+            raise ServiceError(f"time is {time}; it must be a finite number of seconds")
         still = source_velocity is None and receiver_velocities is None
         if not still and not isinstance(self.water.timing, TwoWay):
             raise ServiceError(
-                "velocity: one-way timing takes the fleet as at rest while sound is on its way; leave it out or choose"
+                "velocity: one-way timing assumes that the fleet is at rest during a ping; leave out velocities or choose"
                 " two-way timing"
             )
         places, velocities = self._local(
@@ -195,7 +194,7 @@ class RangingService:
 
     @staticmethod
     def _by_a_worker(participants: Participants, workers: Workers) -> Ping:
-        """What becomes of a ping, asked once more if a worker ends meanwhile: another has taken its place."""
+        """Outcome of a ping; repeated once if a worker ends meanwhile, because another replaces it."""
         answer: Ping
         try:
             answer = workers.submit(participants).result()
@@ -206,7 +205,7 @@ class RangingService:
     def _local(
         self, places: Array, velocity: ArrayLike | None, name: str, geographic: bool
     ) -> tuple[Array, Array]:
-        """Positions and velocities in the local frame, both (n, 3); who has no velocity is at rest."""
+        """Positions and velocities in the local frame, both (n, 3); without velocities all are at rest."""
         along = np.zeros_like(places) if velocity is None else _rows(name, velocity)
         if along.shape != places.shape:
             raise ServiceError(f"{name}: {len(along)} velocities for {len(places)} positions; each needs one")
@@ -214,6 +213,6 @@ class RangingService:
 
 
 def _rows(name: str, values: ArrayLike) -> Array:
-    """Positions or velocities (n, 3); nobody is none of them."""
+    """Positions or velocities (n, 3); an empty list has none."""
     rows = np.asarray(values, dtype=float)
     return as_positions(name, rows.reshape(0, 3) if rows.size == 0 else rows)

@@ -212,7 +212,7 @@ class Run:
         """
         self._check(realization)
         ranging, candidates = self.config.ranging, self.candidates
-        hearing = self.hearing if candidates is None else None  # what is heard is in the candidates then
+        probability = None if self.hearing is None else self.hearing.probability
         return perturb(
             self.measurements,
             root_seed=self.config.study.seed,
@@ -220,8 +220,7 @@ class Run:
             timing=build_timing(ranging),
             clocks=self.config.noise.clocks,
             ranging_truth=self.ranging_truth,
-            probability=None if hearing is None else hearing.probability,
-            candidates=candidates,
+            detection=probability if candidates is None else candidates,
             correlation_time=ranging.mistaken_correlation_s,
         )
 
