@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError
-from pymantaray.records.shown import shown_html
+from pymantaray.records.notebook import notebook_html
+from pymantaray.records.result_table import ResultTable
 from pymantaray.records.writing import read_netcdf, write_netcdf
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class Record:
         return [f for f in fields(cls) if "dims" in f.metadata]
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: each column's size, unit, values and meaning."""
+        """HTML for a notebook: size, unit, values and meaning of each column."""
         import pandas as pd
 
         rows = [
@@ -120,7 +121,9 @@ class Record:
             }
             for f in self._columns()
         ]
-        return shown_html(self.kind.replace("_", " ").capitalize(), {}, {"": pd.DataFrame(rows)})
+        return notebook_html(
+            self.kind.replace("_", " ").capitalize(), {}, [ResultTable(self.kind, pd.DataFrame(rows))]
+        )
 
     def to_dataset(self) -> "xr.Dataset":
         """Give the record as an xarray data set with labels, units and long names."""

@@ -240,7 +240,7 @@ register(
     paper="Figure 2B",
     of_mission=True,
     caption="Factor graph at the true positions: chains of poses coloured by vehicle, the"
-    " {r.heard:,} ranges that were heard in grey.",
+    " {r.received:,} received ranges in grey.",
     draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
     needs=lambda r: r.run.config.solves,
 )

@@ -185,7 +185,7 @@ register(
     place=10,
     paper="Figure 6",
     of_mission=True,
-    caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
+    caption="Signed range error, refracted minus straight, of {r.received:,} ranges: mean (orange), zero (dashed) and"
     " fitted normal (black), with linear and logarithmic counts.",
     draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
 )
