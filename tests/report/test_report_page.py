@@ -155,7 +155,9 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
     run = open_run(reported.folder)
     for name, table in run.tables.items():
         read = pd.read_csv(reported.folder / "tables" / f"{name}.csv")
-        frame = table.frame.astype(str) if name == "region" else table.frame  # has numbers and text in a column
+        frame = (
+            table.frame.astype(str) if name == "region" else table.frame
+        )  # has numbers and text in a column
         pd.testing.assert_frame_equal(
             read, frame.reset_index(drop=True), check_dtype=False, rtol=1e-12, obj=name
         )

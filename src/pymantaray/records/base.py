@@ -75,6 +75,21 @@ class Record:
 
     kind: ClassVar[str] = "record"
 
+    def __init_subclass__(cls) -> None:
+        """Give every record the short representation, instead of one with all its numbers."""
+        super().__init_subclass__()
+        cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """Kind and sizes, such as ``<Estimates: condition 3, realization 2, vehicle 11, time 433>``."""
+        sizes = dict[str, int]()
+        for f in self._columns():
+            sizes |= zip(f.metadata["dims"], getattr(self, f.name).shape, strict=True)
+        shown = (
+            f"{name} {n}" for name, n in sizes.items() if name.removesuffix(_COLUMN) == name not in LABELS
+        )
+        return f"<{type(self).__name__}: {', '.join(shown)}>"
+
     @np.errstate(invalid="ignore")  # of NaN where whole numbers are needed, which is refused
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""

@@ -1,7 +1,7 @@
 """Each measured travel time beside the one predicted, and what the differences say together."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import cast
 

@@ -31,6 +31,7 @@ from pymantaray.records import (
     whole_file,
 )
 from pymantaray.records.notebook import notebook_html
+from pymantaray.records.plotter import plotter
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
@@ -70,6 +71,11 @@ class Run:
     def tables(self) -> RunTables:
         """Tables of the run by name, as the report and the commands show them; each is computed when it is first used."""
         return RunTables(self)
+
+    @property
+    def plot(self) -> Any:
+        """Plots of the run, see `pymantaray.report.plots.RunPlots`: ``run.plot.range_error()`` returns matplotlib axes."""
+        return plotter("RunPlots")(self)
 
     @property
     def summary(self) -> list[ResultTable]:
