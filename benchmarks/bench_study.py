@@ -124,7 +124,7 @@ def print_figures(folder: Path) -> None:
     imports = now() - start
     start = now()
     plates = run_plates(results)
-    _ = results.tables
+    _ = list(results.tables.values())
     print(f"report: imports {imports:.2f}, tables {now() - start:.2f} s of CPU")
     print(f"{'figure':<20}{'made':>8}{'PNG':>8}{'PDF':>8}  CPU [s]")
     total = [0.0, 0.0, 0.0]

@@ -48,9 +48,9 @@ def fleet(run: Run) -> Iterator[tuple[str, str]]:
 
 def ranges(results: Results) -> Iterator[tuple[str, str]]:
     """Dropouts, and the range error with its parts, over all links."""
-    lost = results.tables["dropouts"].query("category == 'all links'").iloc[0]
+    lost = results.tables["dropouts"].frame.query("category == 'all links'").iloc[0]
     yield "dropouts [%]", f"{lost['percent']:.1f} ({lost['shadow']} in a shadow, {lost['weak']} weak)"
-    for row in results.tables["range_error_split"].query("category == 'all links'").to_dict("records"):
+    for row in results.tables["range_error_split"].frame.query("category == 'all links'").to_dict("records"):
         yield f"range error, {row['part']}: mean, sd [m]", f"{row['mean_m']:+.1f}, {row['sd_m']:.1f}"
 
 
@@ -58,9 +58,9 @@ def estimates(results: Results) -> Iterator[tuple[str, str]]:
     """Errors under water at the pings, NEES beside them."""
     nees = {}
     if "consistency" in results.tables:
-        table = results.tables["consistency"].query("statistic == 'horizontal'")
+        table = results.tables["consistency"].frame.query("statistic == 'horizontal'")
         nees = dict(zip(table["condition"], table["median_ratio"], strict=True))
-    at_pings = results.tables["ping_error"]
+    at_pings = results.tables["ping_error"].frame
     yield "lower bound [m]", f"{at_pings['bound_rmse_m'].min():.2f}"
     for row in at_pings.to_dict("records"):
         yield (

@@ -56,7 +56,7 @@ def test_archives_hold_the_package_and_nothing_else(archives):
         "py.typed",
         "config/presets/quick.toml",
         "report/templates/page.html",
-        "report/templates/explore.js",
+        "report/templates/run.js",
     ):
         assert f"pymantaray/{name}" in ours
     with tarfile.open(source) as archive:

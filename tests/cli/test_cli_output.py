@@ -18,6 +18,7 @@ from pymantaray.cli.output import Watch, check_output, counted_progress, progres
 from pymantaray.cli.printing import printer
 from pymantaray.errors import WriteError
 from pymantaray.jobs.processes import Workers
+from pymantaray.records.result_table import ResultTable
 
 MAIN = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
 
@@ -215,14 +216,28 @@ def test_outputs_are_refused_before_any_work(tmp_path):
 def test_names_of_rows_and_numbers_stay_in_one_line_and_headings_fold(width, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(width))
     names = ["straight", "off-by-1-honest", "clock-and-ocean-together"]
-    columns = {"condition": ("condition", "")}
-    columns |= {
-        f"{word} [m]": ("metres", ".2f") for word in ("RMSE", "median", "from straight", "least possible")
-    }
-    with printer(as_json=False) as out:
-        out.table("errors", pd.DataFrame({"condition": names, "metres": 1234.5}), columns)
+    columns = ("rmse_m", "median_m", "from_straight_rmse_m", "bound_rmse_m")
+    with printer() as out:
+        out.table(ResultTable("errors", pd.DataFrame({"condition": names} | dict.fromkeys(columns, 1234.56))))
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
-    assert [line.split() for line in lines if "1234.50" in line] == [
-        [name, *["1234.50"] * 4] for name in names
+    assert [line.split() for line in lines if "1,234.56" in line] == [
+        [name, *["1,234.56"] * 4] for name in names
     ]
+
+
+def test_latex_and_csv_are_the_tables_alone_with_all_that_a_quiet_command_hides(capsys, tmp_path):
+    table = ResultTable("errors", pd.DataFrame({"condition": ["a_b"], "rmse_m": [1.25]}), "Errors")
+
+    def printed(**how):
+        with printer(**how) as out:
+            out.line("for people")
+            out.table(table)
+            out.paths(folder=tmp_path)
+        return capsys.readouterr().out
+
+    assert printed(to="latex") == printed(to="latex", quiet=True) == f"{table.to_latex()}\n"
+    assert printed(to="csv") == f"{table.to_csv()}\n"
+    assert printed(quiet=True) == f"{tmp_path}\n"
+    assert printed(to="json") == printed(as_json=True)
+    assert printed().splitlines()[0] == "for people"

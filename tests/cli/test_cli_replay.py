@@ -76,7 +76,7 @@ def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
     result = told("replay", "events.csv", *words[:-1], "json")
     assert sum(result["statuses"].values()) == len(EVENTS)
     assert {row["node"] for row in result["clocks"]} == {"A", "B"}
-    assert result["residuals"][0].keys() > {"by", "group", "events", "median_m"}
+    assert result["summary"][0].keys() > {"by", "group", "events", "median_m"}
     assert result["page"].endswith("json/index.html")
     assert done.code == 0, done.err
     assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
@@ -97,7 +97,7 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
         for k, water in enumerate([("--run", tiny_run_folder), extent])
     )
     assert one["statuses"]["ok"] == len(table)
-    assert one["residuals"] == other["residuals"]
+    assert one["summary"] == other["summary"]
     levels = [pd.read_csv(files / f"out{k}" / "tables" / "events.csv")["level_db"] for k in (0, 1)]
     assert levels[0].notna().all() == bool(detection)
     np.testing.assert_allclose(*levels, rtol=1e-9)

@@ -4,6 +4,7 @@ import re
 import webbrowser
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from factories import names_in
 
@@ -15,7 +16,7 @@ from pymantaray.cli.printing import Printer
 from pymantaray.config import load
 from pymantaray.config.common import Section
 from pymantaray.errors import StudyError
-from pymantaray.evaluation import error_table
+from pymantaray.evaluation import ALL_LINKS, error_table
 from pymantaray.records import RayStatus
 from pymantaray.study import load_study, open_run, preset_text, run_study
 
@@ -178,7 +179,7 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pymantaray.report.parts.write_files", interrupt)
+        patch.setattr("pymantaray.report.folder.write_files", interrupt)
         patch.setattr(Watch, "report", lambda watch, stage, *_: stages.update({stage: watch.stages}))
         done = mantaray("study", "run", small, "--out", "run", "--workers", 1)
     run = small.parent / "run"
@@ -197,7 +198,7 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     done = mantaray("study", "run", small, *words, "--workers", 1)
     assert done.code == 0, done.err
     assert "2 realizations, synthetic ocean" in done.out
-    assert "Trajectory error, all vehicles and realizations" in done.out
+    assert "Position error by condition, pooled over vehicles, times and realizations" in done.out
     assert done.out.splitlines()[-1] == str(small.parent / "run")
     run = open_run("run")
     assert run.config.ocean.files == (str(ocean_file),)
@@ -213,24 +214,30 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
         True,
         str(Path("json").resolve()),
     )
-    assert summary["range_error"][0].keys() > {"category", "attempts", "percent", "mean_m", "p99_m"}
-    rmse = [row["rmse_m"] for row in summary["trajectory_error"]]
+    assert summary["range_error"][0].keys() > {"category", "attempts", "mean_m", "p99_m"}
+    rmse = [row["rmse_m"] for row in summary["ate_pooled"]]
     assert rmse == error_table(run.truth, run.estimates)["rmse_m"].tolist()
 
 
 def test_causes_of_lost_ranges_are_in_the_page_s_words_the_commonest_first(capsys):
-    counts = {status.name.lower(): 0 for status in RayStatus}
+    counts = {"category": ALL_LINKS} | {status.name.lower(): 0 for status in RayStatus}
     counts |= {"attempts": 90, "dropouts": 12, "shadow": 3, "blocked": 7, "unheard": 2, "leaked": 20}
-    study_commands._print_causes(Printer(as_json=False, quiet=False), counts, 15.0)
+    study_commands._print_causes(Printer(quiet=False), pd.DataFrame([counts]), 15.0)
     assert capsys.readouterr().out == "12 of 90 lost: 7 blocked by the bottom, 3 shadow, 2 not heard\n"
-    study_commands._print_causes(Printer(as_json=False, quiet=False), dict.fromkeys(counts, 0), 15.0)
+    study_commands._print_causes(
+        Printer(quiet=False), pd.DataFrame([dict.fromkeys(counts, 0) | {"category": ALL_LINKS}]), 15.0
+    )
     assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize(("cutoff", "advised"), [(15.0, True), (60.0, False), (None, False)])
 def test_weak_links_come_with_the_option_that_includes_them(mantaray, capsys, cutoff, advised):
-    counts = {status.name.lower(): 0 for status in RayStatus} | {"attempts": 100, "dropouts": 31, "weak": 31}
-    study_commands._print_causes(Printer(as_json=False, quiet=False), counts, cutoff)
+    counts = (
+        {"category": ALL_LINKS}
+        | {status.name.lower(): 0 for status in RayStatus}
+        | {"attempts": 100, "dropouts": 31, "weak": 31}
+    )
+    study_commands._print_causes(Printer(quiet=False), pd.DataFrame([counts]), cutoff)
     said = capsys.readouterr().out
     assert ("31 % too weak: spreading loss more than 15 dB above spherical;" in said) == advised
     advice = re.findall(r"`--set (\S+)`", said)
@@ -344,3 +351,22 @@ def test_the_overview_of_commands_has_every_command_of_study():
     for command in study_commands.app.registered_commands:
         name = command.name or command.callback.__name__
         assert f"mantaray study {name}" in overview
+
+
+def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(mantaray, told, tiny_run_folder):
+    run = open_run(tiny_run_folder)
+    rows = told("study", "tables", tiny_run_folder, "ate_per_vehicle")["ate_per_vehicle"]
+    assert rows == error_table(run.truth, run.estimates, by=["vehicle"]).to_dict("records")
+    summary = mantaray("study", "tables", tiny_run_folder).out
+    latex = mantaray("study", "tables", tiny_run_folder, "ate_pooled", "--to", "latex").out
+    assert latex.count("\\toprule") == 1
+    for row in run.tables["ate_pooled"].short().rows:
+        assert all(text in summary for text in row)
+        assert all(text in latex for text in row)
+    refused = mantaray("study", "tables", tiny_run_folder, "ate")
+    assert (refused.code, refused.out) == (2, "")
+    assert "table 'ate'" in refused.err
+    assert "ate_pooled, ate_per_vehicle" in refused.err
+    unknown = mantaray("study", "tables", tiny_run_folder, "--to", "word")
+    assert unknown.code == 2
+    assert "'text', 'latex', 'csv', 'json'" in unknown.err.replace("\n", " ")

@@ -19,6 +19,7 @@ from pymantaray.cli.ocean import EXIT_WRONG
 from pymantaray.cli.output import EXIT_KNOWN_ERROR
 from pymantaray.cli.printing import LOG, log_to_stderr, printer
 from pymantaray.cli.sweep import EXIT_POINTS_FAILED
+from pymantaray.records.result_table import ResultTable
 
 PATHS_ONLY = {
     "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus", "ocean fetch hycom", "ocean from-cast",
@@ -105,7 +106,8 @@ def test_what_json_lacks_is_null_or_text(capsys):
 
     with printer(as_json=True) as out:
         out.line("for people", number=np.int64(3), missing=np.nan, time=np.datetime64("2020-01-02"))
-        out.table("rows", pd.DataFrame({"a_m": [1.5, np.inf], "b": pd.array([1, None], dtype="Int64")}), {})
+        frame = pd.DataFrame({"a_m": [1.5, np.inf], "b": pd.array([1, None], dtype="Int64")})
+        out.table(ResultTable("rows", frame))
     told = json.loads(capsys.readouterr().out)
     rows = [{"a_m": 1.5, "b": 1}, {"a_m": None, "b": None}]
     assert told == {"number": 3, "missing": None, "time": "2020-01-02", "rows": rows}
@@ -114,7 +116,7 @@ def test_what_json_lacks_is_null_or_text(capsys):
 @pytest.mark.parametrize(
     ("words", "word", "completed"),
     [
-        ("mantaray study ", 2, {"list", "show", "init", "run", "report", "compare"}),
+        ("mantaray study ", 2, {"list", "show", "init", "run", "report", "tables", "compare"}),
         ("mantaray sweep sta", 2, {"status"}),
         ("mantaray study show qu", 3, {"quick"}),
         ("mantaray study run --work", 3, {"--workers"}),

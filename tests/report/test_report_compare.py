@@ -54,12 +54,12 @@ def test_one_page_has_all_figures_and_tables_of_the_paper(run_folder, other_fold
 
 def test_settings_stand_side_by_side_with_unit_and_meaning(run, other_folder):
     tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
-    timing = tables["timing"].set_index("key")
+    timing = tables["timing"].frame.set_index("key")
     assert timing.loc["mission.duration_h", ["one", "unit"]].tolist() == [
         run.config.mission.duration_h,
         "h",
     ]
-    noise = tables["noise"].set_index("key")
+    noise = tables["noise"].frame.set_index("key")
     assert noise.loc["noise.range_sigma", "one"] == run.config.noise.range_sigma
     assert (noise["unit"] != "").all()
 
@@ -74,7 +74,7 @@ def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, 
 
 def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_folder, run):
     tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
-    table = tables["range_drop_category_compare"]
+    table = tables["range_drop_category_compare"].frame
     assert list(table.columns) == ["link category", "one [%]", "other [%]"]
     assert table["link category"].iloc[-1] == "all links"
     lost = run.measurements.range_status != 0
@@ -82,29 +82,29 @@ def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_
     landmark = table.set_index("link category").loc["landmark to float"]
     assert pd.isna(landmark["one [%]"])
     assert landmark["other [%]"] > 0.0
-    errors = tables["ate_pooled"].set_index(["condition", "quantity"])
+    errors = tables["ate_pooled"].frame.set_index(["condition", "quantity"])
     assert pd.isna(errors.loc[("odometry", "mean_m"), "other"])
     assert errors.loc[("no-ranges", "mean_m"), "other"] > 0.0
-    at_pings = tables["ping_error"].set_index(["condition", "quantity"])
+    at_pings = tables["ping_error"].frame.set_index(["condition", "quantity"])
     assert (
         at_pings.loc[("straight", "rmse_m"), "one"]
         > at_pings.loc[("straight", "from_straight_rmse_m"), "one"]
         == 0.0
     )
-    assert set(tables["range_error_split"]["part"]) == {"total", "reference speed", "bending"}
+    assert set(tables["range_error_split"].frame["part"]) == {"total", "reference speed", "bending"}
 
 
 def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_folder):
     tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
     assert next(iter(tables)) == "configuration"
-    ((key, *values),) = tables["configuration"].to_numpy().tolist()
+    ((key, *values),) = tables["configuration"].frame.to_numpy().tolist()
     assert (key, values[0], values[1].endswith("somewhere.nc")) == (
         "ocean.source",
         "synthetic:beaufort",
         True,
     )
     again = comparison_tables({"one": Results(run), "other": Results(open_run(run_folder))})
-    assert again["configuration"].empty
+    assert again["configuration"].frame.empty
 
 
 def test_physics_that_differs_comes_before_the_study_and_its_words_are_left_out():
@@ -134,7 +134,7 @@ def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
         ["ocean.source", "a", "a", "b"],
         ["fleet.vehicles.B.points", "–", "–", "[]"],
     ]
-    page = json.loads(compare._explorer(runs, pd.DataFrame(rows, columns=["key", *runs])))
+    page = json.loads(compare._explorer(runs, pd.DataFrame(rows, columns=["key", *runs])).data)
     assert page["across"] == ["run", "noise.range_sigma", "ocean.source"]
     assert page["each"] == ["condition", "run", "ocean.source"]
 
@@ -176,7 +176,7 @@ def test_six_runs_have_a_column_each_and_figures_without_collisions(made_run, lo
         made = made_run(realizations=2 + i, title=f"Sea {i % 2} (synthetic)")
         runs[name] = Results(open_run(made.write(tmp_path / str(i))))
     tables = comparison_tables(runs)
-    configuration = tables["configuration"].set_index("key")
+    configuration = tables["configuration"].frame.set_index("key")
     assert list(configuration.columns) == list(runs)
     assert configuration.loc["study.realizations"].tolist() == ["2", "3", "4", "5", "6", "7"]
     plates = {plate.name: plate for plate in comparison_plates(runs)}

@@ -10,13 +10,13 @@ from matplotlib.ticker import ScalarFormatter
 from PIL import Image
 
 from pymantaray.records import RayStatus
+from pymantaray.records.glossary import GLOSSARY
 from pymantaray.report import replay as replay_page
 from pymantaray.report import style
 from pymantaray.report.figures import Results, run_plates
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_trajectory import error_over_time
-from pymantaray.report.glossary import GLOSSARY
-from pymantaray.report.page import run_page
+from pymantaray.report.run_page import run_page
 
 LONG = ("surface-beacon", "remus-north", "hugin-south", "bluefin-east")
 
@@ -134,7 +134,7 @@ def test_a_replay_calls_the_share_of_predicted_events_by_its_name(made_replay, t
 
 
 def test_the_page_says_what_its_words_mean_and_how_to_cite_it(run):
-    text = run_page(Results(run), [], "[]")
+    text = run_page(Results(run), [], "[]").html()
     digest = hashlib.sha256((run.path / "config.toml").read_bytes()).hexdigest()
     assert f"configuration {digest[:12]}" in text
     assert "@software{mantaray," in text

@@ -16,12 +16,13 @@ from plotly.offline import get_plotlyjs
 from pymantaray.report import write_atlas_page, write_sweep_page
 from pymantaray.report.compare import _page, comparison_tables
 from pymantaray.report.figures import Results
-from pymantaray.report.page import render, run_page
+from pymantaray.report.page import Page
 from pymantaray.report.replay import _explorer
+from pymantaray.report.run_page import run_page
 
 TEMPLATES = files("pymantaray.report") / "templates"
 SCRIPTS = {
-    "run": "explore.js", "comparison": "table.js", "sweep": "table.js", "replay": "table.js", "atlas": "atlas.js",
+    "run": "run.js", "comparison": "table.js", "sweep": "table.js", "replay": "table.js", "atlas": "atlas.js",
 }  # fmt: skip
 
 
@@ -76,17 +77,16 @@ def replay_page(*_):
     names = {"pair": "A and B", "source": "A", "receiver": "B"}
     bounces = {"surface_bounces": [0, 1, None], "bottom_bounces": [0, 0, None]}
     events = pd.DataFrame(numbers | names).assign(**pd.DataFrame(bounces, dtype="Int64"))
-    said = {"title": "Replay", "facts": [], "description": "", "notes": [], "cards": [], "pictures": []}
-    return render("replay.html", **said, shown_tables=[], origin=[], explorer=_explorer(events))
+    return Page("Replay", explorer=_explorer(events)).html()
 
 
 def comparison_page(results, _):
     runs = {"one": results, "other": results}
-    return _page(runs, comparison_tables(runs), [])
+    return _page(runs, comparison_tables(runs), []).html()
 
 
 PAGES = {
-    "run": lambda results, _: run_page(results, [], "[]"),
+    "run": lambda results, _: run_page(results, [], "[]").html(),
     "comparison": comparison_page,
     "sweep": sweep_page,
     "atlas": atlas_page,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, as_boundary
 from pymantaray.geometry.checks import checked_array
+from pymantaray.records.plotter import plotter
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,6 +63,21 @@ class Medium:
     lut_scale: float
     uniform: bool
     layered: bool
+
+    def plot(self, ax: Any = None) -> Any:
+        """
+        Plot the sound speed of all columns against depth: mean, and least to greatest shaded, with the sea bed.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; by default new ones.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        return plotter("medium")(self, ax)
 
     @classmethod
     def from_grid(

@@ -16,6 +16,7 @@ from pymantaray.cli.options import (
     RunGroup,
     Scheduler,
     SearchOptions,
+    To,
     WaterOptions,
     Workers,
     parse_duration,
@@ -24,11 +25,13 @@ from pymantaray.cli.options import (
     with_options,
 )
 from pymantaray.cli.output import check_output, counted_progress
-from pymantaray.cli.printing import Printer, printer
+from pymantaray.cli.printing import printer
 from pymantaray.errors import AtlasError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from pymantaray.records.result_table import ResultTable
 
 app = Commands(cls=RunGroup, help="The bias of straight-line ranging in every column of an ocean.")
 
@@ -97,6 +100,7 @@ def run(
     scheduler: Scheduler = None,
     force: Force = False,
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Compute an atlas, or what is left of it."""
@@ -140,7 +144,7 @@ def run(
         if between
         else water.time or None,
     )
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
         n, columns, rows = atlas.shape
         instants = "1 instant" if n == 1 else f"{n} instants"
         blocks = "1 block" if len(atlas.blocks) == 1 else f"{len(atlas.blocks)} blocks"
@@ -149,18 +153,18 @@ def run(
         with counted_progress("blocks", quiet=quiet) as progress:
             run_atlas(atlas, out, client=scheduler, workers=workers, force=force, progress=progress)
         with open_atlas(out) as dataset:
-            _print(printed, safety_table(dataset))
+            printed.table(_safety(safety_table(dataset)))
         printed.paths(file=out)
 
 
 @app.command()
-def show(file: AtlasFile, as_json: Json = False) -> None:
+def show(file: AtlasFile, as_json: Json = False, to: To = "text") -> None:
     """Print how much of an atlas is safe, by convention and distance."""
     from pymantaray.atlas import open_atlas, safety_table
 
-    with open_atlas(file) as dataset, printer(as_json=as_json) as printed:
+    with open_atlas(file) as dataset, printer(as_json=as_json, to=to) as printed:
         printed.line(dataset.attrs["title"], title=dataset.attrs["title"])
-        _print(printed, safety_table(dataset))
+        printed.table(_safety(safety_table(dataset)))
 
 
 @app.command()
@@ -224,16 +228,8 @@ def _numbers(option: str, text: str, count: int | None = None) -> tuple[float, .
     return numbers
 
 
-def _print(out: Printer, table: "pd.DataFrame") -> None:
-    columns = {
-        "convention": ("convention", ""),
-        "km": ("distance_km", "g"),
-        "no path %": ("no_direct_path_percent", ".1f"),
-        "median m": ("median_m", ".2f"),
-        "95 % m": ("p95_m", ".2f"),
-    }
-    columns |= {
-        f"<{name[8:-9]} m %": (name, ".1f") for name in map(str, table) if name.startswith("safe_to_")
-    }
-    shown = table.assign(distance_km=table["distance_m"] / 1e3)
-    out.table("safety", shown, columns, "largest error of a place, and share of the places where it is less")
+def _safety(table: "pd.DataFrame") -> "ResultTable":
+    from pymantaray.records.result_table import ResultTable
+
+    caption = "Largest error of a place, and share of the places where it is below a threshold"
+    return ResultTable("safety", table, caption)

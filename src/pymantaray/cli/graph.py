@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.options import Commands, Force, Json, Quiet
+from pymantaray.cli.options import Commands, Force, Json, Quiet, To
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
@@ -113,6 +113,7 @@ def solve(
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
@@ -145,7 +146,7 @@ def solve(
             result.save(folder, more=errors)
             for name, values in result.trajectories.items():
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
         _print_result(printed, result)
         if out is not None:
             printed.paths(folder=out)
@@ -266,6 +267,7 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
     import pandas as pd
 
     from pymantaray.evaluation import graph_errors
+    from pymantaray.records.result_table import ResultTable
 
     s = result.solution
     expected = f", expected {s.expected_cost:g}" if np.isfinite(s.expected_cost) else ""
@@ -304,13 +306,6 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
     table = pd.DataFrame(
         {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row} for name, row in errors.items()
     )
-    columns = {
-        "vehicle": ("vehicle", ""),
-        "poses": ("n", "d"),
-        "start RMSE [m]": ("start_rmse_m", ".3f"),
-        "mean [m]": ("mean_m", ".3f"),
-        "RMSE [m]": ("rmse_m", ".3f"),
-        "95 % [m]": ("p95_m", ".3f"),
-        "max [m]": ("max_m", ".3f"),
-    }
-    out.table("trajectory_error", table, columns, "Trajectory error, no alignment")
+    brief = ("vehicle", "n", "start_rmse_m", "mean_m", "rmse_m", "p95_m", "max_m")
+    caption = "Position error by vehicle, no alignment"
+    out.table(ResultTable("trajectory_error", table, caption, brief=brief, words={"n": "poses"}))

@@ -13,6 +13,7 @@ from pymantaray.cli.options import (
     Formats,
     Json,
     Quiet,
+    To,
     WaterOptions,
     format_names,
     parse_duration,
@@ -33,40 +34,7 @@ Three = tuple[float, float, float]
 _DEEPER = 1.2  # sea bed below the deepest prior position, where none is given
 _SHORT = {"ms": 1e-3, "us": 1e-6}
 _MOST_LISTED = 10  # pings that were left out
-NODES = {
-    "node": ("name", ""),
-    "lat": ("lat", ".6f"),
-    "lon": ("lon", ".6f"),
-    "depth": ("depth", ".2f"),
-    "σN": ("sigma_north_m", ".3g"),
-    "σE": ("sigma_east_m", ".3g"),
-    "σD": ("sigma_depth_m", ".3g"),
-}
-LOCAL = {"lat": ("north", ".2f"), "lon": ("east", ".2f")}
-BUDGET = {
-    "node": ("node", ""),
-    "source": ("source", ""),
-    "north": ("north_m", ".3f"),
-    "east": ("east_m", ".3f"),
-    "depth": ("depth_m", ".3f"),
-}
-CANDIDATES = {
-    "sound speed": ("sound_speed", ""),
-    "correlated / white": ("correlation_ratio", ".1f"),
-    "over [s]": ("correlation_time_s", ".0f"),
-    "ABIC - best": ("abic_difference", ".1f"),
-    "σ [us]": ("sigma_us", ".1f"),
-    "parameters": ("effective_parameters", ".1f"),
-}
-PLAN = {
-    "pattern": ("pattern", ""),
-    "radius": ("radius_m", ".0f"),
-    "σN": ("sigma_north_m", ".3f"),
-    "σE": ("sigma_east_m", ".3f"),
-    "σD": ("sigma_depth_m", ".3f"),
-    "lost": ("lost", ",d"),
-    "way": ("length_m", ".0f"),
-}
+_MOST_CANDIDATES = 8
 
 
 class _Group(TyperGroup):
@@ -226,6 +194,7 @@ def survey(
     ] = None,
     formats: Formats = "",
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Estimate the positions of nodes from measured travel times, with their uncertainty."""
@@ -251,7 +220,7 @@ def survey(
 
         made_by = {"mantaray": pymantaray.__version__, "survey": str(file), "water": record}
         page = write_location_page(located, out, made_by=made_by, notes=notes, formats=format_names(formats))
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
         _tell(printed, located, notes)
         if page is not None:
             printed.paths(page=page)
@@ -300,6 +269,7 @@ def plan(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Print the expected standard deviations of a node for patterns of pings, and the best radius of each."""
@@ -340,9 +310,14 @@ def plan(
         from pymantaray.report import write_plan_figure
 
         write_plan_figure(planned, out)
-    with printer(as_json=as_json, quiet=quiet) as printed:
-        title = f"Best radius of each pattern, {pings} pings of {1e3 * survey.sigma:g} ms, node at {depth:g} m [m]"
-        printed.table("best", planned.best, PLAN, title)
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+        from pymantaray.records.result_table import ResultTable
+
+        caption = (
+            f"Best radius of each pattern, {pings} pings of {1e3 * survey.sigma:g} ms, node at {depth:g} m"
+        )
+        brief = ["pattern", "radius_m", "sigma_north_m", "sigma_east_m", "sigma_depth_m", "lost", "length_m"]
+        printed.table(ResultTable("best", planned.best, caption, brief=brief))
         printed.add(plan=planned.table, best_horizontal=planned.best_horizontal)
         if out is not None:
             printed.paths(out, out.with_suffix(".csv"))
@@ -484,20 +459,16 @@ def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
         out.line(f"  left out: line {row['line']}, {row['node']}: {row['reason']}")
     if len(left) > _MOST_LISTED:
         out.line(f"  and {len(left) - _MOST_LISTED} more")
-    local = {} if located.survey.frame is not None else LOCAL
-    columns = {
-        {"lat": "north", "lon": "east"}.get(h, h) if h in local else h: local.get(h, c)
-        for h, c in NODES.items()
-    }
-    out.table("nodes", values["nodes"], columns, "Nodes; σ: standard deviations of north, east, depth [m]")
+    tables = located.tables
+    out.table(tables["nodes"])
     for row in values["nodes"].to_dict("records"):
         if row["status"] != "ok":
             out.line(f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used")
-    budget = values["budget"]
-    shown = budget[(budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)]
-    out.table("budget", shown, BUDGET, "Where the standard deviations come from [m]")
-    candidates = values["candidates"].head(8)
-    out.table("candidates", candidates.assign(sigma_us=1e6 * candidates["sigma_s"]), CANDIDATES, "Models")
+    budget = tables["budget"].frame
+    some = (budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)
+    out.table(replace(tables["budget"], frame=budget[some]))
+    if "candidates" in tables:
+        out.table(tables["candidates"].first(_MOST_CANDIDATES))
     for mirror in located.mirrors:
         verdict = "the pings do not decide" if mirror.undecided else "the pings exclude it"
         out.line(

@@ -13,6 +13,7 @@ from pymantaray.cli.options import (
     Json,
     Quiet,
     Set,
+    To,
     WaterOptions,
     changes_of,
     parse_duration,
@@ -58,15 +59,6 @@ CastTime = Annotated[str | None, typer.Option("--time", help="Instant (UTC), as 
 Equation = Annotated[
     Literal["teos-10", "del-grosso", "unesco"], typer.Option("--equation", help="Equation of sound speed.")
 ]
-
-
-VARIABLE_COLUMNS = {
-    "variable": ("variable", ""),
-    "units": ("units", ""),
-    "least": ("least", ".2f"),
-    "mean": ("mean", ".2f"),
-    "greatest": ("greatest", ".2f"),
-}
 
 
 @app.command()
@@ -153,15 +145,16 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
 
 @app.command()
 @with_options
-def show(files: Files, water: WaterOptions, as_json: Json = False) -> None:
+def show(files: Files, water: WaterOptions, as_json: Json = False, to: To = "text") -> None:
     """Print extent, levels, time, ranges of each variable and history of an ocean."""
     from pymantaray.ocean import ocean_times
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
+    from pymantaray.records.result_table import ResultTable
     from pymantaray.water.ocean import is_profile, open_start
 
     config = _configured(files, water)
     section = config.ocean
-    with printer(as_json=as_json) as out:
+    with printer(as_json=as_json, to=to) as out:
         if not is_profile(section):
             times = ocean_times(section.source, section.standard_names)
             out.add(times=[str(t)[:16] for t in times])
@@ -175,7 +168,8 @@ def show(files: Files, water: WaterOptions, as_json: Json = False) -> None:
             out.line(f"{name:<11} {text}")
         region = region_table(ocean, equation=section.equation).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
-        out.table("variables", variable_table(ocean, section.equation).reset_index(), VARIABLE_COLUMNS)
+        variables = variable_table(ocean, section.equation).reset_index()
+        out.table(ResultTable("variables", variables, by_row=True))
         levels = ocean["depth"].values
         out.line(f"levels [m]\n{' '.join(f'{z:g}' for z in levels)}", levels_m=levels)
         history = str(ocean.attrs.get("history", "")).strip()

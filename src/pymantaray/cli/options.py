@@ -15,7 +15,7 @@ from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError, WaterError
 from pymantaray.geometry.checks import check_number
 from pymantaray.geometry.units import quantity_of
-from pymantaray.report.parts import FORMATS
+from pymantaray.report.folder import FORMATS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,6 +43,10 @@ Verbose = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
+To = Annotated[
+    Literal["text", "latex", "csv", "json"],
+    typer.Option(help="Print text, the tables alone as LaTeX (for booktabs) or CSV, or JSON."),
+]
 Set = Annotated[
     list[str] | None,
     typer.Option(

@@ -5,7 +5,7 @@ import logging
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from math import isfinite, isnan
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,51 +15,56 @@ from pymantaray.installation import peak_memory_mib
 from pymantaray.messages import without_secrets
 
 if TYPE_CHECKING:
-    import pandas as pd
+    from pymantaray.records.result_table import ResultTable
 
 LOG = logging.getLogger("pymantaray.cli")
 _PREFIX = {"WARNING": "warning: ", "ERROR": "error: "}
-_NAME = 30  # letters of what a row is called that have their room in a table
-Columns = Mapping[str, tuple[str, str]]
-"""Columns that people see: the name and the format of its numbers, empty for words, by heading."""
+_NAME = 30  # letters of a row's name that a table shows in one line
+Form = Literal["text", "latex", "csv", "json"]
 
 
 class Printer:
     """
-    Standard output of a command: lines and tables for people, or all of it as one JSON object.
+    Standard output of a command: lines and tables for people, its tables alone as LaTeX or CSV, or everything as one JSON object.
 
-    People see chosen columns, rounded; scripts get every column with all digits, units in the names as in tables on disk.
+    People see the columns that fit a terminal, rounded; programs get every column with all digits, units in the names as on disk.
     """
 
-    def __init__(self, *, as_json: bool, quiet: bool) -> None:
-        self._quiet = quiet or as_json
-        self.values: dict[str, Any] | None = {} if as_json else None
+    def __init__(self, *, quiet: bool, to: Form = "text") -> None:
+        self._to, self._quiet = to, quiet or to != "text"
+        self.values: dict[str, Any] | None = {} if to == "json" else None
 
     def line(self, text: str = "", **values: Any) -> None:
-        """Print a line for people, and tell scripts the values in it."""
+        """Print a line for people; JSON has the values in it."""
         if not self._quiet:
             typer.echo(without_secrets(text))
         self.add(**values)
 
     def add(self, **values: Any) -> None:
-        """Tell scripts values that people see otherwise."""
+        """Add values to JSON that people see otherwise."""
         if self.values is not None:
             self.values |= values
 
-    def table(self, name: str, table: "pd.DataFrame", columns: Columns, title: str = "") -> None:
-        """Print columns of a table for people; scripts get all of it as a list of rows."""
-        if not self._quiet:
-            _print_table(title, table, columns)
-        self.add(**{name: table})
+    def table(self, table: "ResultTable") -> None:
+        """Print a table: brief for people, whole for programs; JSON has it as a list of rows by its name."""
+        if self._to == "latex":
+            typer.echo(table.to_latex())
+        elif self._to == "csv":
+            typer.echo(table.to_csv())
+        elif not self._quiet:
+            _print_table(table.short())
+        self.add(**{table.name: table.frame})
 
     def warn(self, lines: list[str]) -> None:
-        """Log warnings, which scripts find in the object too."""
+        """Log warnings; JSON has them too."""
         for line in lines:
             LOG.warning(line)
         self.add(warnings=lines)
 
     def paths(self, *paths: Path | str, **named: Path | str) -> None:
-        """Print what was written, a line each: all that a quiet command prints."""
+        """Print the paths of written files, a line each: a quiet command prints nothing else. LaTeX and CSV have tables only."""
+        if self._to in ("latex", "csv"):
+            return
         lines = [without_secrets(path) for path in paths]
         by_name = {name: without_secrets(path) for name, path in named.items()}
         if self.values is None:
@@ -70,9 +75,13 @@ class Printer:
 
 
 @contextmanager
-def printer(*, as_json: bool = False, quiet: bool = False) -> Iterator[Printer]:
-    """What a command prints by; JSON comes out at the end of the block, of one that fails nothing does."""
-    printed = Printer(as_json=as_json, quiet=quiet)
+def printer(*, as_json: bool = False, quiet: bool = False, to: Form = "text") -> Iterator[Printer]:
+    """
+    Printer of a command. JSON is printed at the end of the block, and not if the command fails.
+
+    ``as_json`` is short for ``to="json"``.
+    """
+    printed = Printer(quiet=quiet, to="json" if as_json else to)
     try:
         yield printed
     except typer.Exit:  # a status, not a failure
@@ -103,19 +112,20 @@ def _plain(value: Any) -> Any:
     return None if str(value) in ("NaT", "<NA>") else str(value)
 
 
-def _print_table(title: str, table: "pd.DataFrame", columns: Columns) -> None:
+def _print_table(table: "ResultTable") -> None:
     from rich import box
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    records = [[(row[name], form) for name, form in columns.values()] for row in table.to_dict("records")]
-    rows = [[escape("-" if form and isnan(x) else format(x, form)) for x, form in row] for row in records]
-    shown = Table(title=escape(title) or None, title_justify="left", box=box.SIMPLE, pad_edge=False)
-    for k, (heading, (_, form)) in enumerate(columns.items()):
-        justify: Literal["left", "right"] = "right" if form else "left"
+    from pymantaray.records.digits import plain_signs
+
+    rows = [[escape(plain_signs(text)) for text in row] for row in table.rows]
+    shown = Table(title=escape(table.caption) or None, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    for k, head in enumerate(table.heads):
+        justify: Literal["left", "right"] = "right" if head.numbers else "left"
         named = k == 0 and max((len(row[0]) for row in rows), default=0) <= _NAME  # headings fold first
-        shown.add_column(escape(heading), no_wrap=named, overflow="fold", justify=justify)
+        shown.add_column(escape(head.text), no_wrap=named, overflow="fold", justify=justify)
     for cells in rows:
         shown.add_row(*cells)
     Console().print(shown)

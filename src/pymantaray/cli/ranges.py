@@ -12,6 +12,7 @@ from pymantaray.cli.options import (
     OceanOptions,
     Quiet,
     Set,
+    To,
     WaterOptions,
     changes_of,
     parse_duration,
@@ -73,6 +74,7 @@ def ranges(
     changes: Set = None,
     formats: Formats = "",
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Ranges between vehicles that moved elsewhere, through an ocean: data, tables, figures and a page in one folder."""
@@ -94,7 +96,7 @@ def ranges(
         **water.keys,
         **arrivals.keys,
     ).with_(**changes_of(changes))
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
         run_and_report(config, out, printed, workers=1, figures=True, formats=formats, quiet=quiet)
 
 

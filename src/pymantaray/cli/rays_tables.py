@@ -131,24 +131,7 @@ def _flag(near: NDArray[np.bool_] | None, arrives: "pd.Series[bool]") -> "pd.Ser
 def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
     """One row an arrival, with the columns beyond the coordinates that its link came with."""
     own = links.drop(columns=[*LOCAL, *GEOGRAPHIC], errors="ignore").iloc[arrivals.link]
-    added = pd.DataFrame(
-        {
-            "row": arrivals.link,
-            "arrival": number_within(arrivals.link),
-            "travel_time_s": arrivals.travel_time,
-            "surface_bounces": arrivals.surface_bounces,
-            "bottom_bounces": arrivals.bottom_bounces,
-            "turning_points": arrivals.turning_points,
-            "caustics": arrivals.caustics,
-            "launch_angle_deg": np.degrees(arrivals.launch_angle),
-            "arrival_angle_deg": np.degrees(arrivals.arrival_angle),
-            "spreading_db": arrivals.spreading_db,
-        }
-    )
-    for end, slowness in (("source", arrivals.source_slowness), ("receiver", arrivals.receiver_slowness)):
-        for k, axis in enumerate(("north", "east", "down")):
-            added[f"{end}_slowness_{axis}_s_m"] = slowness[:, k] + 0.0  # no -0
-    return _beside(own, added)
+    return _beside(own, arrivals.to_dataframe().rename(columns={"link": "row"}))
 
 
 def paths_table(rays: TracedRays) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from pymantaray.cli.options import (
     Quiet,
     Set,
     SourceOptions,
+    To,
     WaterOptions,
     changes_of,
     format_names,
@@ -25,15 +26,6 @@ from pymantaray.replay.rules import DEFAULT_RULE
 if TYPE_CHECKING:
     from pymantaray.replay import Replay
 
-COLUMNS = {
-    "of": ("group", ""),
-    "events": ("events", ",d"),
-    "predicted": ("percent", ".0f"),
-    "median": ("median_m", ".2f"),
-    "size": ("median_size_m", ".2f"),
-    "from": ("median_size_low_m", ".2f"),
-    "to": ("median_size_high_m", ".2f"),
-}
 _MOST_NODES = 12
 
 
@@ -89,6 +81,7 @@ def replay(
     changes: Set = None,
     formats: Formats = "",
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Set measured one-way travel times beside those predicted: residuals, coverage, clocks, switching."""
@@ -121,7 +114,7 @@ def replay(
             "detection": None if detection is None else str(detection),
         }
         page = write_replay(result, out, made_by=record, formats=format_names(formats), progress=report)
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
         _tell(printed, result)
         printed.paths(page=page)
 
@@ -138,8 +131,7 @@ def _tell(out: Printer, result: "Replay") -> None:
         clocks=result.clocks,
         switching=result.switching,
     )
-    title = f"Residuals by rule {result.rule}: median and median size with its 95 % interval over pairs [m]"
-    out.table("residuals", result.summary[result.summary["by"] != "pair"], COLUMNS, title)
+    out.table(result.brief_summary)
     known = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = known[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]

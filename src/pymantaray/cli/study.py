@@ -1,10 +1,11 @@
 """Commands of `mantaray study`; what they need is imported when they run, so that help is quick."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,6 +19,7 @@ from pymantaray.cli.options import (
     Quiet,
     RunGroup,
     Set,
+    To,
     WaterOptions,
     changes_of,
     format_names,
@@ -25,9 +27,11 @@ from pymantaray.cli.options import (
 )
 from pymantaray.cli.output import duration, progress_bars
 from pymantaray.cli.printing import LOG, Printer, printer
-from pymantaray.report.parts import PAGE
+from pymantaray.report.folder import PAGE
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from pymantaray.study import Run, StudyConfig
 
 app = Commands(cls=RunGroup, help="Run the paper's study, or one of your own.")
@@ -133,6 +137,7 @@ def run(
     formats: Formats = "",
     open_page: Open = False,
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
@@ -145,7 +150,7 @@ def run(
         )
     keys = dotted_keys(water.keys | arrivals.keys) | changes_of(changes)
     config = load_study(study, realizations=realizations, ocean=source.words or None, **keys)
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
         folder = run_and_report(
             config, out, printed, workers=workers, figures=not no_figures, formats=formats, quiet=quiet
         )
@@ -164,7 +169,7 @@ def run_and_report(
     quiet: bool,
 ) -> Path:
     """Run a study, draw what its mission shows meanwhile, and say what came out and where; that folder."""
-    from pymantaray.report.parts import ReportProcess
+    from pymantaray.report.folder import ReportProcess
 
     # it starts beside what takes seconds to import here, and not before the file is read
     with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
@@ -221,12 +226,38 @@ def report(
 
 
 @app.command()
+def tables(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME...", help="Tables, such as ate_pooled. Default: a summary.", show_default=False
+        ),
+    ] = None,
+    as_json: Json = False,
+    to: To = "text",
+) -> None:
+    """Print tables of a run, with the numbers of its report."""
+    from pymantaray.errors import StudyError
+    from pymantaray.study import open_run
+
+    run = open_run(folder)
+    for name in names or ():
+        if name not in run.tables:
+            raise StudyError(f"table {name!r}: {folder} does not have it; it has {', '.join(run.tables)}")
+    with printer(as_json=as_json, to=to) as printed:
+        for table in [run.tables[name] for name in names] if names else run.summary:
+            printed.table(table)
+
+
+@app.command()
 def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of two runs or more.")],
     out: Out = None,
     formats: Formats = "",
     open_page: Open = False,
     as_json: Json = False,
+    to: To = "text",
     quiet: Quiet = False,
 ) -> None:
     """Set runs side by side: what differs in their configurations, tables, figures and a page in a folder of their own."""
@@ -234,7 +265,7 @@ def compare(
 
     with progress_bars(quiet=quiet) as progress:
         page = write_comparison(runs, out, formats=format_names(formats), progress=progress)
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
         _print_comparison(printed, page.parent, len(runs))
         printed.paths(page=page)
     if open_page:
@@ -264,9 +295,6 @@ def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
 
 def _print_summary(out: Printer, run: "Run") -> None:
     """Dropouts, range errors and trajectory errors, and warnings of solves and vehicles that did not end well."""
-    from pymantaray.evaluation import dropout_table, range_error_table
-    from pymantaray.evaluation.ranging_error import ALL_LINKS
-
     study, hours, vehicles = run.config.study, run.config.mission.duration_h, run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
@@ -278,33 +306,19 @@ def _print_summary(out: Printer, run: "Run") -> None:
         realizations=study.realizations if run.config.solves else 0,
         synthetic_ocean=run.synthetic,
     )
-    dropouts = dropout_table(run.measurements, run.truth)
-    out.table(
-        "range_error",
-        dropouts.merge(range_error_table(run.measurements, run.ranging_truth, run.truth)),
-        {
-            "links": ("category", ""),
-            "tried": ("attempts", "d"),
-            "lost %": ("percent", ".1f"),
-            "mean [m]": ("mean_m", "+.2f"),
-            "sd [m]": ("sd_m", ".2f"),
-            "1 % [m]": ("p1_m", "+.1f"),
-            "99 % [m]": ("p99_m", "+.1f"),
-        },
-        "Refracted minus straight range",
-    )
-    _print_causes(
-        out, dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0], run.config.acoustics.cutoff_db
-    )
-    if run.config.solves:
-        _print_errors(out, run)
+    for table in run.summary:
+        out.table(table)
+        if table.name == "dropouts":
+            _print_causes(out, table.frame, run.config.acoustics.cutoff_db)
     out.warn(_warnings(run))
 
 
-def _print_causes(out: Printer, lost: Mapping[Hashable, Any], cutoff_db: float | None) -> None:
+def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | None) -> None:
     """Print why ranges are lost, the commonest cause first, in the words of the page, and what to do about weak ones."""
+    from pymantaray.evaluation import ALL_LINKS
     from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS, RayStatus
 
+    lost = dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0]
     counts = {
         word: lost[status.name.lower()]
         for status, word in RAY_STATUS_WORDS.items()
@@ -322,65 +336,20 @@ def _print_causes(out: Printer, lost: Mapping[Hashable, Any], cutoff_db: float |
         )
 
 
-def _print_errors(out: Printer, run: "Run") -> None:
-    from pymantaray.evaluation import error_table, ping_error_table
-
-    out.table(
-        "trajectory_error",
-        error_table(run.truth, run.estimates),
-        {
-            "condition": ("condition", ""),
-            "solves": ("solves", "d"),
-            "failed": ("failed_solves", "d"),
-            "mean [m]": ("mean_m", ".2f"),
-            "median [m]": ("median_m", ".2f"),
-            "RMSE [m]": ("rmse_m", ".2f"),
-            "95 % [m]": ("p95_m", ".2f"),
-        },
-        "Trajectory error, all vehicles and realizations, no alignment",
-    )
-    out.table(
-        "position_error_at_pings",
-        ping_error_table(run.truth, run.estimates, run.measurements, run.bounds),
-        {
-            "condition": ("condition", ""),
-            "RMSE [m]": ("rmse_m", ".2f"),
-            "median [m]": ("median_m", ".2f"),
-            "from straight [m]": ("from_straight_rmse_m", ".2f"),
-            "least possible [m]": ("bound_rmse_m", ".2f"),
-        },
-        "Position error of vehicles under water at the pings",
-    )
-
-
 def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
-    """Tables of a comparison, whose last columns are the runs; where these are many, by their numbers."""
-    import pandas as pd
+    """Tables of a comparison, whose last columns are the runs; many runs have numbers instead of names."""
+    from pymantaray.report.compare import SUMMARY, read_comparison
 
-    from pymantaray.records.csv_text import read_csv
-
-    names = read_csv(folder / "tables" / "configuration.csv").columns[1:]
+    tables = read_comparison(folder)
+    names = tables["configuration"].frame.columns[1:]
     out.add(runs=names)
-    if runs > _FEW:
-        for number, name in enumerate(names, 1):
-            out.line(f"{number}: {name}")
-    for name, title in {
-        "configuration": "What differs in the configurations",
-        "range_drop_category_compare": "Ranges not heard",
-        "range_error": "Refracted minus straight range, all links",
-        "range_error_split": "Its parts, mean",
-        "ate_pooled": "Trajectory error, all vehicles and realizations, no alignment",
-    }.items():
-        file = folder / "tables" / f"{name}.csv"
-        if not file.is_file():  # of runs with ranges alone
-            continue
-        table = read_csv(file)
-        if runs > _FEW:
-            table.columns = pd.Index([*table.columns[:-runs], *map(str, range(1, runs + 1))])
-        numbers = table.select_dtypes("number").columns
-        out.table(
-            name, table, {name: (name, ".2f" if name in numbers else "") for name in table.columns}, title
-        )
+    numbers = dict(zip(names, map(str, range(1, runs + 1)), strict=True)) if runs > _FEW else {}
+    for name, number in numbers.items():
+        out.line(f"{number}: {name}")
+    for name in SUMMARY:
+        if name in tables:  # runs of ranges alone have no position errors
+            frame = tables[name].frame.rename(columns=numbers)
+            out.table(replace(tables[name], frame=frame))
 
 
 def _warnings(run: "Run") -> list[str]:

@@ -20,12 +20,36 @@ from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table, white
 from pymantaray.locate.solve import CORRELATED, LocateOptions, Solution, candidate_table, solve
 from pymantaray.locate.survey import Direction, Survey
 from pymantaray.locate.travel_times import transducers
+from pymantaray.records.result_table import ResultTable
 
 Array = NDArray[np.float64]
 _ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # of a normal distribution in two dimensions
 _INTERVAL = 1.959964
 _FEWEST = 3  # pings of a node that determine it
 _SHALLOW = 0.05  # m; a node nearer to the surface is above the water
+_CAPTIONS = {
+    "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the mean of all nodes",
+    "budget": "Contributions to the standard deviations; their squares add up to that of the total",
+    "tests": "Chi-square tests: residuals against the stated noise, and means of bins against zero",
+    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best first",
+    "unknowns": "Other estimated parameters",
+    "mirrors": "Second solutions of nodes whose pings lie along one line",
+    "bootstrap": "Positions of resampled surveys",
+}
+_BRIEF = {
+    "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
+    "budget": ("node", "source", "north_m", "east_m", "depth_m"),
+    "candidates": (
+        "sound_speed",
+        "correlation_ratio",
+        "correlation_time_s",
+        "abic_difference",
+        "sigma_s",
+        "effective_parameters",
+    ),
+}
+"""Columns in the terminal and in notebooks."""
+_HEADS = {"name": "node", "north": "north [m]", "east": "east [m]", "depth": "depth [m]"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,9 +302,9 @@ class Location:
         return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
 
     @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """All tables by name."""
-        out = {
+    def tables(self) -> dict[str, ResultTable]:
+        """All tables by name, in the order of the page; empty ones are left out."""
+        frames = {
             "nodes": self.nodes,
             "budget": self.budget,
             "tests": test_table(self.tests),
@@ -291,8 +315,21 @@ class Location:
             "pings": self.pings,
         }
         if self.bootstrap is not None:
-            out["bootstrap"] = self._bootstrap_table(self.bootstrap)
-        return out
+            frames["bootstrap"] = self._bootstrap_table(self.bootstrap)
+        place = ("north", "east") if self.survey.frame is None else ("lat", "lon")
+        brief = _BRIEF | {"nodes": ("name", *place, "depth", *_BRIEF["nodes"])}
+        return {
+            name: ResultTable(
+                name,
+                frame,
+                _CAPTIONS.get(name, ""),
+                brief=brief.get(name, ()),
+                words=_HEADS,
+                folded=name == "candidates",
+            )
+            for name, frame in frames.items()
+            if len(frame)
+        }
 
     def _bootstrap_table(self, draws: Array) -> pd.DataFrame:
         """Standard deviations and middle 95 % of the bootstrap's positions."""

@@ -23,7 +23,8 @@ from pymantaray.ocean.seawater import (
     supercooling,
 )
 from pymantaray.ocean.window import Window, half_sides_within
-from pymantaray.records.shown import shown_html
+from pymantaray.records.notebook import notebook_html
+from pymantaray.records.result_table import ResultTable
 
 Array = NDArray[np.float64]
 _SLOWEST, _FASTEST = 1_400.0, 1_600.0  # m/s; sound speed of sea water anywhere
@@ -97,9 +98,10 @@ class Findings(tuple[Finding, ...]):
         return not self.wrong
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: how many there are, and each."""
+        """HTML for a notebook: number of findings, and each of them."""
         counts = {"wrong": len(self.wrong), "doubtful": len(self.doubtful)}
-        return shown_html("Findings about an ocean", counts, {"": pd.DataFrame(asdict(f) for f in self)})
+        table = ResultTable("findings", pd.DataFrame(asdict(f) for f in self))
+        return notebook_html("Findings about an ocean", counts, [table])
 
     def named(self, what: str) -> Finding | None:
         """First finding about a property; None if there is none."""

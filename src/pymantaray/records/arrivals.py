@@ -1,12 +1,16 @@
 """What the two-point solver finds: all arrivals of a set of links, the first of each, and the places through which rays run."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from pymantaray.records.base import Column, Record, column
+from pymantaray.records.plotter import plotter
 from pymantaray.records.status import RayAxis, RayStatus
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +73,36 @@ class Arrivals(Record):
             raise AssertionError("a link's status and its arrivals disagree")
         return first
 
+    def to_dataframe(self) -> "pd.DataFrame":
+        """
+        Return one row per arrival; names of columns end in their units.
+
+        Returns
+        -------
+        pandas.DataFrame
+            ``link`` and ``arrival`` (number within the link, from 0), ``travel_time_s``, ``surface_bounces``,
+            ``bottom_bounces``, ``turning_points``, ``caustics``, ``launch_angle_deg``, ``arrival_angle_deg``, ``spreading_db``,
+            and the slowness vectors at both ends.
+        """
+        import pandas as pd
+
+        columns = {
+            "link": self.link,
+            "arrival": np.arange(self.link.size) - np.searchsorted(self.link, self.link),
+            "travel_time_s": self.travel_time,
+            "surface_bounces": self.surface_bounces,
+            "bottom_bounces": self.bottom_bounces,
+            "turning_points": self.turning_points,
+            "caustics": self.caustics,
+            "launch_angle_deg": np.degrees(self.launch_angle),
+            "arrival_angle_deg": np.degrees(self.arrival_angle),
+            "spreading_db": self.spreading_db,
+        }
+        for end, slowness in (("source", self.source_slowness), ("receiver", self.receiver_slowness)):
+            for k, axis in enumerate(("north", "east", "down")):
+                columns[f"{end}_slowness_{axis}_s_m"] = slowness[:, k] + 0.0  # no -0
+        return pd.DataFrame(columns)
+
     def of_links(self, links: Column, rows: Column, travel_time: Column) -> FirstArrivals:
         """One arrival of each of some links, by its row, with these travel times [s]; of the others what needs none."""
         n = self.status.size
@@ -108,3 +142,18 @@ class RayPaths(Record):
     boundary: Column = column(
         "node", "1", "0 in the water, 1 reflected at the surface, 2 at the sea bed", "i1"
     )
+
+    def plot(self, ax: Any = None) -> Any:
+        """
+        Plot the depth of the rays over the horizontal distance from their first node.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; by default new ones.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+        """
+        return plotter("rays")(self, ax)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError
-from pymantaray.records.shown import shown_html
+from pymantaray.records.notebook import notebook_html
+from pymantaray.records.result_table import ResultTable
 from pymantaray.records.writing import read_netcdf, write_netcdf
 
 if TYPE_CHECKING:
@@ -74,6 +75,21 @@ class Record:
 
     kind: ClassVar[str] = "record"
 
+    def __init_subclass__(cls) -> None:
+        """Give every record the short representation, instead of one with all its numbers."""
+        super().__init_subclass__()
+        cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        """Kind and sizes, such as ``<Estimates: condition 3, realization 2, vehicle 11, time 433>``."""
+        sizes = dict[str, int]()
+        for f in self._columns():
+            sizes |= zip(f.metadata["dims"], getattr(self, f.name).shape, strict=True)
+        shown = (
+            f"{name} {n}" for name, n in sizes.items() if name.removesuffix(_COLUMN) == name not in LABELS
+        )
+        return f"<{type(self).__name__}: {', '.join(shown)}>"
+
     @np.errstate(invalid="ignore")  # of NaN where whole numbers are needed, which is refused
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""
@@ -104,7 +120,7 @@ class Record:
         return [f for f in fields(cls) if "dims" in f.metadata]
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: each column's size, unit, values and meaning."""
+        """HTML for a notebook: size, unit, values and meaning of each column."""
         import pandas as pd
 
         rows = [
@@ -120,7 +136,9 @@ class Record:
             }
             for f in self._columns()
         ]
-        return shown_html(self.kind.replace("_", " ").capitalize(), {}, {"": pd.DataFrame(rows)})
+        return notebook_html(
+            self.kind.replace("_", " ").capitalize(), {}, [ResultTable(self.kind, pd.DataFrame(rows))]
+        )
 
     def to_dataset(self) -> "xr.Dataset":
         """Give the record as an xarray data set with labels, units and long names."""

@@ -1,7 +1,7 @@
 """Measured and predicted travel times of events, and tables of their differences."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import cast
 
@@ -13,7 +13,8 @@ from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
-from pymantaray.records.shown import shown_html
+from pymantaray.records.notebook import notebook_html
+from pymantaray.records.result_table import ResultTable
 from pymantaray.replay.clocks import reciprocity_table
 from pymantaray.replay.events import Events
 from pymantaray.replay.rules import DEFAULT_RULE, Choice, DetectionRule
@@ -27,6 +28,25 @@ from pymantaray.water import Source, Water, open_waters
 Array = NDArray[np.float64]
 SEED = 20140715
 """Default seed, that of studies."""
+_CAPTIONS = {
+    "summary": "Coverage and residuals of groups of events. Intervals (95 %) resample pairs, not events; a single pair has none",
+    "clocks": "Clock offset of each node by least squares, positive if ahead; the mean of each connected group is 0 unless a"
+    " reference is given. Standard errors as if events were independent, and by pairs",
+    "reciprocity": "Residuals of one direction less those of the other near in time, the part due to clocks, and the rest",
+    "switching": "How often a receiver changes its candidate from one event to the next, and how often independent picks would",
+}
+_BRIEF = {
+    "summary": [
+        "group",
+        "events",
+        "percent",
+        "median_m",
+        "median_size_m",
+        "median_size_low_m",
+        "median_size_high_m",
+    ]
+}
+_HEADS = {"percent": "predicted [%]"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +82,8 @@ class Replay:
     def _repr_html_(self) -> str:
         """Notebook view: status counts, and residuals of all events and by depth and range."""
         counts = {str(name): n for name, n in self.events["status"].value_counts().items()}
-        summary = self.summary[self.summary["by"] != "pair"]
-        return shown_html(f"Replay of {len(self.events)} events by rule {self.rule}", counts, {"": summary})
+        title = f"Replay of {len(self.events)} events by rule {self.rule}"
+        return notebook_html(title, counts, [self.brief_summary])
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -95,16 +115,25 @@ class Replay:
         return switching_table(self.events, self.taken, window=self.window, seed=self.seed)
 
     @property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """All tables by name."""
-        events = pd.concat([self.events, self.taken], axis=1)
-        return {
+    def tables(self) -> dict[str, ResultTable]:
+        """All tables by name, in the order of the page."""
+        frames = {
             "summary": self.summary,
             "clocks": self.clocks,
             "reciprocity": self.reciprocity,
             "switching": self.switching,
-            "events": events,
+            "events": pd.concat([self.events, self.taken], axis=1),
         }
+        return {
+            name: ResultTable(name, frame, _CAPTIONS.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS)
+            for name, frame in frames.items()
+        }
+
+    @property
+    def brief_summary(self) -> ResultTable:
+        """Summary of all events and by depths and range, for the terminal and for notebooks."""
+        table = self.tables["summary"].short()
+        return replace(table, frame=table.frame[table.frame["by"] != "pair"])
 
 
 def replay_events(

@@ -7,11 +7,9 @@ import numpy as np
 import xarray as xr
 from matplotlib.image import imread
 
-from pymantaray.records import whole_file
 from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
 from pymantaray.report.explore import as_json
-from pymantaray.report.page import Picture, render
-from pymantaray.report.parts import PAGE
+from pymantaray.report.page import Explorer, Page, Picture
 
 _MOST = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]
@@ -67,19 +65,14 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     }
     instants = "1 instant" if atlas.sizes["time"] == 1 else f"{atlas.sizes['time']} instants"
     thinned = [f"The moving map has every {step}-th column each way; the figures and the file have all."]
-    page = render(
-        "atlas.html",
+    page = Page(
         title=str(atlas.attrs["title"]),
         facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {instants}"],
-        description="",
         notes=thinned if step > 1 else [],
-        explorer=as_json(content),
+        explorer=Explorer("atlas", as_json(content)),
         pictures=[_picture(file) for file in figures if file.suffix == ".png"],
     )
-    out = Path(folder) / PAGE
-    with whole_file(out) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return out
+    return page.write(folder)
 
 
 def _picture(file: Path) -> Picture:
@@ -90,4 +83,5 @@ def _picture(file: Path) -> Picture:
         min(width, _WIDTH),
         round(height * min(width, _WIDTH) / width),
         {"png": file.read_bytes()},
+        folder="",
     )

@@ -14,28 +14,25 @@ from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
+from pymantaray.records.csv_text import read_csv
+from pymantaray.records.result_table import ResultTable
 from pymantaray.report.figures import Plate, Results, run_plates, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_several import quantiles_by_run
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
-from pymantaray.report.page import (
-    SYNTHETIC_NOTE,
-    Picture,
-    ShownTable,
-    entries,
-    heading,
-    numbers_from_text,
-    render,
-    show_table,
-)
-from pymantaray.report.parts import PAGE, write_files
+from pymantaray.report.folder import PAGE, write_files
+from pymantaray.report.page import Explorer, Page, Picture, entries
+from pymantaray.report.run_page import SYNTHETIC_NOTE
 from pymantaray.report.style import Array, condition_label, shortened
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.tables import TABLES
-from pymantaray.report.write import all_files, checked_formats, draw
+from pymantaray.report.write import checked_formats, draw
+from pymantaray.study.store import TABLES as TABLES_FOLDER
 from pymantaray.study.store import open_run
+from pymantaray.study.tables import TABLES
 
+SUMMARY = ("configuration", "range_drop_category_compare", "range_error", "range_error_split", "ate_pooled")
+"""Tables that a command prints after a comparison."""
 _NO_KEY = "–"  # of a configuration that has not the key
 _CAPTIONS = {
     "configuration": "What differs in the configurations",
@@ -109,9 +106,7 @@ def write_comparison(
     tables, plates = comparison_tables(runs), comparison_plates(runs)
     with staged_folder(out, "comparison", latest=False) as (stage, folder):
         pictures = draw(plates, formats=formats, progress=progress)
-        shown = _shown(tables)
-        page = _page(runs, tables, pictures)
-        write_files(stage, all_files(tables, pictures, page, shown if "tex" in formats else {}))
+        write_files(stage, _page(runs, tables, pictures).files(formats))
     return folder / PAGE
 
 
@@ -124,17 +119,17 @@ def by_name(results: Sequence[Results]) -> dict[str, Results]:
     return dict(zip(names, results, strict=True))
 
 
-def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
-    """Tables of several runs, one column of numbers each."""
+def comparison_tables(runs: Mapping[str, Results]) -> dict[str, ResultTable]:
+    """Tables of several runs, one column of numbers each, by name in the order of the page."""
 
     def of_all_links(table: str) -> dict[str, pd.DataFrame]:
-        return {name: r.tables[table].query("category == @ALL_LINKS") for name, r in runs.items()}
+        return {name: r.tables[table].frame.query("category == @ALL_LINKS") for name, r in runs.items()}
 
-    dropouts = {f"{name} [%]": r.tables["dropouts"].set_index("category") for name, r in runs.items()}
+    dropouts = {f"{name} [%]": r.tables["dropouts"].frame.set_index("category") for name, r in runs.items()}
     errors = of_all_links("range_error")
     parts = {f"{name} [m]": t.set_index("part") for name, t in of_all_links("range_error_split").items()}
-    regions = {name: r.tables["region"].set_index("property") for name, r in runs.items()}
-    return {
+    regions = {name: r.tables["region"].frame.set_index("property") for name, r in runs.items()}
+    frames = {
         "configuration": _differences(runs),
         "range_drop_category_compare": _side_by_side(
             {name: t["percent"] for name, t in dropouts.items()}, "link category", last=ALL_LINKS
@@ -148,11 +143,32 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, pd.DataFrame]:
         "timing": _settings(runs, "timing"),
         "noise": _settings(runs, "noise"),
     }
+    return _result_tables(frames)
+
+
+def read_comparison(folder: Path) -> dict[str, ResultTable]:
+    """Tables of a written comparison by name, in the order of the page."""
+    files = {name: folder / TABLES_FOLDER / f"{name}.csv" for name in _CAPTIONS}
+    return _result_tables({name: read_csv(file) for name, file in files.items() if file.is_file()})
+
+
+def _result_tables(frames: Mapping[str, pd.DataFrame]) -> dict[str, ResultTable]:
+    return {
+        name: ResultTable(
+            name,
+            frames[name],
+            caption,
+            by_row=name not in _ONE_QUANTITY,
+            paper=_TABLES_OF_PAPER.get(name, ""),
+        )
+        for name, caption in _CAPTIONS.items()
+        if name in frames
+    }
 
 
 def _settings(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
     """Values of settings, with unit and meaning, a column for each run."""
-    tables = {name: r.tables[table].set_index("key") for name, r in runs.items()}
+    tables = {name: r.tables[table].frame.set_index("key") for name, r in runs.items()}
     every = pd.concat(tables.values())
     words = every[~every.index.duplicated()][["unit", "meaning"]]
     table_of_runs = _side_by_side({name: t["value"] for name, t in tables.items()}, "key")
@@ -189,7 +205,7 @@ def _all_solved(runs: Mapping[str, Results]) -> bool:
 
 def _joint_errors(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
     pooled = pd.concat(
-        {name: r.tables[table].set_index("condition") for name, r in runs.items()},
+        {name: r.tables[table].frame.set_index("condition") for name, r in runs.items()},
         axis=1,
         sort=False,
     )
@@ -335,52 +351,38 @@ def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str
     return table.reset_index(drop=True)
 
 
-def _shown(tables: Mapping[str, pd.DataFrame]) -> dict[str, ShownTable]:
-    """Tables of the page by their names, in its order."""
-    shown = {}
-    for name, caption in _CAPTIONS.items():
-        if name not in tables:
-            continue
-        table = numbers_from_text(tables[name]) if name == "region" else tables[name]
-        if "quantity" in table:
-            table = table.assign(quantity=table["quantity"].map(heading))
-        by_row = name not in _ONE_QUANTITY
-        shown[name] = show_table(table, caption, f"tables/{name}.csv", by_row=by_row)._replace(
-            paper=_TABLES_OF_PAPER.get(name, "")
-        )
-    return shown
-
-
 def _page(
-    runs: Mapping[str, Results], tables: Mapping[str, pd.DataFrame], pictures: Sequence[Picture]
-) -> str:
+    runs: Mapping[str, Results], tables: Mapping[str, ResultTable], pictures: Sequence[Picture]
+) -> Page:
     synthetic = [name for name, r in runs.items() if r.synthetic]
-    return render(
-        "comparison.html",
+    differences, *others = tables.values()
+    return Page(
         title=in_words(list(runs)),
         facts=[
-            f"{name}: study {r.run.config.study.name}, {r.heard:,} of {r.attempts:,} ranges heard"
+            f"{name}: study {r.run.config.study.name}, {r.received:,} of {r.attempts:,} ranges received"
             for name, r in runs.items()
         ],
-        description="",
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
+        first_tables=[differences],
+        explorer=_explorer(runs, differences.frame),
         pictures=pictures,
-        joint_tables=list(_shown(tables).values()),
-        explorer=_explorer(runs, tables["configuration"]),
+        tables=others,
     )
 
 
-def _explorer(runs: Mapping[str, Results], differences: pd.DataFrame) -> str:
+def _explorer(runs: Mapping[str, Results], differences: pd.DataFrame) -> Explorer | None:
     """Position errors of all runs over what differs in their configurations, by condition.
 
     Keys that not all runs have are left out, and those with a value of its own in each tell no more apart than its name.
     """
     if not _all_solved(runs):
-        return ""
+        return None
     keys = differences.set_index("key").T
     keys = keys.loc[:, (keys != _NO_KEY).all()]
     frames = [
-        r.tables["ate_pooled"].assign(run=name, **{str(key): value for key, value in keys.loc[name].items()})
+        r.tables["ate_pooled"].frame.assign(
+            run=name, **{str(key): value for key, value in keys.loc[name].items()}
+        )
         for name, r in runs.items()
     ]
     groups = [key for key in keys.columns if keys[key].nunique() < len(runs)]

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
@@ -59,7 +58,7 @@ def mission_rays(results: Results) -> str:
 def rays_command(run: Run) -> str:
     """Command that draws the rays of a link of a run, in its folder; its ends are to be added."""
     a = run.config.acoustics
-    cutoff = "off" if a.cutoff_db is None else f"{a.cutoff_db:g}"
+    cutoff = "none" if a.cutoff_db is None else f"{a.cutoff_db:g}"
     bounces = f"--max-surface-bounces {a.max_surface_bounces} --max-bottom-bounces {a.max_bottom_bounces}"
     return f"mantaray rays plot link.png --run . {bounces} --cutoff-db {cutoff}"
 
@@ -233,9 +232,9 @@ def _sigma(run: Run, condition: int) -> dict[str, Any]:
 
 
 def _nees(results: Results) -> list[Mapping[str, Any]]:
-    table = results.tables.get("consistency_per_epoch", pd.DataFrame())
-    if table.empty:
+    if "consistency_per_epoch" not in results.tables:
         return []
+    table = results.tables["consistency_per_epoch"].frame
     part = table[table["statistic"] == "horizontal"]
     columns = ["condition", "time_h", "ratio", "low", "high"]
     return [{str(k): v for k, v in row.items()} for row in part[columns].round(4).to_dict("records")]

@@ -12,7 +12,6 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -20,8 +19,8 @@ import pymantaray.report
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.report.style import Array, ocean_header, ocean_name
-from pymantaray.report.tables import TABLES
 from pymantaray.study.store import Run
+from pymantaray.study.tables import RunTables
 
 
 class Results:
@@ -30,12 +29,10 @@ class Results:
     def __init__(self, run: Run) -> None:
         self.run = run
 
-    @cached_property
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """Those that the run has the records for, by name, in the order of the page."""
-        find_figures()  # which may bring tables
-        frames = {name: table.make(self.run) for name, table in TABLES.items()}
-        return {name: frame for name, frame in frames.items() if frame is not None}
+    @property
+    def tables(self) -> RunTables:
+        """Tables of the run by name, in the order of the page."""
+        return self.run.tables
 
     @cached_property
     def ranges(self) -> RangeErrors:
@@ -80,12 +77,12 @@ class Results:
 
     @property
     def attempts(self) -> int:
-        """Number of ranges that were tried."""
+        """Number of range attempts."""
         return int(self.run.measurements.range_status.size)
 
     @property
-    def heard(self) -> int:
-        """Number of ranges that were heard."""
+    def received(self) -> int:
+        """Number of received ranges."""
         return int(np.isfinite(self.ranges.total).sum())
 
 
@@ -125,7 +122,7 @@ def register(
     """
     Add a figure to every report that has what it needs; ``place`` orders the page.
 
-    ``{r.heard:,}`` and the like in a caption stand for what `Results` has. One that is ``of_mission`` shows and says
+    ``{r.received:,}`` and the like in a caption stand for what `Results` has. One that is ``of_mission`` shows and says
     nothing that realizations change, and may be drawn before they are solved. ``paper`` names its counterpart in the paper.
     """
     _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper)

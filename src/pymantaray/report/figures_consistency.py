@@ -101,6 +101,6 @@ register(
     " in their joint covariance, (b) squared innovation of the ranges of a ping, each by its degrees of freedom; where"
     " they are drawn, (c, d) the same near the bounds. A consistent estimator is at 1 on average and inside the grey"
     " 95 % bounds; empty markers are outside.",
-    draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"], r.header, list(r.errors)),
+    draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"].frame, r.header, list(r.errors)),
     needs=lambda r: "consistency_per_epoch" in r.tables,
 )

@@ -102,7 +102,10 @@ register(
     " that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest, and the 95 %"
     " bounds of a consistent estimator in grey.",
     draw=lambda r: error_and_consistency(
-        r.tables["ate_pooled"], r.tables["ping_error"], r.tables.get("consistency_per_epoch"), r.header
+        r.tables["ate_pooled"].frame,
+        r.tables["ping_error"].frame,
+        r.tables["consistency_per_epoch"].frame if "consistency_per_epoch" in r.tables else None,
+        r.header,
     ),
     needs=lambda r: any(not c.standard for c in r.run.config.conditions),
 )

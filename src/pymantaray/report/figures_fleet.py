@@ -46,7 +46,7 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
     plan = figure.add_axes(place(0.075, 0.47, 0.40, 0.45))
     solid = figure.add_axes(place(0.50, 0.40, 0.44, 0.54), projection="3d")
     time = figure.add_axes(place(0.075, 0.09, 0.90, 0.24))
-    _draw_plan(plan, truth, measurements, colours)
+    draw_plan(plan, truth, measurements, colours)
     assert isinstance(solid, Axes3D)
     _draw_solid(solid, truth, measurements, colours)
     _draw_depths(time, truth, colours)
@@ -115,7 +115,8 @@ def _figure_with_key(
     return figure, place
 
 
-def _draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
+def draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
+    """Draw tracks from above with the names of their starts, and landmarks."""
     starts = truth.position[:, 0, :2] / 1e3
     for path, colour in zip(truth.position[:, :, :2] / 1e3, colours, strict=True):
         axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
@@ -240,7 +241,7 @@ register(
     paper="Figure 2B",
     of_mission=True,
     caption="Factor graph at the true positions: chains of poses coloured by vehicle, the"
-    " {r.heard:,} ranges that were heard in grey.",
+    " {r.received:,} received ranges in grey.",
     draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
     needs=lambda r: r.run.config.solves,
 )

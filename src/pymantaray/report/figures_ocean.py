@@ -38,13 +38,9 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
     whole, upper = figure.subplots(1, 2)
     deepest, colours = 0.0, style.vehicle_colours(len(profiles))
     for i, (name, profile) in enumerate(profiles):
-        wet = profile["count"].values > 0
-        depth, mean, low, high = (profile[key].values[wet] for key in ("depth", "mean", "min", "max"))
-        deepest = max(deepest, float(depth.max(initial=0.0)))
-        colour, line = colours[i], _REGION_LINES[i % 4]
         for axes in (whole, upper):
-            axes.fill_betweenx(depth, low, high, color=colour, alpha=0.22, linewidth=0.0)
-            axes.plot(mean, depth, color=colour, linestyle=line, label=style.plain(style.short(name)))
+            reach = draw_profile(axes, profile, name, colours[i], line=_REGION_LINES[i % 4])
+        deepest = max(deepest, reach)
     limit = min(_UPPER, deepest) or 1.0
     whole.set_ylim(deepest or 1.0, 0.0)
     upper.set_ylim(limit, 0.0)
@@ -57,6 +53,15 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
     if several:
         figure.legend(handles=whole.get_lines(), loc="outside lower left", ncols=1, handlelength=2.2)
     return figure
+
+
+def draw_profile(axes: Axes, profile: xr.Dataset, name: str, colour: str, *, line: Any = "-") -> float:
+    """Draw mean sound speed against depth, and least to greatest; the greatest depth. [m]"""
+    wet = profile["count"].values > 0
+    depth, mean, low, high = (profile[key].values[wet] for key in ("depth", "mean", "min", "max"))
+    axes.fill_betweenx(depth, low, high, color=colour, alpha=0.22, linewidth=0.0)
+    axes.plot(mean, depth, color=colour, linestyle=line, label=style.plain(style.short(name)))
+    return float(depth.max(initial=0.0))
 
 
 @style.styled

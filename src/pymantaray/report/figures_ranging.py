@@ -34,19 +34,16 @@ def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str
     figure = style.new_figure(style.DOUBLE, 0.55 + 2.05 * len(errors), header)
     rows = figure.subplots(len(errors), 2, squeeze=False, sharex=True)
     for i, ((name, values), (linear, log)) in enumerate(zip(errors, rows, strict=True)):
-        heard = values[np.isfinite(values)]
-        _histogram(linear, heard)
-        _histogram(log, heard)
-        log.set_yscale("log")
-        log.set_ylim(_LEAST_COUNT)
-        linear.set_ylabel("Ranges in a bin")
+        heard = draw_range_errors(linear, values)
+        draw_range_errors(log, values, log=True)
+        log.set_ylabel("")
         words, same = [style.short(name), _moments(heard)], "the same, logarithmic count"
         if len(name) > _LONG:  # no room for both above one panel
             same = f"{words.pop()}, logarithmic count"
         style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
         style.panel_title(log, style.letter(2 * i + 1), same)
-    for axes in rows[-1]:
-        axes.set_xlabel("Range error, refracted − straight [m]")
+    for axes in rows[:-1].flat:
+        axes.set_xlabel("")
     style.common_legend(figure, rows[0, 0].get_legend_handles_labels()[0])
     return figure
 
@@ -88,7 +85,7 @@ def range_error_split(
         alone.set_xlim(0.0)
         both.legend(loc="best", markerscale=4, handletextpad=0.1, borderaxespad=0.1)
     else:
-        style.note(both, "no range was heard")
+        style.note(both, "no range was received")
     for axes in (both, counts, alone):
         axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--")
     both.set_ylabel("Part of the error [m]")
@@ -139,7 +136,7 @@ def dropout_map(
 
 def _moments(errors: style.Array) -> str:
     if not errors.size:
-        return "no range was heard"
+        return "no range was received"
     text = f"N = {errors.size:,}, mean {errors.mean():+.2f} m, sd {_spread(errors):.2f} m"
     return text.replace("-", "−")
 
@@ -157,11 +154,23 @@ def _edges(values: style.Array) -> style.Array:
     return np.asarray(width * (np.arange(2 * count + 2) - count - 0.5), dtype=float)
 
 
-def _histogram(axes: Axes, errors: style.Array) -> None:
+def draw_range_errors(axes: Axes, values: style.Array, *, log: bool = False) -> style.Array:
+    """Draw the histogram of range errors, with zero, mean and the fitted normal; the finite errors."""
+    errors = values[np.isfinite(values)]
+    axes.set_xlabel("Range error, refracted − straight [m]")
+    axes.set_ylabel("Ranges in a bin")
+    _draw_histogram(axes, errors)
+    if log:
+        axes.set_yscale("log")
+        axes.set_ylim(_LEAST_COUNT)
+    return errors
+
+
+def _draw_histogram(axes: Axes, errors: style.Array) -> None:
     axes.axvline(0.0, color=style.INK, linewidth=0.8, linestyle="--", label="zero")
     if not errors.size:
         axes.set_xlim(-1.0, 1.0)
-        style.note(axes, "no range was heard")
+        style.note(axes, "no range was received")
         return
     edges = _edges(errors)
     axes.stairs(np.histogram(errors, edges)[0], edges, fill=True, color=style.SKY, label="ranges")
@@ -185,7 +194,7 @@ register(
     place=10,
     paper="Figure 6",
     of_mission=True,
-    caption="Signed range error, refracted minus straight, of {r.heard:,} ranges: mean (orange), zero (dashed) and"
+    caption="Signed range error, refracted minus straight, of {r.received:,} ranges: mean (orange), zero (dashed) and"
     " fitted normal (black), with linear and logarithmic counts.",
     draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
 )

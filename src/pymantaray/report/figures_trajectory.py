@@ -143,6 +143,17 @@ def error_over_time(
     return figure
 
 
+def draw_error_distribution(
+    axes: Axes, errors: Mapping[str, style.Array], condition: str, *, log: bool
+) -> None:
+    """Draw the distribution of the position errors of a condition, with mean and quartiles, over the range of all conditions."""
+    finite = {name: values[np.isfinite(values)] for name, values in errors.items()}
+    colour = style.condition_looks(list(errors))[condition][0]
+    _ridge(axes, finite[condition], _ape_edges([finite], log=log), (condition, colour), log=log)
+    axes.set_xlabel("Absolute position error [m]")
+    axes.set_ylabel("Share of poses in a bin [%]")
+
+
 def _ape_edges(pools: Sequence[Mapping[str, style.Array]], *, log: bool) -> style.Array:
     """
     Edges of bins that all panels of one scale share.

@@ -1,13 +1,12 @@
 """What the ranges say of water and clocks, beside what was known of them beforehand."""
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
 from pymantaray.report import style
 from pymantaray.report.figures import register
+from pymantaray.study.tables import RunTables
 
 _HEIGHT = 1.35  # of a panel [in]
 _LEVEL = 110  # letters of names that fit on the axis level
@@ -47,9 +46,9 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
     return figure
 
 
-def _with_prior(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
-    """What was known of before; a fitted sigma was not."""
-    return tables["unknowns"].dropna(subset="prior_sigma")
+def _with_prior(tables: RunTables) -> pd.DataFrame:
+    """Unknowns with a prior, which a fitted sigma does not have."""
+    return tables["unknowns"].frame.dropna(subset="prior_sigma")
 
 
 def _too_wide(names: pd.Series) -> bool:

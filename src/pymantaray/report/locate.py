@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from pymantaray.jobs.folder import staged_folder
@@ -13,26 +12,19 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.locate import Location, Plan
 from pymantaray.locate.write import write_location
 from pymantaray.records import whole_file
+from pymantaray.records.digits import show
+from pymantaray.records.result_table import ResultTable
 from pymantaray.report import style
 from pymantaray.report.figures import Plate
-from pymantaray.report.page import render, show, show_table
-from pymantaray.report.parts import PAGE, write_files
-from pymantaray.report.write import all_files, checked_formats, draw
+from pymantaray.report.folder import PAGE, write_files
+from pymantaray.report.page import Card, Page, Picture, origin_table
+from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json
 
 _MICRO = 1e6
 _MOST_NODES = 6  # whose residuals have a colour
 _MOST_WARNED = 3  # lines of notes of one kind
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)
-_CAPTIONS = {
-    "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the mean of all nodes",
-    "budget": "Contributions to the standard deviations; their squares add up to that of the total",
-    "tests": "Chi-square tests: residuals against the stated noise, and means of bins against zero",
-    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best first",
-    "unknowns": "What else was estimated",
-    "mirrors": "Second solutions of nodes whose pings lie along one line",
-    "bootstrap": "Positions of resampled surveys",
-}
 
 
 def write_location_page(
@@ -76,30 +68,35 @@ def write_location_page(
     record = (made_by or {}) | {"model": location.hyperparameters}
     with staged_folder(out, "locate", latest=False) as (stage, folder):
         pictures = draw(_plates(location), formats=formats, progress=progress)
-        tables = {name: table for name, table in location.tables.items() if len(table)}
-        shown = {
-            name: show_table(tables[name], caption, f"tables/{name}.csv", folded=name == "candidates")
-            for name, caption in _CAPTIONS.items()
-            if name in tables
-        }
-        page = render(
-            "locate.html",
-            title="Located nodes",
-            facts=[_fact(location)],
-            description="",
-            notes=[*(notes or []), *warnings_of(location)],
-            cards=_cards(location),
-            pictures=pictures,
-            shown_tables=list(shown.values()),
-            left_out=show_table(
-                _left_out(location), "Pings that were left out", "tables/pings.csv", folded=True
-            ),
-            origin=[show_table(_entries(record), "Options", "locate.json")],
-        )
-        write_files(stage, all_files(tables, pictures, page, shown if "tex" in formats else {}))
+        page = _page(location, pictures, record, notes or [])
+        write_files(stage, page.files(formats))
         write_location(location, stage)
         write_json(record, stage / "locate.json")
     return folder / PAGE
+
+
+def _page(
+    location: Location, pictures: Sequence[Picture], record: dict[str, Any], notes: Sequence[str]
+) -> Page:
+    tables = location.tables
+    return Page(
+        title="Located nodes",
+        facts=[_fact(location)],
+        notes=[*notes, *warnings_of(location)],
+        cards=_cards(location),
+        pictures=pictures,
+        tables=[table for table in tables.values() if table.caption],
+        excerpts=[_left_out(location)],
+        other_tables=[table for table in tables.values() if not table.caption],
+        links={
+            "Every ping": "tables/pings.csv",
+            "landmarks of a study": "landmarks.toml",
+            "GeoJSON": "nodes.geojson",
+            "factor graph": "survey.pyfg",
+            "NetCDF": "location.nc",
+        },
+        origin=[origin_table(record, "Options", "locate.json")],
+    )
 
 
 def warnings_of(location: Location) -> list[str]:
@@ -128,8 +125,8 @@ def _nodes(count: int) -> str:
     return "1 node" if count == 1 else f"{count} nodes"
 
 
-def _cards(location: Location) -> list[tuple[str, str, str]]:
-    """Numbers that the page opens with: what it is, its value, and a remark."""
+def _cards(location: Location) -> list[Card]:
+    """Cards of the nodes, the residuals, the model and the tests."""
     cards = []
     for row in location.nodes.head(_MOST_NODES).to_dict("records"):
         place = (
@@ -138,22 +135,25 @@ def _cards(location: Location) -> list[tuple[str, str, str]]:
             else f"{row['north']:.2f} N, {row['east']:.2f} E m"
         )
         sigma = f"σ {show(row['sigma_north_m'])}, {show(row['sigma_east_m'])}, {show(row['sigma_depth_m'])} m"
-        cards.append((str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth"))
-    cards.append(("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the pings used"))
+        cards.append(Card(str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth"))
+    cards.append(Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the pings used"))
     model = location.hyperparameters
-    cards.append(("Sound speed", str(model["sound_speed"]), "by the marginal likelihood, or as asked"))
+    cards.append(Card("Sound speed", str(model["sound_speed"]), "by the marginal likelihood, or as asked"))
     verdict = "passed" if location.passed else "failed"
-    cards.append(("Tests of the noise", verdict, f"{len(location.tests)} chi-square tests"))
+    cards.append(Card("Tests of the noise", verdict, f"{len(location.tests)} chi-square tests"))
     return cards
 
 
-def _left_out(location: Location) -> pd.DataFrame:
+def _left_out(location: Location) -> ResultTable:
     pings = location.pings
-    return pings.loc[~pings["used"], ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]]
-
-
-def _entries(record: dict[str, Any]) -> pd.DataFrame:
-    return pd.DataFrame([(name, str(value)) for name, value in record.items()], columns=["entry", "value"])
+    columns = ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]
+    return ResultTable(
+        "left_out",
+        pings.loc[~pings["used"], columns],
+        "Pings that were left out",
+        folded=True,
+        file="tables/pings.csv",
+    )
 
 
 def _plates(location: Location) -> list[Plate]:

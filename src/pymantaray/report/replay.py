@@ -11,26 +11,19 @@ from matplotlib.figure import Figure
 from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import RayStatus
+from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
 from pymantaray.report import style
 from pymantaray.report.figures import Plate
-from pymantaray.report.page import metres, render, show, show_table, signed_metres
-from pymantaray.report.parts import PAGE, write_files
+from pymantaray.report.folder import PAGE, write_files
+from pymantaray.report.page import Card, Explorer, Page, Picture, origin_table
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.write import all_files, checked_formats, draw
+from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json
 
 _MOST_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows
-_CAPTIONS = {
-    "summary": "Coverage and residuals of groups of events. Intervals (95 %) draw pairs again, not events; one pair alone has none",
-    "clocks": "Offset of each node's clock, ahead is positive, by least squares; the mean of each connected group is 0 unless a"
-    " reference is given. Standard errors as if events were independent, and by pairs",
-    "reciprocity": "Residuals of one direction less those of the other near in time, what the clocks make of it, and the rest",
-    "switching": "How often a receiver changes its candidate from one event to the next, and how often independent picks would",
-}
-_WORDS = {"percent": "predicted [%]"}
 _LOOKS = {
     "ok": (style.BLUE, "predicted"),
     "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED]),
@@ -81,31 +74,29 @@ def write_replay(
     record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (made_by or {})
     with staged_folder(out, "replay", latest=False) as (stage, folder):
         pictures = draw(_plates(replay), formats=formats, progress=progress)
-        tables = replay.tables
-        shown = {
-            name: show_table(tables[name], caption, f"tables/{name}.csv", words=_WORDS)
-            for name, caption in _CAPTIONS.items()
-        }
-        page = render(
-            "replay.html",
-            title="Replay of measured travel times",
-            facts=[
-                f"{len(replay.events):,} events of {replay.events['pair'].nunique()} pairs; rule {replay.rule}"
-            ],
-            description="",
-            notes=list(replay.notes),
-            cards=_cards(replay),
-            pictures=pictures,
-            explorer=_explorer(replay.events),
-            shown_tables=list(shown.values()),
-            origin=[show_table(_entries(record), "Options", "replay.json")],
-        )
-        write_files(stage, all_files(tables, pictures, page, shown if "tex" in formats else {}))
+        write_files(stage, _page(replay, pictures, record).files(formats))
         write_json(record, stage / "replay.json")
     return folder / PAGE
 
 
-def _explorer(events: pd.DataFrame) -> str:
+def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -> Page:
+    events = replay.events
+    *tables, every_event = replay.tables.values()
+    return Page(
+        title="Replay of measured travel times",
+        facts=[f"{len(events):,} events of {events['pair'].nunique()} pairs; rule {replay.rule}"],
+        notes=list(replay.notes),
+        cards=_cards(replay),
+        explorer=_explorer(events),
+        pictures=pictures,
+        tables=tables,
+        other_tables=[every_event],
+        links={"Every event": "tables/events.csv"},
+        origin=[origin_table(record, "Options", "replay.json")],
+    )
+
+
+def _explorer(events: pd.DataFrame) -> Explorer | None:
     """Residuals of events over time and distance."""
     count = events["surface_bounces"] + events["bottom_bounces"]
     words = count.astype("string") + count.eq(1).map({True: " bounce", False: " bounces"}).fillna("")
@@ -119,33 +110,29 @@ def _explorer(events: pd.DataFrame) -> str:
     )
 
 
-def _entries(record: dict[str, Any]) -> pd.DataFrame:
-    return pd.DataFrame([(name, str(value)) for name, value in record.items()], columns=["entry", "value"])
-
-
-def _cards(replay: Replay) -> list[tuple[str, str, str]]:
-    """Numbers that the page opens with: what it is, its value, and a remark."""
+def _cards(replay: Replay) -> list[Card]:
+    """Cards of coverage, residuals and switching."""
     every = replay.summary.iloc[0]
     lost = [f"{every[name]} {label}" for name, (_, label) in _LOOKS.items() if name in every.index]
     size = f"{metres(every['median_size_low_m'])} to {metres(every['median_size_high_m'])} over pairs"
     near = int(replay.events["near_limit"].sum())
     switching = replay.switching.iloc[0]
     return [
-        ("Predicted", f"{every['predicted']:,} of {every['events']:,}", ", ".join(lost) or "all of them"),
-        ("Median size of the residual", metres(every["median_size_m"]), size),
-        (
+        Card("Predicted", f"{every['predicted']:,} of {every['events']:,}", ", ".join(lost) or "all of them"),
+        Card("Median size of the residual", metres(every["median_size_m"]), size),
+        Card(
             "Median residual",
             signed_metres(every["median_m"]),
             "measured less predicted, clocks not taken off",
         ),
-        (
+        Card(
             "Changes of candidate",
             f"{show(100.0 * switching['rate'])} %" if switching["steps"] else "none to be seen",
             f"{show(100.0 * switching['independent_rate'])} % if independent; {switching['steps']:,} steps"
             if switching["steps"]
             else "residuals do not tell candidates apart",
         ),
-        ("Near a limit", f"{near:,} events", "another limit, 1 dB off, changes the pick"),
+        Card("Near a limit", f"{near:,} events", "another limit, 1 dB off, changes the pick"),
     ]
 
 

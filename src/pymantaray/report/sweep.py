@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from pymantaray.records import whole_file
-from pymantaray.report.page import render, show_table
-from pymantaray.report.parts import PAGE
+from pymantaray.report.page import Page
 from pymantaray.report.table_explorer import table_explorer
+from pymantaray.sweep.results import point_table
 
 _NO_RESULTS = ("point", "status", "error", "condition", "key")
 
@@ -51,20 +50,13 @@ def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | P
     explorer = table_explorer(
         table, numbers, several, [*(["condition"] if "condition" in table else []), *several]
     )
-    page = render(
-        "sweep.html",
+    page = Page(
         title=f"Sweep over {title}",
         facts=[
             f"{len(states.index) and int(states.sum())} points: {', '.join(f'{n} {state}' for state, n in states.items())}"
         ],
-        description="",
         notes=[f"{count} failed: {line}" for line, count in failures.items()],
         explorer=explorer,
-        shown_tables=[
-            show_table(table.drop(columns="key"), "Points", "table.csv"),
-        ],
+        tables=[point_table(table, fields)],
     )
-    out = Path(folder) / PAGE
-    with whole_file(out) as temporary:
-        temporary.write_text(page, encoding="utf-8")
-    return out
+    return page.write(folder)

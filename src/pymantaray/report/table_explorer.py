@@ -6,32 +6,34 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pymantaray.records.result_table import heading
 from pymantaray.report import style
 from pymantaray.report.explore import as_json
-from pymantaray.report.page import heading
+from pymantaray.report.page import Explorer
+from pymantaray.study.settings import key_heading
 
 _ROWS = 20_000  # that are shown, evenly from the table
 
 
 def table_explorer(
     table: pd.DataFrame, up: Sequence[str], across: Sequence[str], each: Sequence[str], *, lines: bool = True
-) -> str:
+) -> Explorer | None:
     """
-    A table for the script of the page, as JSON; empty if it has nothing to show.
+    Interactive plot of a table; None if it has nothing to show.
 
     ``up`` are numbers that can be shown, ``across`` the columns that they can be shown over, ``each`` those by which rows are told apart,
     the first of them from the start.
     """
     up = [name for name in up if pd.to_numeric(table[name], errors="coerce").notna().any()]
     if not len(table) or not up or not across:
-        return ""
+        return None
     if len(table) > _ROWS:
         table = table.iloc[np.unique(np.linspace(0, len(table) - 1, _ROWS).round().astype(int))]
     names = list(dict.fromkeys([*up, *across, *each]))
-    return as_json(
+    content = as_json(
         {
             "columns": {name: _values(table[name], number=name in up) for name in names},
-            "labels": {name: heading(name) for name in names},
+            "labels": {name: key_heading(name) if "." in name else heading(name) for name in names},
             "up": up,
             "across": list(across),
             "each": list(each),
@@ -41,6 +43,7 @@ def table_explorer(
             "own": _condition_colours(table),
         }
     )
+    return Explorer("table", content)
 
 
 def _condition_colours(table: pd.DataFrame) -> dict[str, str]:

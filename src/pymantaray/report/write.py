@@ -4,19 +4,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
-import pandas as pd
-
 from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
-from pymantaray.records.csv_text import csv_text
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import Plate, Results, find_figures, run_plates
-from pymantaray.report.latex import latex
-from pymantaray.report.page import Picture, ShownTable, run_page, shown_tables
-from pymantaray.report.parts import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
+from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
+from pymantaray.report.page import Picture
+from pymantaray.report.run_page import run_page
 from pymantaray.report.style import legend_entries, rendered
-from pymantaray.study.store import FIGURES, TABLES, Run, open_run
+from pymantaray.study.store import Run, open_run
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 _PRINTED = 300.0  # dots per inch of a paper
@@ -86,9 +83,7 @@ class ReportMaker:
         results = Results(open_run(folder))
         pictures = draw(run_plates(results), formats=self._formats, drawn=self._drawn, progress=progress)
         rays = self._rays or mission_rays(results)
-        page = run_page(results, pictures, rays)
-        shown = shown_tables(results) if "tex" in self._formats else {}
-        return all_files(results.tables, pictures, page, shown)
+        return run_page(results, pictures, rays).files(self._formats)
 
 
 def draw(
@@ -114,17 +109,3 @@ def _picture(plate: Plate, formats: Sequence[str]) -> Picture:
     kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
     files = rendered(figure, kinds, dpi=_PRINTED if "png" in formats else None)
     return Picture(plate.name, plate.caption, width, height, files, legend_entries(figure), plate.paper)
-
-
-def all_files(
-    tables: Mapping[str, pd.DataFrame],
-    pictures: Sequence[Picture],
-    page: str,
-    shown: Mapping[str, ShownTable] = MappingProxyType({}),
-) -> dict[str, bytes]:
-    """Files of a report by their names: tables with all their digits, those that are ``shown`` as LaTeX too, figures, page."""
-    content = {f"{TABLES}/{name}.csv": csv_text(table).encode() for name, table in tables.items()}
-    content |= {f"{TABLES}/{name}.tex": latex(table, name).encode() for name, table in shown.items()}
-    for picture in pictures:
-        content |= {f"{FIGURES}/{picture.name}.{kind}": file for kind, file in picture.files.items()}
-    return content | {PAGE: page.encode()}

@@ -15,7 +15,7 @@ from pymantaray.config.load import load_resolved
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
-from pymantaray.evaluation import dropout_table, error_bound, error_table, range_error_table
+from pymantaray.evaluation import error_bound
 from pymantaray.jobs.folder import MANIFEST
 from pymantaray.records import (
     Arrivals,
@@ -30,11 +30,14 @@ from pymantaray.records import (
     read_netcdf,
     whole_file,
 )
-from pymantaray.records.shown import shown_html
+from pymantaray.records.notebook import notebook_html
+from pymantaray.records.plotter import plotter
+from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.study.manifest import FORMATS
+from pymantaray.study.tables import SUMMARY, RunTables
 from pymantaray.water.listening import build_timing
 
 if TYPE_CHECKING:
@@ -64,21 +67,32 @@ class Run:
 
     path: Path
 
+    @cached_property
+    def tables(self) -> RunTables:
+        """Tables of the run by name, as the report and the commands show them; each is computed when it is first used."""
+        return RunTables(self)
+
+    @property
+    def plot(self) -> Any:
+        """Plots of the run, see `pymantaray.report.plots.RunPlots`: ``run.plot.range_error()`` returns matplotlib axes."""
+        return plotter("RunPlots")(self)
+
+    @property
+    def summary(self) -> list[ResultTable]:
+        """Tables that a command prints and a notebook shows after a run, with the columns for that."""
+        return [self.tables[name].short() for name in SUMMARY if name in self.tables]
+
     def _repr_html_(self) -> str:
-        """What a notebook shows: what was run, where it is, range errors and, where there are estimates, trajectory errors."""
-        config, pooled = self.config, dropout_table(self.measurements, self.truth)
+        """HTML for a notebook: the study, where it is, range errors and, if there are estimates, position errors."""
+        config = self.config
         facts = {
             "vehicles": self.truth.name.size,
             "hours": f"{config.mission.duration_h:g}",
             "realizations": config.study.realizations if config.solves else 0,
-            "ocean": f"{self.ocean.attrs['title']}{', made up' if self.synthetic else ''}",
+            "ocean": f"{self.ocean.attrs['title']}{', synthetic' if self.synthetic else ''}",
             "folder": self.path,
         }
-        errors = range_error_table(self.measurements, self.ranging_truth, self.truth)
-        tables = {"Refracted minus straight range": pooled.merge(errors)}
-        if config.solves:
-            tables["Trajectory error, no alignment"] = error_table(self.truth, self.estimates)
-        return shown_html(f"Run of {config.study.name}: {config.study.description}", facts, tables)
+        return notebook_html(f"Run of {config.study.name}: {config.study.description}", facts, self.summary)
 
     @cached_property
     def manifest(self) -> dict[str, Any]:

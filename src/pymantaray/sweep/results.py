@@ -1,6 +1,7 @@
 """What a sweep has found: how far it is, and one table of all points."""
 
 from collections import Counter
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +12,9 @@ import xarray as xr
 
 from pymantaray.errors import SweepError
 from pymantaray.jobs.store import Store, open_store
-from pymantaray.records.shown import shown_html
+from pymantaray.records.notebook import notebook_html
+from pymantaray.records.result_table import ResultTable
+from pymantaray.study.settings import key_heading
 from pymantaray.sweep.definition import Sweep, parse_sweep
 from pymantaray.sweep.keys import POINT
 from pymantaray.sweep.plan import Plan, read_plan
@@ -67,10 +70,11 @@ class SweepResults:
         return Status(len(known), done, lines.total(), dict(lines.most_common()))
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: how far the sweep is, and its table."""
+        """HTML for a notebook: how many points are done, failed and open, and the table."""
         status = self.status()
         counts = {DONE: status.done, FAILED: status.failed, OPEN: status.open, "points": status.points}
-        return shown_html(f"Sweep {self.sweep.name}", counts, {"": self.table()})
+        fields = [name for axis in self.sweep.axes for name in axis.coordinates()]
+        return notebook_html(f"Sweep {self.sweep.name}", counts, [point_table(self.table(), fields)])
 
     def table(self) -> pd.DataFrame:
         """
@@ -143,6 +147,34 @@ class SweepResults:
             for key, status, content in read_points(self._store, set(self._keys))
         }
         return [there.get(key) or {"status": OPEN, "key": key} for key in self._keys]
+
+
+def point_table(table: pd.DataFrame, fields: Sequence[str]) -> ResultTable:
+    """
+    Table of all points as pages, notebooks and commands show it.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        From `SweepResults.table`.
+    fields : sequence of str
+        Columns that were swept.
+
+    Returns
+    -------
+    ResultTable
+    """
+    columns = [str(name) for name in table.columns if name != "key"]
+    brief = ["point", *fields, "status", "condition", "mean_m", "rmse_m", "dropout_percent"]
+    return ResultTable(
+        "points",
+        table,
+        "Points",
+        columns=columns,
+        brief=[name for name in brief if name in columns],
+        words={name: key_heading(name) for name in fields},
+        file="table.csv",
+    )
 
 
 def open_sweep(place: str | Path) -> SweepResults:

@@ -6,15 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pymantaray.evaluation import (
-    ALL_LINKS,
-    consistency_summary,
-    consistency_table,
-    dropout_table,
-    error_table,
-    ping_error_table,
-    range_error_table,
-)
+from pymantaray.evaluation import ALL_LINKS
 from pymantaray.installation import code_version
 from pymantaray.jobs.folder import MANIFEST
 from pymantaray.jobs.pool import run_in_store
@@ -94,24 +86,22 @@ def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
 
 def summarize_point(run: Run) -> dict[str, Any]:
     """What a sweep keeps of a study: errors and consistency of each condition, and of its links. NaN is null."""
-    conditions = {
-        row.pop("condition"): row for row in error_table(run.truth, run.estimates).to_dict("records")
-    }
-    for row in ping_error_table(run.truth, run.estimates, run.measurements, run.bounds).to_dict("records"):
+    tables = run.tables
+    conditions = {row.pop("condition"): row for row in tables["ate_pooled"].frame.to_dict("records")}
+    for row in tables["ping_error"].frame.to_dict("records"):
         conditions[row["condition"]] |= {
             f"ping_{name}": v for name, v in row.items() if name not in {"condition", "n"}
         }
-    if run.covariances is not None:
-        by_epoch = consistency_table(run.truth, run.estimates, run.covariances)
-        for row in consistency_summary(by_epoch).to_dict("records"):
+    if "consistency" in tables:
+        for row in tables["consistency"].frame.to_dict("records"):
             conditions[row["condition"]] |= {
                 f"{row['statistic']}_nees_{name}"
                 if row["statistic"] != "ranges"
                 else f"ranges_nis_{name}": row[of]
                 for of, name in _CONSISTENCY.items()
             }
-    dropouts = _all_links(dropout_table(run.measurements, run.truth).to_dict("records"))
-    errors = _all_links(range_error_table(run.measurements, run.ranging_truth, run.truth).to_dict("records"))
+    dropouts = _all_links(tables["dropouts"].frame.to_dict("records"))
+    errors = _all_links(tables["range_error"].frame.to_dict("records"))
     links = dropouts | {f"range_error_{name}": value for name, value in errors.items() if name.endswith("_m")}
     return {
         "conditions": {name: _plain(row) for name, row in conditions.items()},

@@ -1,4 +1,4 @@
-"""Tables of a run's settings, as papers print them: timing of the mission, and noise."""
+"""Settings of a run in tables, as papers print them: timing of the mission, and noise."""
 
 import re
 from typing import Any
@@ -42,3 +42,12 @@ def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=["key", "value", "unit", "meaning"])
+
+
+def key_heading(key: str) -> str:
+    """Name of a key of a configuration with the unit of its description in brackets, if it has one."""
+    section, _, name = key.partition(".")
+    model = StudyConfig.model_fields[section].annotation if section in StudyConfig.model_fields else None
+    field = getattr(model, "model_fields", {}).get(name)
+    unit = _LAST_UNIT.search(field.description or "") if field else None
+    return f"{key} [{unit[1]}]" if unit else key

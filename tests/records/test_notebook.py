@@ -4,9 +4,9 @@ import re
 
 import pandas as pd
 
-from pymantaray.evaluation import error_table
 from pymantaray.ocean import check_ocean
-from pymantaray.records.shown import shown_html
+from pymantaray.records.notebook import notebook_html
+from pymantaray.records.result_table import ResultTable
 from pymantaray.study import open_run
 
 
@@ -19,9 +19,11 @@ def test_a_run_shows_its_errors(tiny_run_folder):
     html = run._repr_html_()
     assert "Run of tiny" in html
     assert f"folder: {tiny_run_folder}" in html
-    assert "made up" in html
-    for value in error_table(run.truth, run.estimates)["rmse_m"]:
-        assert f"{value:.6g}" in cells(html)
+    assert "synthetic" in html
+    errors = run.tables["ate_pooled"].short()
+    rmse = [head.text for head in errors.heads].index("RMSE [m]")
+    for row in errors.rows:
+        assert row[rmse] in cells(html)
     assert len(html) < 12_000
 
 
@@ -46,9 +48,8 @@ def test_findings_of_an_ocean_are_a_table():
 
 
 def test_a_long_table_is_cut_and_what_is_no_markup_stays_none():
-    shown = shown_html(
-        "<b>", {"<i>": "&"}, {"<u>": pd.DataFrame({"<a>": range(100), "x_m": [None, *range(99)]})}
-    )
-    assert "100 rows" in shown
+    frame = pd.DataFrame({"<a>": range(100), "x_m": [None, *range(99)]})
+    shown = notebook_html("<b>", {"<i>": "&"}, [ResultTable("t", frame, "<u>")])
+    assert "the first 12 of 100 rows" in shown
     assert len(cells(shown)) < 50
     assert not set(re.findall(r"</?(\w+)", shown)) & {"b", "i", "u", "a"}

@@ -1,0 +1,99 @@
+"""Numbers as readers see them: the same digits in the terminal, in notebooks, on pages and in LaTeX."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MISSING = "–"
+_MINUS = "−"
+_LARGE, _HUGE = 1e5, 1e7  # numbers from here on have no decimals, and an exponent
+_MOST_DECIMALS = 5  # to give the smallest number a digit
+_MOST_DIGITS = 8  # of a number written without an exponent
+_EXPONENT = ".3e"
+
+
+def show(value: Any) -> str:
+    """Text of one value: four digits of a measured number, all digits of a count, a dash for a missing value."""
+    if value is None:
+        return MISSING
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int | np.integer):
+        return f"{int(value):,}".replace("-", _MINUS)
+    if not isinstance(value, float | np.floating):
+        return str(value)
+    size = abs(float(value))
+    if np.isnan(size):
+        return MISSING
+    if size == 0.0 or 1e-3 <= size < 1e4:
+        text = f"{value:.4g}"
+    else:
+        text = f"{value:,.0f}" if 1e4 <= size < _HUGE else f"{value:{_EXPONENT}}"
+    return text.replace("-", _MINUS)
+
+
+def show_alike(values: Sequence[Any], form: str | None = None) -> list[str]:
+    """Text of each value of one quantity: measured numbers have one format, by default that of `number_format`."""
+    form = number_format(measured_numbers(values)) if form is None else form
+    return [
+        f"{value:{form}}".replace("-", _MINUS)
+        if form and isinstance(value, float | np.floating) and np.isfinite(value)
+        else show(value)
+        for value in values
+    ]
+
+
+def show_row(values: Sequence[Any]) -> list[str]:
+    """Text of each value of a row whose values are one quantity; a single number has four digits."""
+    return show_alike(values) if measured_numbers(values).size > 1 else [show(value) for value in values]
+
+
+def measured_numbers(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Finite floating-point numbers among some values."""
+    return np.array([v for v in values if isinstance(v, float | np.floating) and np.isfinite(v)], dtype=float)
+
+
+def number_format(numbers: NDArray[np.float64]) -> str:
+    """
+    Format for all numbers of one quantity, which then have equal decimals.
+
+    The largest has four digits and at least two decimals, if each number but 0 then shows a digit. Else there are as many
+    decimals as the smallest needs, or an exponent if these are too many.
+    """
+    if (form := compact_format(numbers)) is not None:
+        return form
+    sizes = np.abs(numbers[numbers != 0.0])
+    decimals = max(-int(np.floor(np.log10(sizes.min()))), 0)
+    digits = max(int(np.floor(np.log10(sizes.max()))), 0) + 1 + decimals
+    return f",.{decimals}f" if decimals <= _MOST_DECIMALS and digits <= _MOST_DIGITS else _EXPONENT
+
+
+def compact_format(numbers: NDArray[np.float64]) -> str | None:
+    """Format in which the largest number has four digits, and at least two decimals; None if a number would then show no digit."""
+    sizes = np.abs(numbers[numbers != 0.0])
+    if not sizes.size:
+        return ",.0f"
+    if sizes.max() >= _HUGE:
+        return None
+    if sizes.max() >= _LARGE or (numbers == np.round(numbers)).all():
+        decimals = 0
+    else:
+        decimals = max(2, 3 - int(np.floor(np.log10(sizes.max()))))
+    return f",.{decimals}f" if (sizes >= 0.5 * 10.0**-decimals).all() else None
+
+
+def metres(value: float) -> str:
+    """Number with its unit and two decimals, a dash for a missing value."""
+    return f"{value:,.2f} m".replace("-", _MINUS) if np.isfinite(value) else MISSING
+
+
+def signed_metres(value: float) -> str:
+    """Number with its sign, its unit and two decimals, a dash for a missing value."""
+    return f"{value:+,.2f} m".replace("-", _MINUS) if np.isfinite(value) else MISSING
+
+
+def plain_signs(text: str) -> str:
+    """Text whose numbers have a hyphen as minus sign, so that any terminal shows and any program reads them."""
+    return text.replace(_MINUS, "-").replace(MISSING, "-")

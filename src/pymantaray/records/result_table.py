@@ -1,0 +1,277 @@
+"""A table of results: all digits for programs, and one look for readers in the terminal, notebooks, pages and LaTeX."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from html import escape
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pymantaray.records.csv_text import csv_text
+from pymantaray.records.digits import (
+    compact_format,
+    measured_numbers,
+    number_format,
+    plain_signs,
+    show_alike,
+    show_row,
+)
+from pymantaray.records.glossary import meaning
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_UNITS = {
+    "_m_s": " [m/s]",
+    "_m": " [m]",
+    "_km": " [km]",
+    "_s": " [s]",
+    "_us": " [µs]",
+    "_h": " [h]",
+    "_deg": " [deg]",
+    "_percent": " [%]",
+}
+_HEADS = {
+    "n": "N",
+    "sd_m": "sd [m]",
+    "rmse_m": "RMSE [m]",
+    "p1_m": "1 % [m]",
+    "p5_m": "5 % [m]",
+    "p25_m": "25 % [m]",
+    "p75_m": "75 % [m]",
+    "p95_m": "95 % [m]",
+    "p99_m": "99 % [m]",
+    "from_straight_rmse_m": "RMSE from straight [m]",
+    "from_straight_median_m": "median from straight [m]",
+    "rmse_standard_error_m": "standard error of RMSE [m]",
+    "bound_rmse_m": "lower bound of RMSE [m]",
+    "efficiency": "efficiency, (bound / RMSE)²",
+    "percent": "share [%]",
+    "percent_beyond_3_sigma": "> 3 sigma [%]",
+}
+_FORMATS = dict.fromkeys(("lat", "lon", "latitude", "longitude"), ".6f")  # a metre is 1e-5 degrees
+_QUANTITY = "quantity"  # a column with names of columns of other tables
+_NOTEBOOK_ROWS = 12
+_LATEX_SIGNS = {
+    "−": "$-$",
+    "–": "--",
+    "²": "$^2$",
+    "≤": "$\\leq$",
+    "°": "$^\\circ$",
+    "σ": "$\\sigma$",
+    "µ": "$\\mu$",
+}
+
+
+class Head(NamedTuple):
+    """Head of a column: its text with the unit in brackets, whether numbers are below it, and its meaning or nothing."""
+
+    text: str
+    numbers: bool
+    meaning: str
+
+
+@dataclass(frozen=True, eq=False)
+class ResultTable:
+    """
+    A table of results, the same wherever it is shown.
+
+    Parameters
+    ----------
+    name : str
+        Name of its file and of its LaTeX label.
+    frame : pandas.DataFrame
+        All columns with all digits; names of columns end in their units, ``_m``, ``_s``, ``_h``, ``_deg``, ``_percent``.
+    caption : str
+    columns : sequence of str
+        Columns that people see, by default all.
+    brief : sequence of str
+        Columns where there is less room, in the terminal and in notebooks, by default `columns`.
+    words : mapping of str to str
+        Heads of columns that mean something else than in other tables.
+    by_row : bool
+        True if the numbers of a row are one quantity; else those of a column are.
+    folded : bool
+        True if a page shows only the caption until it is clicked.
+    paper : str
+        Counterpart in the paper.
+    file : str
+        File to which a page links, by default ``tables/NAME.csv``.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> frame = pd.DataFrame({"vehicle": ["A", "B"], "rmse_m": [0.51234, 12.3]})
+    >>> print(ResultTable("errors", frame))
+    vehicle RMSE [m]
+          A     0.51
+          B    12.30
+    """
+
+    name: str
+    frame: "pd.DataFrame"
+    caption: str = ""
+    columns: Sequence[str] = ()
+    brief: Sequence[str] = ()
+    words: Mapping[str, str] = field(default_factory=dict)
+    by_row: bool = False
+    folded: bool = False
+    paper: str = ""
+    file: str = ""
+
+    @property
+    def shown(self) -> "pd.DataFrame":
+        """Columns that people see, with all digits."""
+        return self.frame[list(self.columns)] if self.columns else self.frame
+
+    @cached_property
+    def heads(self) -> list[Head]:
+        """Heads of the columns that people see."""
+        return [
+            Head(self.words.get(name, heading(name)), dtype.kind in "iuf", meaning(name))
+            for name, dtype in zip(map(str, self.shown.columns), self.shown.dtypes, strict=True)
+        ]
+
+    @cached_property
+    def rows(self) -> list[list[str]]:
+        """Cells that people see: numbers of a column have equal decimals, or those of a row if that is one quantity."""
+        frame = self.shown.astype(object)
+        if _QUANTITY in frame:
+            frame[_QUANTITY] = frame[_QUANTITY].map(heading)
+        cells = frame.to_numpy()
+        if self.by_row:
+            return [show_row(row) for row in cells.tolist()]
+        forms = _formats(self.shown)
+        columns = [show_alike(column, form) for column, form in zip(cells.T.tolist(), forms, strict=True)]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    def short(self) -> "ResultTable":
+        """
+        Return the table with the columns for the terminal and for notebooks.
+
+        Returns
+        -------
+        ResultTable
+        """
+        return replace(self, columns=self.brief or self.columns)
+
+    def first(self, rows: int) -> "ResultTable":
+        """
+        Return the first rows, with a caption that says so.
+
+        Parameters
+        ----------
+        rows : int
+
+        Returns
+        -------
+        ResultTable
+            The table itself if it has no more rows.
+        """
+        if len(self.frame) <= rows:
+            return self
+        caption = f"{self.caption.removesuffix('.')}: the first {rows} of {len(self.frame):,} rows"
+        return replace(self, frame=self.frame.head(rows), caption=caption)
+
+    def to_csv(self) -> str:
+        """
+        Return all columns with all digits as CSV.
+
+        Returns
+        -------
+        str
+        """
+        return csv_text(self.frame)
+
+    def to_latex(self) -> str:
+        """
+        Return the columns that people see as a LaTeX table for the package booktabs, with caption and label.
+
+        Returns
+        -------
+        str
+            Special characters are escaped; the label is ``tab:NAME``.
+        """
+        import pandas as pd
+
+        texts = pd.DataFrame(self.rows, columns=range(len(self.heads)), dtype=object).map(_latex)
+        texts.columns = pd.Index([_latex(head.text) for head in self.heads])
+        content = texts.to_latex(
+            index=False,
+            escape=False,
+            column_format="".join("r" if head.numbers else "l" for head in self.heads),
+            caption=_latex(self.caption),
+            label=f"tab:{self.name}",
+            position="tb",
+        )
+        return str(content)
+
+    def __str__(self) -> str:
+        """Heads and cells in columns, as a terminal shows them."""
+        import pandas as pd
+
+        texts = pd.DataFrame(
+            [[plain_signs(text) for text in row] for row in self.rows],
+            columns=[head.text for head in self.heads],
+        )
+        return str(texts.to_string(index=False))
+
+    def __repr__(self) -> str:
+        """Name and size."""
+        rows, columns = self.frame.shape
+        return f"<ResultTable {self.name}: {rows} row{'' if rows == 1 else 's'}, {columns} columns>"
+
+    def _repr_html_(self) -> str:
+        """HTML for a notebook: caption and cells; a long table has its first rows and their number."""
+        table = self.short().first(_NOTEBOOK_ROWS)
+        cells = "".join(f"<th>{escape(head.text)}</th>" for head in table.heads)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in table.rows
+        )
+        caption = f"<div>{escape(table.caption)}</div>" if table.caption else ""
+        return f"{caption}<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def heading(column: str) -> str:
+    """Head of a column, its unit in brackets; a key of a configuration stays as it is written there."""
+    if column in _HEADS:
+        return _HEADS[column]
+    if "." in column:
+        return column
+    for ending, unit in _UNITS.items():
+        if column.endswith(ending):
+            return column.removesuffix(ending).replace("_", " ") + unit
+    return column.replace("_", " ")
+
+
+def _formats(table: "pd.DataFrame") -> list[str]:
+    """
+    Format of the measured numbers of each column.
+
+    Columns in one unit have the same, if each number then shows a digit, except columns of whole numbers, which have no decimals.
+    """
+    columns = [str(column) for column in table.columns]
+    units = [next((ending for ending in _UNITS if column.endswith(ending)), column) for column in columns]
+    numbers = [measured_numbers(table.iloc[:, k].tolist()) for k in range(len(columns))]
+    units = [
+        column if (own == np.round(own)).all() else unit
+        for column, unit, own in zip(columns, units, numbers, strict=True)
+    ]
+    shared = {
+        unit: compact_format(
+            np.concatenate([n for n, own in zip(numbers, units, strict=True) if own == unit])
+        )
+        for unit in set(units)
+    }
+    return [
+        _FORMATS.get(column) or shared[unit] or number_format(own)
+        for column, unit, own in zip(columns, units, numbers, strict=True)
+    ]
+
+
+def _latex(text: str) -> str:
+    """Text whose special characters LaTeX writes as they are."""
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special |= {sign: f"\\{sign}" for sign in "&%$#_{}"} | {"<": "$<$", ">": "$>$", "\n": " "} | _LATEX_SIGNS
+    return "".join(special.get(letter, letter) for letter in text)
