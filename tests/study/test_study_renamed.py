@@ -8,6 +8,7 @@ import pytest
 from factories import TINY
 from refusals import refused
 
+from pymantaray.config import convert_study
 from pymantaray.config.renamed import LISTS, NEW_VALUES, RENAMED, new_key, with_new_names
 from pymantaray.errors import StudyError
 from pymantaray.study import load_sound, load_study, open_run, parse_study, study_toml
@@ -128,6 +129,35 @@ def test_bases_dotted_keys_sweeps_and_sound_take_old_names(old):
     alone.write_text('[ocean]\nsource = "sea.nc"\ncentre_latitude_deg = 1.0\ncentre_longitude_deg = 2.0\n')
     with pytest.warns(FutureWarning, match="centre_lat"):
         assert load_sound(alone).ocean.centre == (1.0, 2.0)
+
+
+LANDMARK = '[[landmarks]]\nname = "L"\nnorth = "1 km"\neast = 0.0\ndepth = 9.0\n'
+
+
+@pytest.mark.parametrize("text", [
+    OLD,
+    OLD.replace('conditions = ["odometry", "refracted"]', ""),
+    'base = "estimators-fram"\n[estimators.eigenray]\nloss = "huber"\n' + LANDMARK,
+    'base = "estimators-fram"\n[[estimators]]\nname = "mine"\nrange_sigma = 5.0\n',
+    'base = "quick"\n[study]\nconditions = []\n',
+], ids=["both", "estimators", "by name", "list", "none"])  # fmt: skip
+def test_an_old_file_is_rewritten_with_the_new_names(tmp_path, text):
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    with pytest.warns(FutureWarning):
+        config = load_study(file)
+    file.write_text(convert_study(file))
+    assert load_study(file) == config
+
+
+def test_of_a_file_that_is_no_study_nothing_is_rewritten(tmp_path):
+    sound = tmp_path / "sound.toml"
+    sound.write_text('[ocean]\nsource = "sea.nc"\ncentre_latitude_deg = 1.0\ncentre_longitude_deg = 2.0\n')
+    with pytest.warns(FutureWarning):
+        assert "centre_lat = 1.0" in convert_study(sound)
+    sound.write_text('[ocean]\nsource = "sea.nc"\nsauce = 3\n')
+    refused(StudyError, r"sound.toml: `ocean.sauce`: unknown key", convert_study, sound)
+    refused(StudyError, "nowhere.toml: cannot be read", convert_study, "nowhere.toml")
 
 
 def test_an_old_name_beside_the_new_one_is_one_line(tiny):

@@ -2,31 +2,20 @@
 
 import errno
 import os
+import pkgutil
 import re
 import resource
 import signal
 import sys
 import threading
+from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
 import typer
 
 import pymantaray
-from pymantaray.cli import (
-    atlas,
-    doctor,
-    export,
-    graph,
-    locate,
-    ocean,
-    ranges,
-    rays,
-    replay,
-    serve,
-    study,
-    sweep,
-)
-from pymantaray.cli.options import Commands, OceanCommand
+from pymantaray import cli
+from pymantaray.cli.options import Commands
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
 from pymantaray.messages import without_secrets
@@ -38,18 +27,20 @@ app = Commands(
     help="What the real ocean does to acoustic ranges between vehicles, and to their estimated positions.",
     pretty_exceptions_enable=False,
 )
-app.add_typer(study.app, name="study")
-app.add_typer(sweep.app, name="sweep")
-app.add_typer(atlas.app, name="atlas")
-app.add_typer(ocean.app, name="ocean")
-app.add_typer(graph.app, name="graph")
-app.add_typer(rays.app, name="rays")
-app.add_typer(locate.app, name="locate")
-app.command("ranges", cls=OceanCommand)(ranges.ranges)
-app.command("serve")(serve.serve)
-app.command("replay", cls=OceanCommand)(replay.replay)
-app.command("export")(export.export)
-app.command("doctor")(doctor.doctor)
+
+
+def _add_commands() -> None:
+    """Add what the modules of this folder have: an ``app`` is a group of commands, a function of the module's name a command."""
+    names = [module.name for module in pkgutil.iter_modules(cli.__path__)]
+    for name in sorted(name for name in names if name != "main" and "_" not in name):
+        module = import_module(f"{cli.__name__}.{name}")
+        if hasattr(module, "app"):
+            app.add_typer(module.app, name=name)
+        elif hasattr(module, name):
+            app.command(name)(getattr(module, name))
+
+
+_add_commands()
 
 
 def _print_version(asked: bool) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.models import OptionInfo
 
 from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError, WaterError
@@ -147,14 +148,22 @@ class Commands(typer.Typer):
         super().__init__(no_args_is_help=True, **settings)
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[..., Any]:
-        """Take a function as a command, and give it back as it is."""
-        take = super().command(name, **settings)
+        """Take a function as a command, and return it unchanged; one with an option ``--ocean`` is an `OceanCommand`."""
+        take = super().command
 
         def decorate(function: Callable[..., None]) -> Callable[..., None]:
-            take(_with_verbosity(function))
+            kind = {"cls": OceanCommand} if _has_option(function, "ocean") else {}
+            take(name, **(kind | settings))(_with_verbosity(function))
             return function
 
         return decorate
+
+
+def _has_option(command: Callable[..., None], name: str) -> bool:
+    """True if a function for typer has an option, not an argument, of a name."""
+    parameter = inspect.signature(command).parameters.get(name)
+    kinds = getattr(parameter and parameter.annotation, "__metadata__", ())
+    return any(isinstance(kind, OptionInfo) for kind in kinds)
 
 
 def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:

@@ -14,7 +14,6 @@ from pymantaray.cli.options import (
     Fan,
     Force,
     Json,
-    OceanCommand,
     Quiet,
     SearchOptions,
     SourceOptions,
@@ -43,9 +42,9 @@ if TYPE_CHECKING:
     Status = NDArray[np.int8]
 
 app = Commands(help="Travel times and rays between your own positions.")
-app.command("plot", cls=OceanCommand)(plot)
-app.command("compare-bellhop", cls=OceanCommand)(compare_bellhop)
-app.command("write-bellhop", cls=OceanCommand)(write_bellhop)
+app.command("plot")(plot)
+app.command("compare-bellhop")(compare_bellhop)
+app.command("write-bellhop")(write_bellhop)
 
 _MANY = 4096  # links that are worth a progress bar
 
@@ -53,7 +52,7 @@ In = Annotated[Path, LINKS]
 Out = Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
 
 
-@app.command(cls=OceanCommand)
+@app.command()
 @with_options
 def times(
     links: In,
@@ -80,7 +79,7 @@ def times(
     job.finish(arrivals.first().to_dataset() if out.suffix == ".nc" else table, arrivals.status)
 
 
-@app.command(cls=OceanCommand)
+@app.command()
 @with_options
 def eigen(
     links: In,
@@ -101,7 +100,7 @@ def eigen(
     job.finish(result, arrivals.status, arrivals=arrivals.link.size)
 
 
-@app.command(cls=OceanCommand)
+@app.command()
 @with_options
 def trace(
     links: In,

@@ -14,7 +14,6 @@ from pymantaray.cli.options import (
     Commands,
     Formats,
     Json,
-    OceanCommand,
     OceanOptions,
     Quiet,
     RunGroup,
@@ -89,10 +88,33 @@ def init(
     changes: Set = None,
 ) -> None:
     """Write a preset into a file to edit, with every key that it leaves at its default."""
-    from pymantaray.errors import StudyError
     from pymantaray.study import starter_text
 
-    text = starter_text(name, **changes_of(changes))
+    _write_new(file, starter_text(name, **changes_of(changes)))
+    typer.echo(f"{file}: made of preset {name}; edit it, then: mantaray study run {file}")
+
+
+@app.command()
+def convert(
+    old: Annotated[Path, typer.Argument(metavar="OLD", help="A study file of an earlier version.")],
+    new: Annotated[
+        Path | None, typer.Argument(metavar="NEW", help="The file to make; printed unless given.")
+    ] = None,
+) -> None:
+    """Rewrite a study file of an earlier version with today's keys; its comments are lost."""
+    from pymantaray.config import convert_study
+
+    text = convert_study(old)
+    if new is None:
+        typer.echo(text, nl=False)
+    else:
+        _write_new(new, text)
+
+
+def _write_new(file: Path, text: str) -> None:
+    """Write a text into a file that does not exist yet."""
+    from pymantaray.errors import StudyError
+
     try:
         with file.open("x", encoding="utf-8") as copy:
             copy.write(text)
@@ -100,7 +122,6 @@ def init(
         raise StudyError(f"{file}: exists already; give another name") from None
     except OSError as error:
         raise StudyError(f"{file}: cannot be written: {error.strerror}") from None
-    typer.echo(f"{file}: made of preset {name}; edit it, then: mantaray study run {file}")
 
 
 @app.command()
@@ -116,7 +137,7 @@ def cite(
     typer.echo(references.bibtex if bibtex else references, nl=not bibtex)
 
 
-@app.command(cls=OceanCommand)
+@app.command()
 @with_options
 def run(
     study: NameOrFile,

@@ -1,6 +1,7 @@
 """Study files: sections with defaults and checks, presets, and text again."""
 
 from pymantaray.config.load import (
+    convert_study,
     list_presets,
     load_sound,
     load_study,
@@ -14,6 +15,7 @@ from pymantaray.config.text import study_toml
 __all__ = [
     "SoundConfig",
     "StudyConfig",
+    "convert_study",
     "list_presets",
     "load_sound",
     "load_study",

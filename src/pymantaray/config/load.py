@@ -8,9 +8,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import tomli_w
+
 from pymantaray.config.checks import parse
-from pymantaray.config.common import NAME, located
-from pymantaray.config.conditions import with_conditions
+from pymantaray.config.common import NAME, NONE, located
+from pymantaray.config.conditions import CONDITIONS, with_conditions
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
 from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
@@ -139,6 +141,47 @@ def load_study(
     return parse_study(described(tree, name, words) if words else tree, name)
 
 
+def convert_study(file: str | Path) -> str:
+    """
+    Rewrite a study file of an earlier version with today's keys.
+
+    Parameters
+    ----------
+    file : str or pathlib.Path
+        TOML file of a study, or of its sound alone. Its ``base`` stays the base. Comments are lost.
+
+    Returns
+    -------
+    str
+        TOML text. In the same folder as the file, it is the same study.
+
+    Raises
+    ------
+    StudyError
+        If the file is missing, not TOML, or no study.
+
+    Examples
+    --------
+    >>> print(convert_study("old.toml"))  # doctest: +SKIP
+    """
+    path, label = Path(file), str(file)
+    old = with_new_names(_parsed(_read(path), label), label, warn=False)
+    whole, study = _tree(path, warn=False), old.get("study", {})
+    if "fleet" in whole:
+        parse_study(whole, label)
+    else:
+        load_sound(path)
+    new = {key: value for key, value in old.items() if key != "estimators"}
+    if "study" in old:
+        new["study"] = {key: value for key, value in study.items() if key != CONDITIONS}
+    if isinstance(old.get("estimators"), dict) and CONDITIONS not in study:
+        new[CONDITIONS] = old["estimators"]  # tables by name change the base's
+    elif "estimators" in old or CONDITIONS in study:
+        new[CONDITIONS] = whole[CONDITIONS] or NONE
+    heads = {key: new.pop(key) for key in (BASE, CONDITIONS) if isinstance(new.get(key), str)}
+    return tomli_w.dumps({**heads, **({"study": new.pop("study")} if "study" in new else {}), **new})
+
+
 def load_resolved(file: Path) -> StudyConfig:
     """Configuration that a run was made of; one of an earlier version has old names, of which nobody is told."""
     return parse_study(_tree(file, warn=False), str(file))
@@ -214,19 +257,23 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
         _check_preset(name)
     folder = path.parent if is_file else Path()
     text = _read(path if is_file else Path(str(_PRESETS / f"{name}.toml")))
-    try:
-        tree = located(tomllib.loads(text), folder)
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{name}: not valid TOML: {error}") from None
-    except (ValueError, RecursionError):
-        raise StudyError(
-            f"{name}: not valid TOML: a number is too long, or tables are nested too deep"
-        ) from None
-    tree = with_new_names(tree, name, warn=warn)
+    tree = with_new_names(located(_parsed(text, name), folder), name, warn=warn)
     here = str(path.resolve()) if is_file else name
     tree = _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
     whole: Tree = with_conditions(tree, name, warn=warn)
     return whole
+
+
+def _parsed(text: str, label: str) -> Tree:
+    """Nested dictionaries of a TOML text."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{label}: not valid TOML: {error}") from None
+    except (ValueError, RecursionError):
+        raise StudyError(
+            f"{label}: not valid TOML: a number is too long, or tables are nested too deep"
+        ) from None
 
 
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
