@@ -82,6 +82,35 @@ def test_names_of_quantities_lead_to_the_nomenclature(pages):
     assert {"sound_speed", "travel_time", "range_sigma", "odometry_..._fraction"} <= seen
 
 
+def test_words_of_the_glossary_show_their_meaning(pages):
+    """The first occurrence on a page links to the entry; the tooltip is the text of that entry."""
+    glossary, anchors = pages["reference/glossary.html"]
+    meanings = {
+        term["id"]: term.find_next("dd").get_text(strip=True).replace("’", "'")
+        for term in glossary.select("dt[id]")
+    }
+    seen = set()
+    for page, (article, _) in pages.items():
+        here = []
+        for link in article.select("a.term"):
+            place, anchor = urldefrag(link["href"])
+            assert place.endswith("glossary.html"), page
+            assert link["title"] == meanings[anchor], f"{page}: {link.get_text()}"
+            here.append(anchor)
+        assert len(here) == len(set(here)), f"{page}: a word is explained twice"
+        seen |= set(here)
+    assert seen <= anchors
+    words = {"shadow", "weak", "blocked", "condition", "NEES", "lower-bound"}
+    assert seen == {f"term-{word}" for word in words}
+
+
+def test_notebooks_show_what_their_cells_print(pages):
+    for name in ("study", "travel_times", "locate"):
+        article, _ = pages[f"notebooks/{name}.html"]
+        assert article.select("div.cell_output img"), name
+        assert article.select("div.cell_output")[0].get_text(strip=True), name
+
+
 CUT = """() => [...document.querySelectorAll(".bd-sidebar-primary a, .bd-sidebar-secondary a")].filter((link) => {
   const margin = link.closest(".bd-sidebar-primary, .bd-sidebar-secondary").getBoundingClientRect();
   return link.checkVisibility() && [...link.getClientRects(), ...[...link.querySelectorAll("*")].flatMap((part) => [...part.getClientRects()])].some((box) => box.right > margin.right + 1);

@@ -14,6 +14,7 @@ from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.nodes import make_refnode
 
 import pymantaray
+from pymantaray.report.glossary import GLOSSARY
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -25,7 +26,7 @@ version = release = pymantaray.__version__
 html_title = f"{project} {version}"
 
 extensions = [
-    "myst_parser",
+    "myst_nb",  # loads myst_parser
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.viewcode",
@@ -41,10 +42,14 @@ sphinx_gallery_conf = {
     "show_signature": False,
     "abort_on_example_error": True,
 }
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600  # s, of a cell
+exclude_patterns = ["scripts/*.ipynb"]  # made by the gallery for download, not pages
 root_doc = "index"
 default_role = "py:obj"
 myst_heading_anchors = 4
-myst_enable_extensions = []
+myst_enable_extensions = ["colon_fence", "deflist"]
 templates_path = [str(HERE / "templates")]
 autosummary_generate = True
 autodoc_member_order = "bysource"
@@ -151,6 +156,65 @@ def link_quantity(app, docname, name):
     return nodes.reference("", name, internal=True, refuri=f"{place}#{nodes.make_id(entry)}")
 
 
+TERMS = {
+    "shadow": r"shadows?(?: zones?)?",
+    "weak": r"weak",
+    "blocked": r"blocked",
+    "condition": r"(?<!boundary )(?<!initial )conditions?",
+    "NEES": r"NEES",
+    "lower bound": r"(?:posterior )?Cramér-Rao bound|lower bounds?",
+}
+"""Words of the glossary that pages explain where they first occur, and how pages write them."""
+SKIPPED = (
+    nodes.title,
+    nodes.reference,
+    nodes.literal,
+    nodes.literal_block,
+    nodes.math,
+    nodes.term,
+    nodes.caption,
+)
+OWN_WORDS = ("changelog", "reference/glossary", "reference/api/")
+"""Pages without tooltips: the glossary itself, and pages made from code and commits."""
+
+
+def explain_terms(app, doctree, docname):
+    """Link the first occurrence of each term of the glossary on a page to its entry, with the meaning as tooltip."""
+    if docname.startswith(OWN_WORDS):
+        return
+    left = dict(TERMS)
+    for text in list(doctree.findall(nodes.Text)):
+        if not left:
+            return
+        above, parent = [], text.parent
+        while parent is not None:
+            above.append(parent)
+            parent = parent.parent
+        if not any(isinstance(node, SKIPPED) for node in above):
+            parts = [text]
+            for word, pattern in list(left.items()):
+                match = re.search(rf"\b(?:{pattern})\b", parts[-1], re.IGNORECASE)
+                if match:
+                    parts[-1:] = [
+                        nodes.Text(parts[-1][: match.start()]),
+                        term_link(app, docname, word, match[0]),
+                        nodes.Text(parts[-1][match.end() :]),
+                    ]
+                    del left[word]
+            if len(parts) > 1:
+                text.parent.replace(text, parts)
+
+
+def term_link(app, docname, word, written):
+    """Link to a word's entry in the glossary; pointing at it shows the meaning."""
+    page, anchor = app.env.domains["std"].objects["term", word]
+    place = app.builder.get_relative_uri(docname, page)
+    link = nodes.reference(
+        "", written, internal=True, refuri=f"{place}#{anchor}", reftitle=GLOSSARY[word], classes=["term"]
+    )
+    return link
+
+
 def mathml(display):
     """Write a formula as MathML, which browsers show without a script."""
 
@@ -168,5 +232,6 @@ def setup(app):
     app.connect("autodoc-process-docstring", describe_data, priority=100)
     app.connect("missing-reference", resolve)
     app.connect("doctree-resolved", link_quantities)
+    app.connect("doctree-resolved", explain_terms)
     app.add_lexer("csv", TextLexer)
     app.add_html_math_renderer("mathml", (mathml(display=False), None), (mathml(display=True), None))

@@ -341,3 +341,15 @@ def text(words: str) -> str:
         f"`{part.strip('`')}`" if part.startswith("`") else re.sub(r"([\\*_<>\[\]#$])", r"\\\1", part)
         for part in parts
     )
+
+
+def glossary() -> dict[str, str]:
+    """Page of the words that pages of runs and of the site show as tooltips, from the package's own list."""
+    from pymantaray.report.glossary import GLOSSARY
+
+    entries = "\n\n".join(f"{word}\n  {meaning}" for word, meaning in GLOSSARY.items())
+    page = (
+        f"# Glossary\n\nOn other pages these words show their meaning if you point at them.\n\n"
+        f":::{{glossary}}\n{entries}\n:::\n"
+    )
+    return {"reference/glossary.md": page}

@@ -4,6 +4,7 @@ Lay out the sources of the built documentation: the Markdown pages as they are, 
 Run as ``python docs/site/stage.py build/docs-source``; files that do not change are not touched.
 """
 
+import json
 import re
 import shutil
 import sys
@@ -21,7 +22,8 @@ TITLES = {
     "reference": "Reference",
     "design": "Decision records",
 }
-GENERATED = {"reference": ["api/index", "configuration", "commands"]}
+GENERATED = {"reference": ["api/index", "configuration", "commands", "glossary"]}
+EXAMPLES = ROOT / "examples"
 
 
 def stage(target: Path) -> None:
@@ -29,6 +31,7 @@ def stage(target: Path) -> None:
     pages = {path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8") for path in own_pages()}
     contents = pages.pop("README.md")
     pages |= reference_pages.configuration() | reference_pages.commands() | reference_pages.interface()
+    pages |= reference_pages.glossary() | {"notebooks/index.md": notebooks()}
     ordered = re.findall(r"\]\(([\w./-]+\.md)", contents)
     for folder, title in TITLES.items():
         pages[f"{folder}/index.md"] = index_page(folder, title, ordered, pages)
@@ -40,9 +43,32 @@ def stage(target: Path) -> None:
         (target / "figures").mkdir(exist_ok=True)
         if figure.suffix in {".png", ".csv"}:
             shutil.copy2(figure, target / "figures")
+    for name in notebook_names():
+        write(target / "notebooks" / name, (EXAMPLES / "notebooks" / name).read_text(encoding="utf-8"))
+    script = "locate_survey.py"  # a notebook runs it
+    write(target / "examples" / script, (EXAMPLES / script).read_text(encoding="utf-8"))
     for path in target.rglob("*.md"):
         if path.relative_to(target).as_posix() not in pages:
             path.unlink()
+
+
+def notebook_names() -> list[str]:
+    """Files of the notebooks."""
+    return sorted(path.name for path in (EXAMPLES / "notebooks").glob("*.ipynb"))
+
+
+def notebooks() -> str:
+    """Index of the notebooks."""
+    entries = [name.removesuffix(".ipynb") for name in notebook_names()]
+    words = "The build of this site runs these notebooks. They are in `examples/notebooks`."
+    listing = "\n".join(f"- [{notebook_title(entry)}]({entry}.ipynb)" for entry in entries)
+    return f"# Notebooks\n\n{words}\n\n{listing}\n\n" + reference_pages.toctree(entries)
+
+
+def notebook_title(name: str) -> str:
+    """Title of a notebook, in its first cell."""
+    cells = json.loads((EXAMPLES / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
+    return heading("".join(cells[0]["source"]))
 
 
 def without_outside_links(name: str, words: str) -> str:
@@ -79,7 +105,15 @@ def landing(contents: str, pages: dict[str, str]) -> str:
         for page in (*(f"reference/{entry}.md" for entry in GENERATED["reference"]), "figures/README.md")
     )
     rest = contents.split("\n", 1)[1] + f"\nBesides: {made}.\n"
-    entries = [*folders[:4], "scripts/index", "figures/README", *top, folders[4], "changelog"]
+    entries = [
+        *folders[:4],
+        "scripts/index",
+        "notebooks/index",
+        "figures/README",
+        *top,
+        folders[4],
+        "changelog",
+    ]
     return f"{begin}\n\n## What there is to read\n{rest}\n" + reference_pages.toctree(entries)
 
 
