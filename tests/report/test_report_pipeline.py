@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+
 from pymantaray.report.figures_pipeline import STAGES, columns, flows, pipeline
 
 
@@ -56,3 +59,22 @@ def test_data_of_a_study_flows_one_way_and_reaches_every_stage():
 def test_every_stage_is_named_on_the_figure(look):
     words = {text.get_text() for text in look.draw(pipeline("")).axes[0].texts}
     assert {folder for folder, *_ in STAGES} | {"Trajectories", "Measurements", "Estimates"} <= words
+
+
+def test_no_arrow_passes_behind_a_box(look):
+    axes = look.draw(pipeline("")).axes[0]
+    boxes = [patch for patch in axes.patches if isinstance(patch, FancyBboxPatch)]
+    arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
+    assert len(boxes) == len(STAGES)
+    assert len(arrows) == len({(f.source, f.target) for f in flows([f for *_, f in STAGES])})
+    part = np.linspace(0.0, 1.0, 401)[:, None]
+    for arrow in arrows:
+        vertices = arrow._path_original.vertices  # of a straight line, or of a cubic Bézier curve
+        weights = (1 - part, part)
+        if len(vertices) == 4:
+            weights = ((1 - part) ** 3, 3 * (1 - part) ** 2 * part, 3 * (1 - part) * part**2, part**3)
+        points = sum(weight * vertex for weight, vertex in zip(weights, vertices, strict=True))
+        for box in boxes:
+            half = np.array([box.get_width(), box.get_height()]) / 2.0
+            centre = np.array([box.get_x(), box.get_y()]) + half
+            assert not (np.abs(points - centre) < half - 1e-6).all(axis=1).any(), (arrow, box)

@@ -6,9 +6,12 @@ from functools import partial
 from textwrap import fill
 from typing import Any, NamedTuple, get_args, get_type_hints
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox
 
 from pymantaray.estimation import collect_estimates, solve_conditions
 from pymantaray.evaluation import error_table, range_error_table
@@ -32,6 +35,8 @@ STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
 )
 """What a study does, in order: folder, words, and the function that does it."""
 _SIZE = (0.80, 0.66)  # of a box, in columns and rows
+_CLEARANCE = 0.04  # between an arrow and a box that it passes
+_ARROW = {"color": style.GREY, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0, "zorder": 2}
 _COLOURS = {
     "ocean": "#cfe8f6", "water": "#cfe8f6", "fleet": "#d5efe4", "acoustics": "#fbe0d0",
     "sensing": "#fdf3cf", "estimation": "#e6def3", "evaluation": "#f6dbe9",
@@ -95,10 +100,14 @@ def pipeline(header: str) -> Figure:
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set(xticks=[], yticks=[])
+    paths = []
+    for source, target in dict.fromkeys((flow.source, flow.target) for flow in between):
+        others = [spot for k, spot in enumerate(spots) if k not in (source, target)]
+        paths.append(route(spots[source], spots[target], others))
+        axes.add_patch(FancyArrowPatch(path=paths[-1], arrowstyle="-|>", mutation_scale=8, **_ARROW))
+    extent = Bbox.union([path.get_extents() for path in paths])
     axes.set_xlim(-0.5, max(column) + 0.5)
-    axes.set_ylim(0.95, -1.35)
-    for flow in between:
-        _draw_flow(axes, spots[flow.source], spots[flow.target])
+    axes.set_ylim(max(extent.y1, 0.85) + 0.05, min(extent.y0, -0.85) - 0.05)
     for spot, (folder, words, function) in zip(spots, STAGES, strict=True):
         made = " ".join(record.__name__ for record in records_of(get_type_hints(function)["return"])[:1])
         _draw_stage(axes, spot, folder, words, made)
@@ -120,16 +129,33 @@ def _draw_stage(axes: Axes, spot: tuple[float, float], folder: str, words: str, 
     write(y + 0.24, made, color=style.GREY, fontstyle="italic")
 
 
-def _draw_flow(axes: Axes, source: tuple[float, float], target: tuple[float, float]) -> None:
-    """Arrow from the right side of a box to the left side of another, bent if boxes are between."""
-    half, span = _SIZE[0] / 2.0, target[0] - source[0]
-    curve = 0.0 if span <= 1.0 else 0.25 if span <= 3.0 else 0.4
-    look = {"arrowstyle": "-|>", "color": style.GREY, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0}
-    bend = f"arc3,rad={curve if source[1] > 0.0 else -curve}"
-    axes.annotate(
-        "", (target[0] - half, target[1]), (source[0] + half, source[1]),
-        arrowprops=look | {"connectionstyle": bend}, zorder=2,
-    )  # fmt: skip
+def route(
+    source: tuple[float, float], target: tuple[float, float], others: Sequence[tuple[float, float]]
+) -> Path:
+    """Arrow between two boxes: straight from side to side, or a curve that clears the other boxes above or below."""
+    half, rise = _SIZE[0] / 2.0, _SIZE[1] / 2.0
+    straight = Path([(source[0] + half, source[1]), (target[0] - half, target[1])])
+    if not crosses(straight, others):
+        return straight
+    side = -1.0 if source[1] + target[1] <= 0.0 else 1.0
+    start = (source[0] + half / 2.0, source[1] + side * rise)
+    end = (target[0] - half / 2.0, target[1] + side * rise)
+    nearest = max(side * source[1], side * target[1]) + rise + 0.15
+    for reach in np.arange(nearest, nearest + 4.0, 0.1):
+        bend = [start, (start[0], side * reach), (end[0], side * reach), end]
+        curve = Path(bend, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
+        if not crosses(curve, others):
+            break
+    return curve
+
+
+def crosses(path: Path, boxes: Sequence[tuple[float, float]]) -> bool:
+    """True if a path passes through a box or touches it."""
+    size = np.array(_SIZE) + 2.0 * _CLEARANCE
+    return any(
+        path.intersects_bbox(Bbox.from_bounds(*(np.array(spot) - size / 2.0), *size), filled=False)
+        for spot in boxes
+    )
 
 
 register(
