@@ -9,13 +9,12 @@ import time
 from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.study import load_study
-from pymantaray.study.assemble import build_fleet
 
 
 def main() -> None:
     config = load_study("beaufort")
     ocean = to_local(open_ocean("synthetic:beaufort"))
-    fleet = build_fleet(config)
+    fleet = config.fleet.build()
     seconds = []
     for _ in range(6):
         start = time.perf_counter()

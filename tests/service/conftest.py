@@ -10,7 +10,6 @@ from pymantaray.acoustics import Medium, Sonar
 from pymantaray.sensing import Detector, Reception, TwoWay
 from pymantaray.service import RangingService, make_server
 from pymantaray.study import parse_study
-from pymantaray.study.assemble import build_landmarks
 from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.water.ocean import build_medium, mission_ocean
 
@@ -78,7 +77,7 @@ def fly():
         ocean = mission_ocean(config)
         truth = simulate_fleet(config, ocean)
         ranging = range_fleet(config, ocean, build_medium(config, ocean), truth)
-        return config, truth, build_landmarks(config), ranging
+        return config, truth, [mark.build() for mark in config.landmarks], ranging
 
     return one
 

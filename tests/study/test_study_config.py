@@ -11,7 +11,8 @@ import tomli_w
 from refusals import refused
 
 from pymantaray.config import checks
-from pymantaray.config.sections import FloatVehicle, StationVehicle, StudyConfig
+from pymantaray.config.fleet import FloatVehicle, StationVehicle
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.study import (
     list_presets,

@@ -21,7 +21,6 @@ from pymantaray.records import write_netcdf
 from pymantaray.report.explore import Ends, mission_rays
 from pymantaray.report.figures import Results
 from pymantaray.study import open_run, run_study
-from pymantaray.study.assemble import build_fleet
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.water.ocean import build_currents, build_medium, mission_start
 from pymantaray.water.varying import VARYING, series_of, snapshot_at
@@ -197,7 +196,7 @@ def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, 
 def test_a_fleet_in_moving_water_goes_elsewhere_than_in_its_first_snapshot(moving_config, moving):
     m = moving_config.mission
     still = simulate(
-        build_fleet(moving_config),
+        moving_config.fleet.build(),
         moving.ocean.local,
         duration=4.0 * HOUR,
         physics_step=m.physics_step_s,

@@ -1,4 +1,4 @@
-"""Sections of a configuration about conditions: estimators, and the oceans that they assume."""
+"""Sections of a configuration about conditions: estimators, and the oceans that they assume; in one module because checks compare them."""
 
 from collections.abc import Mapping
 from itertools import pairwise

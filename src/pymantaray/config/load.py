@@ -165,7 +165,7 @@ def convert_study(file: str | Path) -> str:
     >>> print(convert_study("old.toml"))  # doctest: +SKIP
     """
     path, label = Path(file), str(file)
-    old = with_new_names(_parsed(_read(path), label), label, warn=False)
+    old = with_new_names(_parsed(_read(path), label, path.parent), label, warn=False)
     whole, study = _tree(path, warn=False), old.get("study", {})
     if "fleet" in whole:
         parse_study(whole, label)
@@ -257,17 +257,17 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
         _check_preset(name)
     folder = path.parent if is_file else Path()
     text = _read(path if is_file else Path(str(_PRESETS / f"{name}.toml")))
-    tree = with_new_names(located(_parsed(text, name), folder), name, warn=warn)
+    tree = with_new_names(_parsed(text, name, folder), name, warn=warn)
     here = str(path.resolve()) if is_file else name
     tree = _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
     whole: Tree = with_conditions(tree, name, warn=warn)
     return whole
 
 
-def _parsed(text: str, label: str) -> Tree:
-    """Nested dictionaries of a TOML text."""
+def _parsed(text: str, label: str, folder: Path) -> Tree:
+    """Nested dictionaries of a TOML text, whose texts remember a folder."""
     try:
-        return tomllib.loads(text)
+        return {key: located(value, folder) for key, value in tomllib.loads(text).items()}
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{label}: not valid TOML: {error}") from None
     except (ValueError, RecursionError):

@@ -13,18 +13,14 @@ from pymantaray.config.common import (
     NAME,
     NAMED,
     Degrees,
-    DegreesPerSecond,
-    Depth,
     Hertz,
     Hours,
     InputFile,
-    InputFiles,
     Instant,
     Metres,
     MetresPerSecond,
     NonNegativeFloat,
     OceanSource,
-    ParticipantName,
     PositiveFloat,
     Radians,
     RadiansPerSecond,
@@ -35,8 +31,10 @@ from pymantaray.config.common import (
 )
 from pymantaray.config.conditions import DEFAULT
 from pymantaray.config.estimators import ConditionSection, InternalTideSection, Start, follows_ocean
+from pymantaray.config.fleet import FleetSection, LandmarkSection
 from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
+from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 
@@ -176,168 +174,6 @@ class DetectionSection(Section):
         return self
 
 
-class FloatSection(Section):
-    """What all floats share unless a vehicle says otherwise."""
-
-    hold_depth_h: Hours[NonNegativeFloat] = 24.0
-    """Time at the target depth. [h]"""
-    hold_surface_h: Hours[NonNegativeFloat] = 1.0
-    """Time at the surface. [h]"""
-    vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
-    """Limit of the vertical speed, up and down. [m/s]"""
-    surface_depth: Depth = 0.5
-    """Depth that counts as surfaced. Not in the paper, record 0001. [m]"""
-    depth_gain: PositiveFloat = 0.1
-    """Vertical speed that is commanded per metre of depth error. Not in the paper, record 0001. [1/s]"""
-    arrival_tolerance: Metres[PositiveFloat] = 0.1
-    """A vehicle begins to hold its depth when it is this close to it. Not in the paper, record 0001. [m]"""
-
-
-class _Placed(Section):
-    """A vehicle's name and starting place in the local frame; a file may give it by ``lat`` and ``lon``, see `with_local_places`."""
-
-    name: ParticipantName
-    """Unique; letters, digits, _ and -, 64 at most."""
-    north: Metres[float]
-    """North of the frame's centre, at the start; or ``lat``, in degrees. [m]"""
-    east: Metres[float]
-    """East of the frame's centre, at the start; or ``lon``, in degrees. [m]"""
-    heading_deg: Degrees[float] = 0.0
-    """Where its bow points at the start, clockwise from north. [degrees]"""
-
-
-class FloatVehicle(_Placed):
-    """Argo-style float: sink, hold, rise, hold at the surface; drifts with the current."""
-
-    kind: Literal["float"]
-    """An Argo-style float."""
-    target_depth: Depth
-    """Depth of the hold below; deeper than the surface's. [m]"""
-    start_delay_h: Hours[NonNegativeFloat] = 0.0
-    """Time of its first descent. [h]"""
-    hold_depth_h: Hours[NonNegativeFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [h]"""
-    hold_surface_h: Hours[NonNegativeFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [h]"""
-    vertical_speed: MetresPerSecond[PositiveFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [m/s]"""
-    surface_depth: Depth | None = None
-    """Its own, in place of ``[fleet.floats]``. [m]"""
-    depth_gain: PositiveFloat | None = None
-    """Its own, in place of ``[fleet.floats]``. [1/s]"""
-    arrival_tolerance: Metres[PositiveFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [m]"""
-
-
-class StationVehicle(_Placed):
-    """Station-keeping vehicle: stays where it is put."""
-
-    kind: Literal["station"]
-    """A vehicle that keeps its station."""
-    depth: Depth = 0.5
-    """Depth that it keeps. [m]"""
-
-
-class DriftingVehicle(_Placed):
-    """Buoy that drifts with the current at its depth, or at that of its drogue."""
-
-    kind: Literal["drifting"]
-    """A buoy."""
-    depth: Depth = 0.5
-    """Depth that it keeps. [m]"""
-    drogue_depth: Depth | None = None
-    """Depth of the water that carries it; its own unless given. [m]"""
-
-
-class TwistVehicle(_Placed):
-    """Vehicle under one constant body twist, over ground, or with ``current`` through water that carries it."""
-
-    kind: Literal["twist"]
-    """A vehicle that moves with one twist for ever."""
-    depth: Depth
-    """Depth at the start. [m]"""
-    twist: tuple[
-        RadiansPerSecond[float],
-        RadiansPerSecond[float],
-        RadiansPerSecond[float],
-        MetresPerSecond[float],
-        MetresPerSecond[float],
-        MetresPerSecond[float],
-    ] = Field(strict=False)
-    """Angular velocity about, and velocity along, forward, right and down. [rad/s, m/s]"""
-    current: bool = False
-    """Whether the current carries it besides."""
-
-
-class WaypointVehicle(_Placed):
-    """Vehicle that steers for points at one speed and a limited turn rate."""
-
-    kind: Literal["waypoints"]
-    """A vehicle that steers for points."""
-    depth: Depth
-    """Depth at the start. [m]"""
-    points: tuple[Annotated[tuple[Metres[float], Metres[float], Depth], Field(strict=False)], ...] = Field(
-        min_length=1, strict=False
-    )
-    """North, east and depth of each; latitude, longitude and depth where its place is ``lat`` and ``lon``. [m]"""
-    speed: MetresPerSecond[PositiveFloat]
-    """Over ground, or through water with ``current``. [m/s]"""
-    turn_rate_deg: DegreesPerSecond[PositiveFloat] = 5.0
-    """Limit of the angular speed. [degrees/s]"""
-    capture_radius: Metres[PositiveFloat] = 20.0
-    """A point counts as reached so near; not less than the turning radius. [m]"""
-    loop: bool = False
-    """Whether it goes on from the last point to the first; else it stops there."""
-    current: bool = False
-    """Whether the current carries it."""
-
-
-AnyVehicle = Annotated[
-    FloatVehicle | StationVehicle | DriftingVehicle | TwistVehicle | WaypointVehicle,
-    Field(discriminator="kind"),
-]
-
-
-class FleetSection(Section):
-    """The vehicles, and what the floats among them share; or files with trajectories of vehicles that moved elsewhere."""
-
-    floats: FloatSection = FloatSection()
-    """What all floats share."""
-    vehicles: tuple[AnyVehicle, ...] = Field(default=(), strict=False)
-    """Each with its ``kind``; a table ``[[fleet.vehicles]]`` for each."""
-    trajectories: InputFiles = ()
-    """Files of vehicles that moved elsewhere, in place of ``vehicles``; relative to this file."""
-    enu: bool = False
-    """Whether TUM files among them have east, north, up and bodies forward, left, up."""
-
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        require_unique("vehicle names", [v.name for v in self.vehicles])
-        return self
-
-    @model_validator(mode="after")
-    def _one_or_the_other(self) -> Self:
-        if bool(self.vehicles) == bool(self.trajectories):
-            there = "both are given; leave one out" if self.vehicles else "give [[fleet.vehicles]], or files"
-            raise ValueError(f"vehicles or trajectories make a fleet; {there}")
-        return self
-
-
-class LandmarkSection(Section):
-    """Fixed point whose surveyed place is known; takes part in ranging."""
-
-    name: ParticipantName
-    """Unique; letters, digits, _ and -, 64 at most."""
-    north: Metres[float]
-    """North of the frame's centre; or ``lat``, in degrees. [m]"""
-    east: Metres[float]
-    """East of the frame's centre; or ``lon``, in degrees. [m]"""
-    depth: Depth
-    """Positive down. [m]"""
-    sigma: Metres[PositiveFloat] | None = None
-    """Standard deviation of each axis of its survey, ``noise.landmark_sigma`` unless given; large for one that the fleet has to locate. [m]"""
-
-
 class StudySection(Section):
     """Name, seed and size of the Monte Carlo study."""
 
@@ -455,53 +291,6 @@ class OceanSection(Section):
         if self.half_extent_north is None or self.half_extent_east is None:
             return None
         return self.half_extent_north, self.half_extent_east
-
-
-class SlotsSection(Section):
-    """Vehicles ping in turn, one a slot, over and over: TDMA."""
-
-    kind: Literal["slots"]
-    """Vehicles ping in turn."""
-    slots: tuple[str, ...] = Field(min_length=1, strict=False)
-    """Names of who pings, in order."""
-    slot_s: Seconds[PositiveFloat]
-    """Time from one slot to the next. [s]"""
-    start_s: Seconds[NonNegativeFloat] = 0.0
-    """Time of the first slot. [s]"""
-
-
-class PingsSection(Section):
-    """Pings one by one, from a table of times, transmitters and, if not everybody listens, receivers."""
-
-    kind: Literal["pings"]
-    """Pings are listed."""
-    file: InputFile
-    """CSV with columns ``time`` [s], ``transmitter`` and, if not all listen, ``receivers``; relative to this file."""
-
-
-AnySchedule = Annotated[SlotsSection | PingsSection, Field(discriminator="kind")]
-
-
-class MissionSection(Section):
-    """
-    Durations and periods, the paper's table of mission timing.
-
-    Without a ``schedule`` all vehicles ping at every multiple of ``ping_interval_h``. Trajectories that are given last from
-    their first pose to their last; ``duration_h`` may cut them.
-    """
-
-    duration_h: Hours[PositiveFloat] = 168.0
-    """Time from the first sample to the last; with trajectories, their own unless given. [h]"""
-    physics_step_s: Seconds[PositiveFloat] = 0.125
-    """Step of the vehicles' motion. [s]"""
-    sampling_period_s: Seconds[PositiveFloat] = 200.0
-    """Time between samples of poses and sensors. both ends are samples: not in the paper, record 0001. [s]"""
-    ping_interval_h: Hours[PositiveFloat] = 4.0
-    """All vehicles ping at every multiple. Not at 0: not in the paper, record 0001. [h]"""
-    schedule: AnySchedule | None = None
-    """Who pings when, in place of ``ping_interval_h``."""
-    gnss_depth: Metres[PositiveFloat] = 1.0
-    """A vehicle has a GNSS fix while it is shallower. Not in the paper, record 0001. [m]"""
 
 
 if TYPE_CHECKING:

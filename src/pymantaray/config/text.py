@@ -70,9 +70,7 @@ def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
             known |= {type(entry)} if explain else set()
         if not known:  # names alone: what an entry may have besides
             text = _entry(path, type(value[0]).model_validate({"name": "mine"}), explain=True)
-            blocks.append(
-                "\n".join(line if line.startswith("#") else f"#{line}" for line in text.splitlines())
-            )
+            blocks.append("\n".join(f"# {line.removeprefix('#').lstrip()}" for line in text.splitlines()))
         return blocks
     if models_in(field.annotation) and len(path) == 1:
         return [f"# {path[0]}: {_not_set(field)}"]

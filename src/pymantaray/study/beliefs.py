@@ -23,7 +23,7 @@ from pymantaray.config.estimators import (
     OtherDayBelief,
     PerturbedBelief,
 )
-from pymantaray.config.sections import StationVehicle
+from pymantaray.config.fleet import StationVehicle
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.geometry.checks import told_apart

@@ -29,8 +29,6 @@ from pymantaray.sensing import (
 )
 from pymantaray.study.assemble import (
     altitude,
-    build_fleet,
-    build_landmarks,
     build_picker,
     build_schedule,
     gnss_depth,
@@ -133,7 +131,7 @@ def simulate_fleet(
         return follow(own, duration, mission.sampling_period_s, pings, ocean.local)
     start = None if config.ocean.time is None else mission_start(config.ocean)
     truth = simulate(
-        build_fleet(config),
+        config.fleet.build(),
         ocean.drift,
         duration=duration,
         physics_step=mission.physics_step_s,
@@ -157,7 +155,7 @@ def range_fleet(
     """Ranges of a mission without noise: all of its rays."""
     return measure_ranges(
         truth,
-        build_landmarks(config),
+        [mark.build() for mark in config.landmarks],
         medium,
         schedule or build_schedule(config),
         build_reception(config, ocean),
@@ -180,7 +178,7 @@ def assemble_mission(
         arrivals=ranging.arrivals,
         measurements=assemble(
             truth,
-            build_landmarks(config),
+            [mark.build() for mark in config.landmarks],
             ranging,
             noise,
             gnss_depth=gnss_depth(config, ocean, truth),

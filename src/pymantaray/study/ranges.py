@@ -11,13 +11,14 @@ from pymantaray.acoustics import Medium
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.keys import with_key
 from pymantaray.config.load import load_sound, parse_study
+from pymantaray.config.mission import keys_of_schedule
 from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.config.sections import SoundConfig, StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import Trajectories
-from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
+from pymantaray.sensing import PingSchedule, Schedule
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
 from pymantaray.study.store import Run, run_in_memory
@@ -80,11 +81,7 @@ def measure(
     elif not isinstance(trajectories, Tracks):
         trajectories = read_trajectories(trajectories)
     mission = dict(options.pop("mission", {}))
-    if isinstance(schedule, SlotSchedule):
-        slots = {"slots": list(schedule.slots), "slot_s": schedule.slot, "start_s": schedule.start}
-        mission["schedule"] = {"kind": "slots", **slots}
-    elif isinstance(schedule, PingSchedule):
-        mission["ping_interval_h"] = schedule.interval / 3600.0
+    mission |= keys_of_schedule(schedule)
     files = list(dict.fromkeys(p.file for p in trajectories.poses))
     config = with_tracks(ranges_config(files, ocean, mission=mission, **options), trajectories)
     out = simulate_mission(

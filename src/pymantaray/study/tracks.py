@@ -9,7 +9,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.config.sections import FleetSection, SlotsSection, StudyConfig
+from pymantaray.config.fleet import FleetSection
+from pymantaray.config.mission import SlotsSection
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
 from pymantaray.exchange.tracks import union_of_times

@@ -1,5 +1,6 @@
 """What a task is called: the hash of all that its result depends on."""
 
+import fnmatch
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +21,7 @@ _READS = {
     ),
     RAYS: (
         "landmarks",
-        "mission.ping_interval_h",
+        "mission.ping_*",
         "acoustics",
         "ranging.timing",
         "ranging.turn_around_s",
@@ -35,8 +36,18 @@ def stage_fields(stage: str, config: StudyConfig) -> tuple[str, ...]:
     before = STAGES[: STAGES.index(stage) + 1]
     first = ("mission.duration_h",) if config.ocean.time_varying else ()
     if FLEET in before and config.fleet.trajectories:  # which are sampled at pings too
-        first = (*first, "mission.ping_interval_h")
-    return (*first, *(field for name in before for field in _READS[name]))
+        first = (*first, "mission.ping_*")
+    names = (*first, *(field for name in before for field in _READS[name]))
+    return tuple(key for name in names for key in _matching(name, config))
+
+
+def _matching(field: str, config: StudyConfig) -> list[str]:
+    """Fields that a pattern stands for; a name without a star is itself."""
+    section, _, key = field.partition(".")
+    if "*" not in key:
+        return [field]
+    known = type(getattr(config, section)).model_fields
+    return [f"{section}.{name}" for name in fnmatch.filter(known, key)]
 
 
 def stage_config(config: StudyConfig, stage: str) -> StudyConfig:

@@ -1,0 +1,289 @@
+"""Sections of a configuration about vehicles and landmarks: each makes the objects that simulate them."""
+
+import math
+from typing import TYPE_CHECKING, Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from pymantaray.config.common import (
+    Degrees,
+    DegreesPerSecond,
+    Depth,
+    Hours,
+    InputFiles,
+    Metres,
+    MetresPerSecond,
+    NonNegativeFloat,
+    ParticipantName,
+    PositiveFloat,
+    RadiansPerSecond,
+    Section,
+    require_unique,
+)
+
+if TYPE_CHECKING:
+    from pymantaray.fleet import Behaviour, Vehicle
+    from pymantaray.sensing import Landmark
+
+
+class FloatSection(Section):
+    """What all floats share unless a vehicle says otherwise."""
+
+    hold_depth_h: Hours[NonNegativeFloat] = 24.0
+    """Time at the target depth. [h]"""
+    hold_surface_h: Hours[NonNegativeFloat] = 1.0
+    """Time at the surface. [h]"""
+    vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
+    """Limit of the vertical speed, up and down. [m/s]"""
+    surface_depth: Depth = 0.5
+    """Depth that counts as surfaced. Not in the paper, record 0001. [m]"""
+    depth_gain: PositiveFloat = 0.1
+    """Vertical speed that is commanded per metre of depth error. Not in the paper, record 0001. [1/s]"""
+    arrival_tolerance: Metres[PositiveFloat] = 0.1
+    """A vehicle begins to hold its depth when it is this close to it. Not in the paper, record 0001. [m]"""
+
+
+class _Placed(Section):
+    """A vehicle's name and starting place in the local frame; a file may give it by ``lat`` and ``lon``, see `with_local_places`."""
+
+    name: ParticipantName
+    """Unique; letters, digits, _ and -, 64 at most."""
+    north: Metres[float]
+    """North of the frame's centre, at the start; or ``lat``, in degrees. [m]"""
+    east: Metres[float]
+    """East of the frame's centre, at the start; or ``lon``, in degrees. [m]"""
+    heading_deg: Degrees[float] = 0.0
+    """Where its bow points at the start, clockwise from north. [degrees]"""
+
+    def start_depth(self, _floats: FloatSection) -> float:
+        """Depth at the start. [m]"""
+        return float(getattr(self, "depth", 0.0))
+
+    def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
+        """Points that it starts from and plans to reach. [m]"""
+        return [(self.north, self.east, self.start_depth(floats))]
+
+
+class FloatVehicle(_Placed):
+    """Argo-style float: sink, hold, rise, hold at the surface; drifts with the current."""
+
+    kind: Literal["float"]
+    """An Argo-style float."""
+    target_depth: Depth
+    """Depth of the hold below; deeper than the surface's. [m]"""
+    start_delay_h: Hours[NonNegativeFloat] = 0.0
+    """Time of its first descent. [h]"""
+    hold_depth_h: Hours[NonNegativeFloat] | None = None
+    """Its own, in place of ``[fleet.floats]``. [h]"""
+    hold_surface_h: Hours[NonNegativeFloat] | None = None
+    """Its own, in place of ``[fleet.floats]``. [h]"""
+    vertical_speed: MetresPerSecond[PositiveFloat] | None = None
+    """Its own, in place of ``[fleet.floats]``. [m/s]"""
+    surface_depth: Depth | None = None
+    """Its own, in place of ``[fleet.floats]``. [m]"""
+    depth_gain: PositiveFloat | None = None
+    """Its own, in place of ``[fleet.floats]``. [1/s]"""
+    arrival_tolerance: Metres[PositiveFloat] | None = None
+    """Its own, in place of ``[fleet.floats]``. [m]"""
+
+    def start_depth(self, floats: FloatSection) -> float:
+        """Depth at the surface. [m]"""
+        return floats.surface_depth if self.surface_depth is None else self.surface_depth
+
+    def behaviour(self, floats: FloatSection) -> "Behaviour":
+        """Cycle of a float."""
+        from pymantaray.fleet import FloatCycle
+
+        own = {name: getattr(self, name) for name in FloatSection.model_fields}
+        merged = floats.model_copy(update={name: value for name, value in own.items() if value is not None})
+        return FloatCycle(
+            target_depth=self.target_depth,
+            start_delay=self.start_delay_h * 3600.0,
+            hold_depth_time=merged.hold_depth_h * 3600.0,
+            hold_surface_time=merged.hold_surface_h * 3600.0,
+            vertical_speed=merged.vertical_speed,
+            surface_depth=merged.surface_depth,
+            depth_gain=merged.depth_gain,
+            arrival_tolerance=merged.arrival_tolerance,
+        )
+
+    def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
+        """The start, and the hold below."""
+        return [*super().planned(floats), (self.north, self.east, self.target_depth)]
+
+
+class StationVehicle(_Placed):
+    """Station-keeping vehicle: stays where it is put."""
+
+    kind: Literal["station"]
+    """A vehicle that keeps its station."""
+    depth: Depth = 0.5
+    """Depth that it keeps. [m]"""
+
+    def behaviour(self, _floats: FloatSection) -> "Behaviour":
+        """Rest at its depth."""
+        from pymantaray.fleet import StationKeeping
+
+        return StationKeeping(depth=self.depth)
+
+
+class DriftingVehicle(_Placed):
+    """Buoy that drifts with the current at its depth, or at that of its drogue."""
+
+    kind: Literal["drifting"]
+    """A buoy."""
+    depth: Depth = 0.5
+    """Depth that it keeps. [m]"""
+    drogue_depth: Depth | None = None
+    """Depth of the water that carries it; its own unless given. [m]"""
+
+    def behaviour(self, _floats: FloatSection) -> "Behaviour":
+        """Drift with the current."""
+        from pymantaray.fleet import Drifting
+
+        return Drifting(
+            depth=self.depth, drogue_depth=self.depth if self.drogue_depth is None else self.drogue_depth
+        )
+
+
+class TwistVehicle(_Placed):
+    """Vehicle under one constant body twist, over ground, or with ``current`` through water that carries it."""
+
+    kind: Literal["twist"]
+    """A vehicle that moves with one twist for ever."""
+    depth: Depth
+    """Depth at the start. [m]"""
+    twist: tuple[
+        RadiansPerSecond[float],
+        RadiansPerSecond[float],
+        RadiansPerSecond[float],
+        MetresPerSecond[float],
+        MetresPerSecond[float],
+        MetresPerSecond[float],
+    ] = Field(strict=False)
+    """Angular velocity about, and velocity along, forward, right and down. [rad/s, m/s]"""
+    current: bool = False
+    """Whether the current carries it besides."""
+
+    def behaviour(self, _floats: FloatSection) -> "Behaviour":
+        """Motion with the twist."""
+        from pymantaray.fleet import ConstantTwist
+
+        return ConstantTwist(twist=np.array(self.twist), current=self.current)
+
+
+class WaypointVehicle(_Placed):
+    """Vehicle that steers for points at one speed and a limited turn rate."""
+
+    kind: Literal["waypoints"]
+    """A vehicle that steers for points."""
+    depth: Depth
+    """Depth at the start. [m]"""
+    points: tuple[Annotated[tuple[Metres[float], Metres[float], Depth], Field(strict=False)], ...] = Field(
+        min_length=1, strict=False
+    )
+    """North, east and depth of each; latitude, longitude and depth where its place is ``lat`` and ``lon``. [m]"""
+    speed: MetresPerSecond[PositiveFloat]
+    """Over ground, or through water with ``current``. [m/s]"""
+    turn_rate_deg: DegreesPerSecond[PositiveFloat] = 5.0
+    """Limit of the angular speed. [degrees/s]"""
+    capture_radius: Metres[PositiveFloat] = 20.0
+    """A point counts as reached so near; not less than the turning radius. [m]"""
+    loop: bool = False
+    """Whether it goes on from the last point to the first; else it stops there."""
+    current: bool = False
+    """Whether the current carries it."""
+
+    def behaviour(self, _floats: FloatSection) -> "Behaviour":
+        """Motion from point to point."""
+        from pymantaray.fleet import Waypoints
+
+        return Waypoints(
+            points=np.array(self.points),
+            speed=self.speed,
+            turn_rate=math.radians(self.turn_rate_deg),
+            capture_radius=self.capture_radius,
+            loop=self.loop,
+            current=self.current,
+        )
+
+    def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
+        """The start, and all points."""
+        return [*super().planned(floats), *self.points]
+
+
+AnyVehicle = Annotated[
+    FloatVehicle | StationVehicle | DriftingVehicle | TwistVehicle | WaypointVehicle,
+    Field(discriminator="kind"),
+]
+
+
+class FleetSection(Section):
+    """The vehicles, and what the floats among them share; or files with trajectories of vehicles that moved elsewhere."""
+
+    floats: FloatSection = FloatSection()
+    """What all floats share."""
+    vehicles: tuple[AnyVehicle, ...] = Field(default=(), strict=False)
+    """Each with its ``kind``; a table ``[[fleet.vehicles]]`` for each."""
+    trajectories: InputFiles = ()
+    """Files of vehicles that moved elsewhere, in place of ``vehicles``; relative to this file."""
+    enu: bool = False
+    """Whether TUM files among them have east, north, up and bodies forward, left, up."""
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        require_unique("vehicle names", [v.name for v in self.vehicles])
+        return self
+
+    @model_validator(mode="after")
+    def _one_or_the_other(self) -> Self:
+        if bool(self.vehicles) == bool(self.trajectories):
+            there = "both are given; leave one out" if self.vehicles else "give [[fleet.vehicles]], or files"
+            raise ValueError(f"vehicles or trajectories make a fleet; {there}")
+        return self
+
+    def build(self) -> "list[Vehicle]":
+        """Vehicles in the configured order; none if they have trajectories."""
+        from pymantaray.fleet import Vehicle
+
+        return [
+            Vehicle(
+                name=section.name,
+                position=np.array([section.north, section.east, section.start_depth(self.floats)]),
+                behaviour=section.behaviour(self.floats),
+                heading=math.radians(section.heading_deg),
+            )
+            for section in self.vehicles
+        ]
+
+    def planned(self) -> "dict[str, NDArray[np.float64]]":
+        """Points (n, 3) that each vehicle starts from and plans to reach, without drift. [m]"""
+        return {v.name: np.array(v.planned(self.floats), dtype=float) for v in self.vehicles}
+
+
+class LandmarkSection(Section):
+    """Fixed point whose surveyed place is known; takes part in ranging."""
+
+    name: ParticipantName
+    """Unique; letters, digits, _ and -, 64 at most."""
+    north: Metres[float]
+    """North of the frame's centre; or ``lat``, in degrees. [m]"""
+    east: Metres[float]
+    """East of the frame's centre; or ``lon``, in degrees. [m]"""
+    depth: Depth
+    """Positive down. [m]"""
+    sigma: Metres[PositiveFloat] | None = None
+    """Standard deviation of each axis of its survey, ``noise.landmark_sigma`` unless given; large for one that the fleet has to locate. [m]"""
+
+    @property
+    def position(self) -> "NDArray[np.float64]":
+        """North, east, down. [m]"""
+        return np.array([self.north, self.east, self.depth])
+
+    def build(self) -> "Landmark":
+        """Landmark that takes part in ranging."""
+        from pymantaray.sensing import Landmark
+
+        return Landmark(name=self.name, position=self.position, sigma=self.sigma)

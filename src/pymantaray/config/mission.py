@@ -1,0 +1,99 @@
+"""Sections of a configuration about time: durations and periods, and who pings when."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pymantaray.config.common import (
+    Hours,
+    InputFile,
+    Metres,
+    NonNegativeFloat,
+    PositiveFloat,
+    Seconds,
+    Section,
+)
+
+if TYPE_CHECKING:
+    from pymantaray.sensing import Schedule
+
+
+class SlotsSection(Section):
+    """Vehicles ping in turn, one a slot, over and over: TDMA."""
+
+    kind: Literal["slots"]
+    """Vehicles ping in turn."""
+    slots: tuple[str, ...] = Field(min_length=1, strict=False)
+    """Names of who pings, in order."""
+    slot_s: Seconds[PositiveFloat]
+    """Time from one slot to the next. [s]"""
+    start_s: Seconds[NonNegativeFloat] = 0.0
+    """Time of the first slot. [s]"""
+
+    def build(self, _start: np.datetime64 | None) -> "Schedule":
+        """Schedule of slots."""
+        from pymantaray.sensing import SlotSchedule
+
+        return SlotSchedule(self.slots, self.slot_s, self.start_s)
+
+
+class PingsSection(Section):
+    """Pings one by one, from a table of times, transmitters and, if not everybody listens, receivers."""
+
+    kind: Literal["pings"]
+    """Pings are listed."""
+    file: InputFile
+    """CSV with columns ``time`` [s], ``transmitter`` and, if not all listen, ``receivers``; relative to this file."""
+
+    def build(self, start: np.datetime64 | None) -> "Schedule":
+        """Pings of the file, by a mission's start if it has dates."""
+        from pymantaray.exchange.table import read_pings
+
+        return read_pings(Path(self.file), start)
+
+
+AnySchedule = Annotated[SlotsSection | PingsSection, Field(discriminator="kind")]
+
+
+class MissionSection(Section):
+    """
+    Durations and periods, the paper's table of mission timing.
+
+    Without a ``schedule`` all vehicles ping at every multiple of ``ping_interval_h``. Trajectories that are given last from
+    their first pose to their last; ``duration_h`` may cut them.
+    """
+
+    duration_h: Hours[PositiveFloat] = 168.0
+    """Time from the first sample to the last; with trajectories, their own unless given. [h]"""
+    physics_step_s: Seconds[PositiveFloat] = 0.125
+    """Step of the vehicles' motion. [s]"""
+    sampling_period_s: Seconds[PositiveFloat] = 200.0
+    """Time between samples of poses and sensors. both ends are samples: not in the paper, record 0001. [s]"""
+    ping_interval_h: Hours[PositiveFloat] = 4.0
+    """All vehicles ping at every multiple. Not at 0: not in the paper, record 0001. [h]"""
+    schedule: AnySchedule | None = None
+    """Who pings when, in place of ``ping_interval_h``."""
+    gnss_depth: Metres[PositiveFloat] = 1.0
+    """A vehicle has a GNSS fix while it is shallower. Not in the paper, record 0001. [m]"""
+
+    def pings(self, start: np.datetime64 | None = None) -> "Schedule":
+        """Who pings when; the start is that of the mission, for lists of pings with dates."""
+        from pymantaray.sensing import PingSchedule
+
+        if self.schedule is not None:
+            return self.schedule.build(start)
+        return PingSchedule(interval=self.ping_interval_h * 3600.0)
+
+
+def keys_of_schedule(schedule: "Schedule") -> dict[str, Any]:
+    """Keys of ``[mission]`` for a schedule; none for a list of pings, which is a file there."""
+    from pymantaray.sensing import PingSchedule, SlotSchedule
+
+    if isinstance(schedule, SlotSchedule):
+        slots = {"slots": list(schedule.slots), "slot_s": schedule.slot, "start_s": schedule.start}
+        return {"schedule": {"kind": "slots", **slots}}
+    if isinstance(schedule, PingSchedule):
+        return {"ping_interval_h": schedule.interval / 3600.0}
+    return {}
