@@ -125,7 +125,7 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
     depth = -gsw.z_from_p(np.array([5.0, 50.0, 150.0, 200.0]), lat[[0, 1, 3, 4]])
     np.testing.assert_allclose(own.place[[0, 1, 3, 4], 2], depth, rtol=1e-12)
     assert own.place[2, 2] == pytest.approx(-gsw.z_from_p(100.0, lat[2]))  # and so is the flagged pressure
-    assert any("1 values of PRES left out for their flags" in note for note in tracks.notes)
+    assert any("1 values of PRES rejected by quality flags" in note for note in tracks.notes)
     assert any("depth from PRES by TEOS-10" in note for note in tracks.notes)
 
 
@@ -249,13 +249,13 @@ def nowhere():
 
 
 BAD = {
-    "no variable with the standard_name time; a trajectory needs": lambda: contiguous().drop_vars("time"),
-    "rowSize counts 9 rows, there are 8 along obs": lambda: contiguous().assign(
+    "no variable with standard_name time; a trajectory needs": lambda: contiguous().drop_vars("time"),
+    "rowSize declares 9 rows, but obs has 8": lambda: contiguous().assign(
         rowSize=("trajectory", [5, 4], {"sample_dimension": "obs"})),
-    "time, latitude and longitude share no dimension": lambda: contiguous().assign(
+    "time, latitude and longitude have no common dimension": lambda: contiguous().assign(
         lon=("other", [1.0, 2.0], {"standard_name": "longitude"})),
-    "time has units ''; needs such as 'seconds since": without_units,
-    "no trajectory has two known places and times": nowhere,
+    "time has units ''; it needs units such as 'seconds since": without_units,
+    "no trajectory with two valid positions and times": nowhere,
     "unit 'furlong' of|furlong": lambda: contiguous().assign(
         depth=("obs", np.ones(8), {"standard_name": "depth", "units": "furlong"})),
 }  # fmt: skip
