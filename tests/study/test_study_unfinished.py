@@ -24,7 +24,7 @@ DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "rangin
 @pytest.fixture
 def at_once(monkeypatch):
     """Keep everything as soon as it is done."""
-    monkeypatch.setattr(checkpoint, "_EVERY", 0.0)
+    monkeypatch.setattr(checkpoint, "_SAVE_INTERVAL", 0.0)
 
 
 @pytest.fixture
@@ -198,7 +198,9 @@ def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
 
 
 def test_a_short_study_leaves_nothing(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(checkpoint, "_EVERY", 3600.0)  # short beside this, however busy the machine is
+    monkeypatch.setattr(
+        checkpoint, "_SAVE_INTERVAL", 3600.0
+    )  # short beside this, however busy the machine is
     interrupted(tiny(study={"realizations": 2}), tmp_path / "run", 1)
     assert not list(tmp_path.iterdir())
 
@@ -213,7 +215,7 @@ RUN = """
 import sys
 from pymantaray.jobs import checkpoint
 from pymantaray.study import load_study, run_study
-checkpoint._EVERY = 0.0
+checkpoint._SAVE_INTERVAL = 0.0
 run_study(load_study(sys.argv[1], realizations=30), sys.argv[2], workers=2)
 """
 
