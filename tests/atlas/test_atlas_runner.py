@@ -172,7 +172,7 @@ def test_a_block_that_fails_is_told_when_the_others_are_done(
     sick["water_temp"][3, 10, 8] = 99.0
     sick.to_netcdf(path)
     monkeypatch.setattr("pymantaray.atlas.column.SPLINE", 1)
-    monkeypatch.setattr(plan, "_SPARE", 3)
+    monkeypatch.setattr(plan, "_GRID_MARGIN", 3)
     atlas = Atlas(path, links, window=_window(ocean, 10, 10, 8, 16))
     refused(
         AtlasError,
