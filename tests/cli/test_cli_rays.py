@@ -186,7 +186,7 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
     words = ("times", "links.csv", "out.csv", "--profile", cast, "--bottom", 3000)
     assert mantaray("rays", *words).err == (
-        f"error: {cast.name}: 1001 levels less than 2 m apart are a raw cast; thin it, as by --thin 0.1 (ocean.thin, m/s),"
+        f"error: {cast.name}: 1001 levels with a spacing below 2 m are a raw cast; thin it, as by --thin 0.1 (ocean.thin, m/s),"
         " smooth it, as by --smooth 10 (ocean.smooth, m), or take --interpolation linear (acoustics.interpolation)\n"
     )
     assert not Path("out.csv").exists()

@@ -142,6 +142,6 @@ def test_rays_take_one_cast(mantaray, files):
     )
     done = mantaray("rays", "times", "links.csv", "out.csv", *WATER)
     assert done.code == 2
-    assert "casts.csv: holds 2 casts (first, second)" in done.err
+    assert "casts.csv: contains 2 casts (first, second)" in done.err
     twice = mantaray("rays", "times", "links.csv", "out.csv", *WATER, "--profile", "casts.csv")
     assert "holds 4 casts (first, second, first, second); one is needed" in twice.err
