@@ -43,7 +43,7 @@ REFUSED = {  # a file's content, its size or a name
     "2 lines make 1 rows; a quote is not closed|not a readable table": 'x,y\n"1,2\n3,4\n',
     "a.csv: not a table of text": b"\x80\x04\x95\0pickle",
     "more than 200,000,000 bytes; no table": 200_000_001,
-    "/dev/zero: not an ordinary file": Path("/dev/zero"),
+    "/dev/zero: not a regular file": Path("/dev/zero"),
     "/: a folder; name a table of text": Path("/"),
     "cannot be read: embedded null": Path("a\0b.csv"),
     "none.csv: cannot be read: No such file": Path("none.csv"),
