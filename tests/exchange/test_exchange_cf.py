@@ -184,7 +184,7 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
     np.testing.assert_allclose(own.time, [0.0, 8640.0, 17280.0, 25920.0], atol=1e-4)
     np.testing.assert_allclose(own.place[:, 0], [70.0, 70.1, 70.2, 70.3], atol=1e-6)
     np.testing.assert_allclose(own.place[[1, 3], 2], -gsw.z_from_p([500.0, 400.0], 70.2), rtol=1e-5)
-    assert any("rows without a time or outside the known places left out" in note for note in tracks.notes)
+    assert any("rows dropped: no time, or outside the valid positions" in note for note in tracks.notes)
     assert n - own.time.size == 2
 
 
@@ -214,7 +214,7 @@ def test_a_drifter_without_depth_is_at_the_surface_and_altitudes_point_up(tmp_pa
     drifter.to_netcdf(tmp_path / "drifter.nc")
     tracks = read_trajectories(tmp_path / "drifter.nc")
     assert tracks.poses[0].place[:, 2].max() == 0.0
-    assert any("no depth and no pressure: at the surface" in note for note in tracks.notes)
+    assert any("no depth and no pressure; depth set to the surface" in note for note in tracks.notes)
     up = contiguous()
     up["depth"] = (
         "obs",

@@ -177,11 +177,11 @@ def text(content, name="m.csv"):
 
 
 REFUSED = {
-    "m.csv: lacks north, east; found time, depth; a trajectory needs": text("time,depth\n0,2\n1,2"),
-    "m.csv: lacks lon; found time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
-    "m.csv: lacks east; found time, lat, north, depth; a trajectory needs": text(
+    "m.csv: no north, east; the columns are time, depth; a trajectory needs": text("time,depth\n0,2\n1,2"),
+    "m.csv: no lon; the columns are time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
+    "m.csv: no east; the columns are time, lat, north, depth; a trajectory needs": text(
         "time,lat,north,depth\n0,1,1,2\n1,1,1,2"),
-    "m.csv, line 3: every one of north, east, depth needs a number; depth is 'x'": text(
+    "m.csv, line 3: depth is 'x'; it must be a number": text(
         "time,north,east,depth\n0,0,0,0\n1,0,0,x"),
     "m.csv, line 3: time is 'noon'; all are seconds, or all are dates": text(
         "time,north,east,depth\n2020-01-01,0,0,0\nnoon,0,0,0"),
@@ -200,7 +200,7 @@ REFUSED = {
     "m.csv: has two columns vehicle; keep one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
     "m.csv, line 3: no vehicle name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
     "m.csv: A: 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
-    "m.csv: found nothing; needs a header": text(""),
+    "m.csv: is empty; a table needs a header": text(""),
     "no such file": lambda folder: folder / "none.csv",
     r"none\*.csv: no file matches this pattern": lambda folder: folder / "none*.csv",
     "unknown format of trajectories; allowed: .bag, .csv": text("x", "m.xyz"),
@@ -238,7 +238,7 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     )
     refused(ExchangeError, "a ping is at -60 s; the mission starts at 0", lambda: read_pings(
         path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
-    refused(ExchangeError, "lacks transmitter; found time, who; a list of pings needs", lambda: read_pings(
+    refused(ExchangeError, "no transmitter; the columns are time, who; a list of pings needs", lambda: read_pings(
         text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip
     mistyped = text("time,transmitter,receivrs\n0,A,B\n")(tmp_path)
     refused(

@@ -115,7 +115,7 @@ def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_pat
             stage.rmdir()
             (stage / "data").write_text("x")
 
-    refused(JobError, r"\.other\.mantaray-part: was removed while", remove)
+    refused(JobError, r"\.other\.mantaray-part: this folder was removed", remove)
 
 
 def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_path, monkeypatch):

@@ -489,7 +489,7 @@ def test_amplitudes_of_modes_are_estimated_with_positions(medium):
     assert abs(estimate - amplitude) < 4.0 * sigma
     assert sigma < 0.5 * amplitude
     refused(
-        LocateError, "modes need several profiles", locate, survey, medium, LocateOptions(speed_model="modes")
+        LocateError, "needs vertical modes", locate, survey, medium, LocateOptions(speed_model="modes")
     )
 
 

@@ -161,7 +161,7 @@ def test_bad_tables_are_refused_in_one_line(tmp_path, text, message):
 
 @pytest.mark.parametrize(("content", "message"), [
     (PLAIN.encode(), "no place; give lat and lon, add columns of these names, or a comment"),
-    (b"\x80\x04\x95\0pickle", "not a table of text"),
+    (b"\x80\x04\x95\0pickle", "a binary file, not a text table"),
 ])  # fmt: skip
 def test_a_file_without_a_place_or_a_table_is_refused(tmp_path, content, message):
     (tmp_path / "cast.csv").write_bytes(content)
@@ -169,7 +169,7 @@ def test_a_file_without_a_place_or_a_table_is_refused(tmp_path, content, message
 
 
 @pytest.mark.parametrize(("path", "message"), [
-    ("/dev/zero", "not an ordinary file"), ("a\0b.csv", "embedded null"),
+    ("/dev/zero", "not a regular file"), ("a\0b.csv", "embedded null"),
 ])  # fmt: skip
 def test_what_is_no_ordinary_file_is_refused_before_it_is_read(path, message):
     refused(OceanError, message, read_cast, path)

@@ -262,7 +262,7 @@ def test_a_database_of_rbr_is_refused_with_what_to_do(tmp_path):
     for read in (read_cast, read_profile):
         refused(
             MantaRayError,
-            r"a\.rsk: a database, not text; .* export the text in Ruskin",
+            r"a\.rsk: a database, not text; export an RBR .rsk file as text with Ruskin",
             read,
             tmp_path / "a.rsk",
         )

@@ -59,7 +59,7 @@ def test_modes_of_casts(shared_data):
     speed = np.array([sound_speed(*c.cell_means(found.depth), found.depth, c.lat, c.lon) for c in casts])
     pooled = np.sum(((speed - speed.mean(axis=0)) ** 2) @ layer_weights(found.depth)) / (len(casts) - 1)
     assert found.total_variance == pytest.approx(pooled, rel=1e-9)
-    with pytest.raises(OceanError, match="levels must lie within the samples of all casts"):
+    with pytest.raises(OceanError, match="levels must be within the samples of all casts"):
         vertical_modes(casts, levels=[0.0, 5_000.0])
     refused(OceanError, r"1 column\(s\) down to .*; at least 2 are needed", vertical_modes, casts[:1])
 

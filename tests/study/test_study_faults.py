@@ -45,7 +45,7 @@ def test_folder_removed_under_a_run_is_one_line(tiny_config, tmp_path):
         if stage == "realizations":
             shutil.rmtree(tmp_path / "runs")
 
-    with pytest.raises(JobError, match=r"\.tiny\.mantaray-part: was removed while") as caught:
+    with pytest.raises(JobError, match=r"\.tiny\.mantaray-part: this folder was removed") as caught:
         run_study(tiny_config, tmp_path / "runs" / "tiny", workers=1, progress=remove)
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []

@@ -153,4 +153,4 @@ def test_an_unknown_option_names_the_nearest():
         Medium.from_profile(DEPTH, SPEED, bottom_depth=700.0),
         ice=1.0,
     )
-    refused(MantaRayError, "ocean.thin .--thin.: goes with a profile", open_water, "synthetic:fram", thin=0.1)
+    refused(MantaRayError, "ocean.thin .--thin. applies to a profile", open_water, "synthetic:fram", thin=0.1)
