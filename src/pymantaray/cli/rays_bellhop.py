@@ -121,9 +121,7 @@ def write_bellhop(
     from pymantaray.cli.rays_tables import read_links
 
     if (links is None) == (link is None):
-        raise AcousticsError(
-            "write-bellhop: no links; give LINKS.csv, or --run with --link ROW"
-        )
+        raise AcousticsError("write-bellhop: no links; give LINKS.csv, or --run with --link ROW")
     there = sorted(out.glob("link*.env"))
     if there and not force:
         raise AcousticsError(f"{there[0]}: already exists; give another folder or --force")

@@ -153,9 +153,7 @@ class RayPaths(Record):
     arrival: Column = column("node", "1", "row of the arrivals, or number of the ray of a fan", "i8")
     travel_time: Column = column("node", "s", "travel time since emission")
     position: Column = column("node axis", "m", "north, east, down")
-    slowness: Column = column(
-        "node axis", "s m-1", "slowness vector along the ray; NaN if the ends coincide"
-    )
+    slowness: Column = column("node axis", "s m-1", "slowness vector along the ray; NaN if the ends coincide")
     boundary: Column = column(
         "node", "1", "0 in the water, 1 reflected at the surface, 2 at the sea bed", "i1"
     )

@@ -234,7 +234,9 @@ class DatedRecord(Record):
             if units.startswith(_SINCE):
                 start = np.datetime64(units.removeprefix(_SINCE))
             elif units != "s":
-                raise RecordError(f"{cls.kind}: {name} is in {units!r}; it must be in seconds since the start")
+                raise RecordError(
+                    f"{cls.kind}: {name} is in {units!r}; it must be in seconds since the start"
+                )
             if time.dtype.kind == "M":
                 seconds = (time.values - start) / np.timedelta64(1, "ns") / 1e9
                 dataset = dataset.assign_coords({name: (time.dims, seconds)})
