@@ -315,7 +315,7 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv out.csv W --cutoff-db nan": "--cutoff-db nan: a positive number of decibels or none",
     "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
     "times links.csv out.csv --profile falls.csv --bottom 9": "falls.csv, line 4: depth is 5 after 10",
-    "times links.csv out.csv --profile holes.csv --bottom 9": "holes.csv, line 3: sound_speed needs a number; it is ''",
+    "times links.csv out.csv --profile holes.csv --bottom 9": "holes.csv, line 3: sound_speed is ''; it must be a number",
     "times links.csv out.csv --profile km.csv --bottom 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; sea water",
     "times links.csv out.csv --profile salty.csv --bottom 9": "lacks sound_speed; found depth, salinity",
     "times links.csv out.csv --profile placeless.csv --bottom 9": "for which --position LAT LON is needed",

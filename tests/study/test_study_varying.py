@@ -74,7 +74,7 @@ def test_between_snapshots_the_ocean_is_linear_in_time_and_on_them_exact():
 
 
 def test_snapshots_on_other_grids_are_refused():
-    with pytest.raises(StudyError, match="local grids at .*2014-07-15T12:00:00.* differ"):
+    with pytest.raises(StudyError, match=r"local grids at .*2014-07-15T12:00:00.* differ"):
         series_of([local(1450.0), local(1450.0, depth=(0.0, 60.0, 400.0))], np.array([0.0, 1.0]))
 
 
