@@ -62,13 +62,13 @@ class Squares(Queue):
     def task(self, key):
         return self.tasks[key]
 
-    def ended(self, key, result):
+    def record_result(self, key, result):
         self.left -= 1
         self.lines[self.tasks[key].number] = result
 
-    def lost(self, key, line):
+    def record_failure(self, key, line):
         self.store.write(name_of(key, failed=True), failure_content(RuntimeError(line)))
-        self.ended(key, line)
+        self.record_result(key, line)
 
 
 def run_squares(tasks, out, *, client=None, workers=1):

@@ -77,7 +77,7 @@ def test_no_scheduler_s_password_is_repeated(capsys, tmp_path, monkeypatch):
     pytest.importorskip("distributed")
     from pymantaray.jobs import pool
 
-    monkeypatch.setattr(pool, "_ANSWER", 1.0)
+    monkeypatch.setattr(pool, "_CONNECT_TIMEOUT", 1.0)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sweep.toml").write_text(
         '[sweep]\nname = "s"\nbase = "quick"\n[[grid]]\nfield = "study.seed"\nvalues = [1]\n'

@@ -1,4 +1,4 @@
-"""Start of the command `mantaray`: Ctrl-C ends it quietly also while modules are imported."""
+"""Entry point of the command `mantaray`: Ctrl-C also ends it quietly while modules are imported."""
 
 import os
 import resource
@@ -6,18 +6,18 @@ import signal
 import sys
 import threading
 
-_LEAST_MIB = 1536  # of address space; with less, libraries end in tracebacks or spin without end
+_MIN_ADDRESS_SPACE_MIB = 1536  # with less, libraries raise errors or never return
 
 
 def main() -> None:
     """Import the command line and run it."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if limit != resource.RLIM_INFINITY and limit < _LEAST_MIB << 20:
+    if limit != resource.RLIM_INFINITY and limit < _MIN_ADDRESS_SPACE_MIB << 20:
         sys.stderr.write(
-            f"error: not enough memory: this process may have {limit / 2**20:.0f} MiB (ulimit -v); allow 4096 or more\n"
+            f"error: not enough memory: the limit of this process is {limit / 2**20:.0f} MiB (ulimit -v); set it to 4096 MiB or more\n"
         )
         raise SystemExit(2)
-    if threading.current_thread() is not threading.main_thread():  # no other may handle signals
+    if threading.current_thread() is not threading.main_thread():  # only the main thread may handle signals
         from pymantaray.cli.main import main as run
     else:
         before = signal.signal(signal.SIGINT, lambda *_: os._exit(130))

@@ -1,8 +1,8 @@
 """
-How numerical kernels are compiled: without reference counting, the GIL released, kept on disk.
+Compilation of numerical kernels: without reference counting, without the GIL, cached on disk.
 
-Python calls entries; entries call kernels, which are compiled as part of them. In CUDA's simulator
-(``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1`` both are plain Python.
+Python calls entries. Entries call kernels, which are compiled as part of them. Both are plain Python in CUDA's simulator
+(``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1``.
 """
 
 import hashlib
@@ -22,20 +22,21 @@ _SHARED_SOURCES = tuple(
     for p in ("compile.py", "linking.py", "records/status.py", "geometry/boundary_kernels.py")
 )
 
-# Arrays come in from outside and outlive the call, so that counting references to them in inner loops
-# (two atomic operations an access; it made a field evaluation six times slower) can be left out.
+# The caller owns the arrays, and they outlive the call. Inner loops therefore need no reference counting, which costs two
+# atomic operations per access and made a field evaluation six times slower.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
 
-# Numba links, optimizes and compiles each function by itself, and again within each that calls it, directly or not: more
-# than half of all time for kernels that only kernels call. Here their code is linked, optimized as a whole and compiled in
-# entries only. That needs inner parts of Numba, so it is for the versions on which it was tried; with others each kernel is
-# compiled by itself, in three times the time. (In 0.61 and 0.62 code that was kept on disk ends the process.)
-_TRIED = (0, 63), (0, 68)
+# Numba links, optimizes and compiles each function separately, and again within each direct or indirect caller. For kernels
+# that only kernels call, this takes more than half of the time. Here, kernels are linked, optimized and compiled as a whole
+# within entries. This uses private parts of Numba, so only in versions that were tested. With other versions, each kernel is
+# compiled separately, which takes three times as long. (In 0.61 and 0.62, code from the disk cache crashes the process.)
+_TESTED_VERSIONS = (0, 63), (0, 68)
 
 
 def _compilers() -> tuple[dict[str, Any], ...]:
-    """Options of kernels, shared kernels and entries by which kernels are only linked into entries; none in an untried Numba."""
-    if not _TRIED[0] <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= _TRIED[1]:
+    """Options that link kernels into entries, for kernels, shared kernels and entries; empty for an untested Numba version."""
+    low, high = _TESTED_VERSIONS
+    if not low <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= high:
         return {}, {}, {}
     try:
         from pymantaray.linking import EntryCompiler, KernelCompiler, SharedCompiler
@@ -45,9 +46,9 @@ def _compilers() -> tuple[dict[str, Any], ...]:
 
 
 def announce_compilation() -> None:
-    """Say that kernels are compiled, unless it has been said that each process does so."""
-    if not _say_not_kept.cache_info().currsize:
-        _say_once("compiling kernels: some seconds, the first time only")
+    """Log that kernels are compiled, unless a warning already said that each process compiles them."""
+    if not _warn_not_cached.cache_info().currsize:
+        _warn_once("compiling kernels: takes a few seconds, only the first time")
 
 
 _KERNEL, _SHARED, _ENTRY = _compilers()
@@ -55,17 +56,17 @@ _KERNEL, _SHARED, _ENTRY = _compilers()
 
 @cache
 def _digest(folder: Path) -> str:
-    """Digest of all sources that are compiled into the entries of a folder, and of the Numba that does it."""
+    """Digest of all sources that are compiled into the entries of a folder, and of the version of Numba."""
     text = [p.read_bytes() for p in (*_SHARED_SOURCES, *sorted(folder.glob("*.py")))]
     return hashlib.sha256(numba.__version__.encode() + b"".join(text)).hexdigest()[:12]
 
 
-def kept_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **options: Any) -> Any:
+def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **options: Any) -> Any:
     """
-    Compile a function that is cached on disk by Numba, in memory where no folder can be written to.
+    Compile a function and cache it on disk, or in memory if no folder is writable.
 
-    Numba looks only at the file of the function itself, not at those of the functions it calls, so stale code could be
-    picked up. Here the names of its files hold a digest of all sources; those with other digests are removed.
+    Numba checks only the file of the function itself, not the files of the functions that it calls, so it could load stale
+    code. Here, the names of its cache files contain a digest of all sources. Files with other digests are removed.
     """
     name = function.__qualname__
     digest = _digest(Path(function.__code__.co_filename).parent)
@@ -73,7 +74,7 @@ def kept_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **o
     try:
         compiled = decorate(cache=True, **options)(function)
     except RuntimeError:  # no locator
-        _say_not_kept("neither the package's folder nor the user's cache can be written to")
+        _warn_not_cached("the package's folder and the user's cache folder are not writable")
         return decorate(**options)(function)
     finally:
         function.__qualname__ = name
@@ -81,33 +82,33 @@ def kept_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **o
         _discard_stale(
             Path(compiled.stats.cache_path), f"{Path(function.__code__.co_filename).stem}.{name}", digest
         )
-        _save_if_there_is_room(compiled._cache)
+        _ignore_failed_saves(compiled._cache)
     return compiled
 
 
-def _save_if_there_is_room(kept: Any) -> None:
-    """Let a function whose code cannot be saved, as on a full disk, go on in memory."""
-    save = kept.save_overload
+def _ignore_failed_saves(disk_cache: Any) -> None:
+    """Continue with the code in memory if it cannot be saved, for example on a full disk."""
+    save = disk_cache.save_overload
 
     def try_to_save(signature: Any, code: Any) -> None:
         try:
             save(signature, code)
         except OSError as error:
-            _say_not_kept(str(error.strerror))
+            _warn_not_cached(str(error.strerror))
 
-    kept.save_overload = try_to_save
+    disk_cache.save_overload = try_to_save
 
 
 @cache
-def _say_once(line: str) -> None:
+def _warn_once(line: str) -> None:
     logging.getLogger("pymantaray").warning(line)
 
 
 @cache
-def _say_not_kept(cause: str) -> None:
-    _say_once(
-        f"compiled kernels cannot be kept: {cause}; "
-        "each process compiles them; set NUMBA_CACHE_DIR to a folder that can be written to"
+def _warn_not_cached(cause: str) -> None:
+    _warn_once(
+        f"compiled kernels cannot be cached: {cause}; "
+        "each process will compile them again; set NUMBA_CACHE_DIR to a writable folder"
     )
 
 
@@ -117,13 +118,13 @@ def _discard_stale(folder: Path, stem: str, digest: str) -> None:
         if digest not in file.name:
             try:
                 file.unlink()
-            except OSError:  # another process was first, or the folder belongs to another user
+            except OSError:  # another process removed it, or the folder belongs to another user
                 return
 
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls."""
-    return function if PLAIN else kept_on_disk(njit, function, **_ENTRY, **_OPTIONS)
+    return function if PLAIN else cached_on_disk(njit, function, **_ENTRY, **_OPTIONS)
 
 
 def kernel(function: Callable[..., Any], **options: Any) -> Any:
@@ -131,12 +132,12 @@ def kernel(function: Callable[..., Any], **options: Any) -> Any:
     if PLAIN:
         return function
     if not _KERNEL:
-        return kept_on_disk(njit, function, **_OPTIONS, **options)
+        return cached_on_disk(njit, function, **_OPTIONS, **options)
     compiled = njit(**{**_KERNEL, **_OPTIONS, **options})(function)
     template = compiled.get_call_template
 
     def template_of_types(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
-        """Take a constant by its type, for which the kernel may have been compiled already."""
+        """Replace a constant by its type, for which the kernel may already be compiled."""
         return template(
             tuple(map(types.unliteral, args)), {name: types.unliteral(x) for name, x in kws.items()}
         )
@@ -151,7 +152,7 @@ def shared(function: Callable[..., Any]) -> Any:
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile an innermost kernel: passing a section's arrays costs more than their arithmetic."""
+    """Compile an innermost kernel inline: passing a section's arrays costs more time than its arithmetic."""
     return kernel(function, forceinline=True)
 
 
@@ -165,9 +166,9 @@ def _noinline(_context: Any) -> Any:
 
 
 def _nothing() -> None:
-    """Stand for `out_of_line` in plain Python."""
+    """Do nothing: `out_of_line` in plain Python."""
 
 
-# Keeps the calling function out of line: NVVM inlines every call that it may, and the tracer's copies alone made the CUDA
-# kernel three times as large.
+# Prevents inlining of the calling function. NVVM inlines every call that it can, and the copies of the tracer alone made the
+# CUDA kernel three times as large.
 out_of_line = _nothing if PLAIN else _noinline

@@ -1,42 +1,42 @@
 """
-Errors that MantaRay raises on purpose: one base class, one subclass per folder.
+Exceptions for invalid input and impossible requests: one base class, one subclass per folder.
 
-What a function cannot take it refuses by its folder's error, in one line with the value and what is allowed. Docstrings
-list refusals only where they do not follow from what is said of the arguments.
+A function raises the error of its folder if it cannot use an argument. The message is one line with the value and the
+allowed values. A docstring lists an error only if it does not follow from the description of the parameters.
 """
 
 from pymantaray.messages import without_secrets
 
 
 class MantaRayError(Exception):
-    """Bad input or an impossible request; the message is one line for the user, without passwords and tokens."""
+    """Invalid input or an impossible request; the message is one line for the user, without passwords and tokens."""
 
     def __init__(self, *arguments: object) -> None:
         super().__init__(*(without_secrets(one) if isinstance(one, str) else one for one in arguments))
 
 
 class GeometryError(MantaRayError):
-    """A frame, rotation or pose is not what it has to be."""
+    """A frame, rotation or pose is invalid."""
 
 
 class RecordError(MantaRayError):
-    """A record has the wrong shape, values or file content."""
+    """A record has an invalid shape, invalid values or invalid file content."""
 
 
 class WriteError(MantaRayError):
-    """A file cannot be written: the disk is full, the folder is missing or read-only."""
+    """A file cannot be written: the disk is full, or the folder is missing or read-only."""
 
 
 class OceanError(MantaRayError):
-    """An ocean data set is missing, malformed or does not cover what is asked of it."""
+    """An ocean data set is missing, is malformed or does not cover the requested domain."""
 
 
 class AcousticsError(MantaRayError):
-    """A sound-speed medium or a link is not what the ray solver can take."""
+    """The ray solver cannot use a sound-speed medium or a link."""
 
 
 class FleetError(MantaRayError):
-    """A vehicle, behaviour or its placement is impossible."""
+    """A vehicle, its behaviour or its position is impossible."""
 
 
 class SensingError(MantaRayError):
@@ -48,15 +48,15 @@ class EstimationError(MantaRayError):
 
 
 class EvaluationError(MantaRayError):
-    """An error statistic is asked of data that do not support it."""
+    """The data do not support the requested error statistic."""
 
 
 class WaterError(MantaRayError):
-    """The water for rays is not what it has to be."""
+    """Water for rays is invalid."""
 
 
 class JobError(MantaRayError):
-    """Tasks cannot be done: their folder, store, workers or scheduler is unusable."""
+    """Tasks cannot run: their folder, store, workers or scheduler is unusable."""
 
 
 class StudyError(MantaRayError):
@@ -64,7 +64,7 @@ class StudyError(MantaRayError):
 
 
 class ReportError(MantaRayError):
-    """A table, figure or page cannot be made from the run at hand."""
+    """A table, figure or page cannot be made from a run."""
 
 
 class SweepError(MantaRayError):
@@ -72,20 +72,20 @@ class SweepError(MantaRayError):
 
 
 class ServiceError(MantaRayError):
-    """A ping, or what a ranging service or its server is made of, is not what it can take."""
+    """A ranging service or its server cannot use a ping or its own definition."""
 
 
 class AtlasError(MantaRayError):
-    """An atlas cannot be made of what is asked for, or a file is none."""
+    """An atlas cannot be computed as requested, or a file is not an atlas."""
 
 
 class ReplayError(MantaRayError):
-    """Measured events, or the water that they are compared in, are unusable."""
+    """Measured events, or the water that they are compared with, are unusable."""
 
 
 class LocateError(MantaRayError):
-    """A survey of pings, or the water that it was taken in, is unusable."""
+    """A survey of pings, or its water, is unusable."""
 
 
 class ExchangeError(MantaRayError):
-    """Another program's file cannot be read, or does not hold what is asked of it."""
+    """A file of another program cannot be read, or lacks the requested data."""

@@ -1,4 +1,4 @@
-"""What is installed here and whether it works: packages, extras, folders that are written to, kernels, processors, GPU."""
+"""State of the installation: packages, extras, output folders, kernels, processors and GPU."""
 
 import hashlib
 import os
@@ -28,7 +28,7 @@ _KERNELS = (
 
 
 def versions() -> dict[str, str | None]:
-    """Versions of Python and of the packages that results depend on; None for one that is not installed."""
+    """Versions of Python and of the packages that affect results; None for a package that is not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
 
 
@@ -37,7 +37,7 @@ def code_version() -> str:
     """
     Version of the package with a hash of its source files, such as ``0.1.0+3f2a9c1b52d0``.
 
-    A checkout and a wheel built from it agree. `cli` and `report` do not count, since no result depends on them.
+    A checkout and its wheel have the same version. The hash excludes `cli` and `report`, which do not affect results.
     """
     root, content = Path(__file__).parent, hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
@@ -48,7 +48,11 @@ def code_version() -> str:
 
 
 def peak_memory_mib() -> float:
-    """Largest resident memory of this process so far; where the system does not say it, that of the one that started it if larger."""
+    """
+    Peak resident memory of this process. [MiB]
+
+    Without ``/proc``, it is the peak of the parent process if that is larger.
+    """
     try:
         (line,) = [x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM")]
         return round(float(line.split()[1]) / 2.0**10, 1)
@@ -59,23 +63,21 @@ def peak_memory_mib() -> float:
 
 def installation() -> dict[str, Any]:
     """
-    What is installed, which extras are, where files are kept and what does the work.
+    Collect packages, extras, folders, processors and faults of the installation.
 
     Returns
     -------
     dict
-        ``version``, ``folder``, ``python``, ``platform``; ``packages``, a row each (name, version, needs, fault);
-        ``extras``, a row each (name, missing, install); ``folders``, a row each (use, folder, writable, remedy); ``kernels``
-        (compiled, all); ``processors`` (cores, of which this process may use, threads of Numba, memory in GiB); ``gpu``
-        (its name or None, and why not); ``faults``, a line for each thing without which nothing runs well.
+        ``version``, ``folder``, ``python``, ``platform``; ``packages``, one row each (name, version, needs, fault);
+        ``extras``, one row each (name, missing, install); ``folders``, one row each (use, folder, writable, remedy);
+        ``kernels`` (compiled, all); ``processors`` (cores, usable_cores, memory_gib); ``gpu`` (name or None, why_not);
+        ``faults``, one line for each problem that prevents normal use.
     """
     packages, extras = _requirements()
     kernels = _kernels()
     folders = _folders(kernels)
     faults = [f"{row['name']}: {row['fault']}" for row in packages if row["fault"]]
-    faults += [
-        f"{row['folder']}: cannot be written to; {row['remedy']}" for row in folders if not row["writable"]
-    ]
+    faults += [f"{row['folder']}: not writable; {row['remedy']}" for row in folders if not row["writable"]]
     name, why_not = gpu()
     return {
         "version": _version("pymantaray"),
@@ -102,23 +104,23 @@ def installation() -> dict[str, Any]:
 
 
 def gpu() -> tuple[str | None, str]:
-    """Name of the CUDA device that links can be solved on; if there is none, why not."""
+    """Name of the CUDA device that can solve links, or None and the reason."""
     from numba import config
 
     if config.ENABLE_CUDASIM:
         return "Numba's simulator", ""
-    if find_spec("numba_cuda") is None:  # the target inside older Numba lacks too much
+    if find_spec("numba_cuda") is None:  # the CUDA target inside older Numba lacks features
         return None, "numba-cuda is not installed: pip install 'pymantaray[cuda]'"
     from numba import cuda
 
     if not cuda.is_available():
-        return None, "no NVIDIA driver with a device was found"
+        return None, "no NVIDIA driver with a device"
     name = cuda.get_current_device().name
     return name.decode() if isinstance(name, bytes) else str(name), ""
 
 
 def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Packages that are needed and extras, as the metadata of the installed package lists them."""
+    """Required packages and extras according to the metadata of the installed package."""
     packages, extras = [], dict[str, list[str]]()
     for line in requires("pymantaray") or ():
         requirement = Requirement(line)
@@ -126,9 +128,7 @@ def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         fits = there is not None and requirement.specifier.contains(there, prereleases=True)
         marker = requirement.marker
         if marker is None:
-            fault = (
-                "" if fits else "is not installed" if there is None else "is another version than is needed"
-            )
+            fault = "" if fits else "is not installed" if there is None else "has an unsupported version"
             packages.append(
                 {
                     "name": requirement.name,
@@ -149,18 +149,18 @@ def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
 
 
 def _kernels() -> list[Path]:
-    """File by which each kernel that Python calls is found again once it is compiled; none where they are kept nowhere."""
+    """Index file of the disk cache of each entry; empty if nothing is cached on disk."""
     files = []
-    for room in _KERNELS:
-        for function in vars(import_module(f"pymantaray.{room}")).values():
+    for module in _KERNELS:
+        for function in vars(import_module(f"pymantaray.{module}")).values():
             cache: Any = getattr(function, "_cache", None)
-            if getattr(cache, "cache_path", None) and function.__module__ == f"pymantaray.{room}":
+            if getattr(cache, "cache_path", None) and function.__module__ == f"pymantaray.{module}":
                 files.append(Path(cache.cache_path, cache._cache_file._index_name))
     return files
 
 
 def _folders(kernels: list[Path]) -> list[dict[str, Any]]:
-    """Folders that are written to, with what helps where that is impossible."""
+    """Output folders, and the remedy for each that is not writable."""
     import matplotlib as mpl
 
     from pymantaray.compile import PLAIN
@@ -170,20 +170,20 @@ def _folders(kernels: list[Path]) -> list[dict[str, Any]]:
     uses = [("compiled kernels", folder, "NUMBA_CACHE_DIR") for folder in caches]
     uses.append(("figures", Path(mpl.get_cachedir()), "MPLCONFIGDIR"))
     uses.append(("temporary files", Path(tempfile.gettempdir()), "TMPDIR"))
-    uses.append(("results, unless --out says where", Path.cwd(), ""))
+    uses.append(("results without --out", Path.cwd(), ""))
     return [
         {
             "use": use,
             "folder": str(folder or "nowhere"),
             "writable": folder is not None and _writable(folder),
-            "remedy": f"set {variable} to a folder that can be" if variable else "work in one that can be",
+            "remedy": f"set {variable} to a writable folder" if variable else "work in a writable folder",
         }
         for use, folder, variable in uses
     ]
 
 
 def _writable(folder: Path) -> bool:
-    """Whether a file can be made in a folder, which itself is made if it can be."""
+    """Return True if a file can be created in a folder; the folder is created if it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

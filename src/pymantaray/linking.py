@@ -1,7 +1,7 @@
-"""Compilers of Numba's by which kernels are linked, optimized as a whole and compiled in the entries that call them.
+"""Numba compilers that link kernels into the entries that call them, and optimize and compile each entry as a whole.
 
-Large kernels that several entries call are shared: compiled once with all that they call, and found by the entries under a name
-that is the same in every process. An entry is kept on disk with the machine code of those that it calls.
+A large kernel that several entries call is shared: it is compiled once, with all kernels that it calls, under a name that is
+the same in every process. The disk cache stores an entry with the machine code of its shared kernels.
 """
 
 import gc
@@ -24,8 +24,8 @@ from numba.core.typed_passes import NativeLowering
 from numba.core.types import functions
 from numba.core.types.containers import BaseNamedTuple
 
-# Passes of Numba's for what no kernel has: with blocks, closures, raised exceptions, lists, array expressions.
-_SPARED = {
+# Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array expressions.
+_SKIPPED_PASSES = {
     "with_lifting",
     "inline_closure_likes",
     "Rewrite dynamic raises",
@@ -42,17 +42,17 @@ _SPARED = {
 
 
 class Library(JITCodeLibrary):  # type: ignore[misc]
-    """Code that is not optimized function by function before it is as a whole."""
+    """Code that is optimized only as a whole, not function by function."""
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
 
 
 class KernelLibrary(Library):
-    """Code of one kernel, without that of those it calls, as it is."""
+    """Unoptimized code of one kernel, without the kernels that it calls."""
 
     def finalize(self) -> None:
-        """Let each entry have a copy of its own."""
+        """Give each entry its own copy."""
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage.name == "external":
                 function.linkage = "linkonce_odr"
@@ -61,16 +61,16 @@ class KernelLibrary(Library):
 
 
 class EntryLibrary(Library):
-    """Code of an entry and of all kernels that it calls, directly or not, optimized once as a whole.
+    """Code of an entry and of all kernels that it calls directly or indirectly, optimized once as a whole.
 
-    needs is the machine code of shared kernels by symbol, of each after those that it calls.
+    ``needs`` is the machine code of shared kernels by symbol; a kernel follows the kernels that it calls.
     """
 
     _linking_libraries: list[Any]
     needs: dict[str, bytes]
 
     def finalize(self) -> None:
-        """Take up the code of all kernels, optimize and compile it; that of shared ones is loaded before it."""
+        """Load shared kernels, add the code of all other kernels, then optimize and compile."""
         waiting, all_libraries = list(self._linking_libraries), dict[Any, None]()
         while waiting:
             library = waiting.pop()
@@ -83,20 +83,20 @@ class EntryLibrary(Library):
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        """Leave out Numba's first round, which prepares the pruning of reference counts: there are none."""
+        """Skip Numba's first round, which prepares the pruning of reference counts: kernels have none."""
         passes = self._codegen._module_pass_manager()
         manager, *builder = passes if isinstance(passes, tuple) else (passes,)
         manager.run(self._final_module, *builder)
 
 
 class SharedLibrary(EntryLibrary):
-    """Code of a shared kernel and of all kernels that it calls, optimized once as a whole; one of a name in a process."""
+    """Code of a shared kernel and of all kernels that it calls, optimized once as a whole; one per name and process."""
 
     loaded: ClassVar[dict[str, "SharedLibrary"]] = {}
     symbol = ""
 
     def finalize(self) -> None:
-        """Compile it, unless an entry that was kept on disk has brought it; its own code is the last that it needs."""
+        """Compile the kernel, unless an entry from the disk cache has loaded it; its own code is the last in ``needs``."""
         if self.symbol not in self.loaded:
             super().finalize()
             self.needs[self.symbol] = self._get_compiled_object()
@@ -106,7 +106,7 @@ class SharedLibrary(EntryLibrary):
 
 
 def load_shared(needs: tuple[tuple[str, bytes], ...]) -> None:
-    """Load the machine code of shared kernels, once in a process, of each after those that it calls."""
+    """Load the machine code of shared kernels once per process; a kernel follows the kernels that it calls."""
     for i, (symbol, code) in enumerate(needs):
         if symbol not in SharedLibrary.loaded:
             library = SharedLibrary(cpu_target.target_context.codegen(), symbol)
@@ -118,19 +118,19 @@ def load_shared(needs: tuple[tuple[str, bytes], ...]) -> None:
 
 
 class KernelLower(Lower):  # type: ignore[misc]
-    """Numba's translation without what serves debuggers, and the end of variables that own nothing."""
+    """Numba's lowering without debug information and without deletion of variables, which own nothing here."""
 
     def alloca(self, name: str, kind: Any) -> Any:
-        """Make room for a variable."""
+        """Allocate a variable."""
         return cgutils.alloca_once(self.builder, self.context.get_value_type(kind), name=name)
 
     def delvar(self, name: str) -> None:
-        """Leave a variable as it is."""
+        """Do nothing: a variable owns nothing."""
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class KernelLowering(NativeLowering):  # type: ignore[misc]
-    """Numba's last pass without what serves calls from Python."""
+    """Numba's last pass without wrappers for calls from Python."""
 
     _name = "kernel_lowering"
     lowering_class = KernelLower
@@ -142,8 +142,7 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
         state.library = self.library(state.targetctx.codegen(), name)
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
         changed: bool = super().run_pass(state)
-        # The dispatcher wants a built-in function, one of its own for each kernel; this one raises KeyError with
-        # these words.
+        # The dispatcher requires a distinct built-in function for each kernel. This one raises KeyError with this text.
         no_entry = ("{" + f"{name} is called by kernels only" + "}").format
         state.targetctx.insert_user_function(no_entry, state.cr.fndesc, [state.library])
         state["cr"] = state.cr._replace(cfunc=no_entry)
@@ -152,7 +151,7 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class SharedLowering(KernelLowering):
-    """The same into a library that is compiled for all entries, under a name without Numba's counter."""
+    """The last pass for shared kernels: one compiled library for all entries, under a name without Numba's counter."""
 
     _name = "shared_lowering"
     library = SharedLibrary
@@ -168,13 +167,13 @@ class SharedLowering(KernelLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class EntryLowering(NativeLowering):  # type: ignore[misc]
-    """Numba's last pass into a library that takes up kernels."""
+    """Numba's last pass into a library that includes kernels."""
 
     _name = "entry_lowering"
     lowering_class = KernelLower
 
     def run_pass(self, state: Any) -> bool:
-        """Lower an entry into a library that is kept on disk."""
+        """Lower an entry into a library that is cached on disk."""
         state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         changed: bool = super().run_pass(state)
@@ -182,7 +181,7 @@ class EntryLowering(NativeLowering):  # type: ignore[misc]
 
 
 class KernelCompiler(CompilerBase):  # type: ignore[misc]
-    """Numba's compiler with another last pass, without passes for what kernels do not have."""
+    """Numba's compiler with a different last pass, and without passes for features that kernels do not use."""
 
     lowering = KernelLowering
 
@@ -192,47 +191,47 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
         manager.passes = [
             (self.lowering if own is NativeLowering else own, why)
             for own, why in manager.passes
-            if own._name not in _SPARED
+            if own._name not in _SKIPPED_PASSES
         ]
         manager.finalize()
         return [manager]
 
 
 class SharedCompiler(KernelCompiler):
-    """The same for a kernel that entries share."""
+    """Compiler of shared kernels."""
 
     lowering = SharedLowering
 
 
 class EntryCompiler(KernelCompiler):
-    """The same for an entry, which compiles the kernels that it calls on its way."""
+    """Compiler of entries, which also compiles the kernels that an entry calls."""
 
     lowering = EntryLowering
 
     def compile_extra(self, function: Any) -> Any:
-        """Compile a function, and say so."""
+        """Compile a function and log it."""
         from pymantaray.compile import announce_compilation
 
         announce_compilation()
-        with _each_operator_resolved_once(), _arrays_passed_by_data_and_shape():
+        with _cached_operator_resolution(), _arrays_by_data_and_shape():
             return super().compile_extra(function)
 
 
 class ArrayByDataAndShape(ArrayModel):  # type: ignore[misc]
-    """A contiguous array of numbers that is passed by its data and shape; the rest of what Numba passes follows."""
+    """A contiguous array of numbers that is passed by its data and shape, from which its other fields follow."""
 
     def get_argument_type(self) -> tuple[Any, ...]:
-        """Types of what is passed."""
+        """Types of the arguments."""
         data = self.get_model(self.get_field_position("data"))
         return data.get_value_type(), *(cgutils.intp_t,) * self._fe_type.ndim
 
     def as_argument(self, builder: Any, value: Any) -> tuple[Any, ...]:
-        """Take what is passed from an array."""
+        """Extract data and shape from an array."""
         shape = self.get(builder, value, "shape")
         return self.get(builder, value, "data"), *cgutils.unpack_tuple(builder, shape)
 
     def from_argument(self, builder: Any, value: Any) -> Any:
-        """Make up the array."""
+        """Build the array from its data and shape."""
         data, *shape = value
         itemsize = cgutils.intp_t(self._fe_type.dtype.bitwidth // 8)
         nitems, strides = shape[-1], [itemsize]
@@ -256,20 +255,20 @@ def _array_model(models: Any, kind: Any) -> Any:
 
 
 class ModelsOfArguments:
-    """Numba's models of types; of arrays in named tuples, which no function of Numba's own takes, ours."""
+    """Numba's models of types, with `ArrayByDataAndShape` for arrays in named tuples, which only kernels take."""
 
-    ours = DataModelManager().chain(default_manager)
-    ours.register(types.Array, _array_model)
+    in_tuples = DataModelManager().chain(default_manager)
+    in_tuples.register(types.Array, _array_model)
 
     @classmethod
     def lookup(cls, kind: Any) -> Any:
         """Model of a type."""
-        return (cls.ours if isinstance(kind, BaseNamedTuple) else default_manager).lookup(kind)
+        return (cls.in_tuples if isinstance(kind, BaseNamedTuple) else default_manager).lookup(kind)
 
 
 @contextmanager
-def _arrays_passed_by_data_and_shape() -> Iterator[None]:
-    """Let kernels pass two to four numbers for each array of a workspace in place of seven to eleven, a tenth of all time."""
+def _arrays_by_data_and_shape() -> Iterator[None]:
+    """Pass two to four numbers per array of a workspace instead of seven to eleven; saves a tenth of the time."""
     context: Any = BaseContext
     pack = context.get_arg_packer
     context.get_arg_packer = lambda _context, args: ArgPacker(ModelsOfArguments, args)
@@ -280,8 +279,8 @@ def _arrays_passed_by_data_and_shape() -> Iterator[None]:
 
 
 @contextmanager
-def _each_operator_resolved_once() -> Iterator[None]:
-    """Let Numba remember which of an operator's implementations takes which types, a fifth of all time; no collection of garbage."""
+def _cached_operator_resolution() -> Iterator[None]:
+    """Cache Numba's choice of an operator's implementation by types, without garbage collection; saves a fifth of the time."""
     operators: Any = functions.BaseFunction
     resolve, signatures = operators.get_call_type, dict[Any, Any]()
 

@@ -1,22 +1,24 @@
-"""What messages, logs and manifests may say of text that others wrote: one printable line, no passwords and no tokens."""
+"""Text from outside in messages, logs and manifests: one printable line, without passwords and tokens."""
 
 import re
 
 _ACCOUNT = re.compile(
     r"(?<=:/)(?:(?!:/).)*@"
-)  # of an address, to the last @: passwords may hold blanks, / and @
+)  # account in a URL, up to the last @: passwords may contain spaces, / and @
 _BARE_ACCOUNT = re.compile(
     r"(?<![^\s'\"=(])[^\s:/'\"=(]+:[^\s/]+@(?=[\w.\[-]+:\d)"
 )  # user:password@host:port
-_VALUE = re.compile(r"([?&#][\w.\[\]%-]+=)[^\s&#'\"]*?(?=[:;,]?(?:[\s&#'\"]|$))")  # of a query, ?name=value
+_VALUE = re.compile(
+    r"([?&#][\w.\[\]%-]+=)[^\s&#'\"]*?(?=[:;,]?(?:[\s&#'\"]|$))"
+)  # value in a query, ?name=value
 
 
 def without_secrets(text: object) -> str:
-    """Text without the users, passwords and values of queries of the addresses in it: a token may have any name."""
+    """Remove users, passwords and query values from all URLs in a text; all values, since a token may have any name."""
     return _VALUE.sub(r"\1...", _BARE_ACCOUNT.sub("", _ACCOUNT.sub("/", str(text))))
 
 
 def one_line(text: object, longest: int = 160) -> str:
-    """Text of unknown origin as one short printable line."""
+    """Convert text of unknown origin to one short printable line."""
     words = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
     return words if len(words) <= longest else words[: longest - 3] + "..."

@@ -1,4 +1,4 @@
-"""How kernels are compiled: linked into entries, kept on disk only as long as no source changes, in memory where no disk can be written."""
+"""How kernels are compiled: linked into entries, cached on disk only as long as no source changes, in memory where no disk can be written."""
 
 from collections import namedtuple
 
@@ -69,7 +69,7 @@ def raised(x):
 """
 
 
-def test_shared_kernel_is_found_by_entries_that_are_compiled_and_by_those_kept_on_disk(tmp_path):
+def test_shared_kernel_is_found_by_entries_that_are_compiled_and_by_those_cached_on_disk(tmp_path):
     (tmp_path / "both.py").write_text(SHARED)
     for first, second, lines in (("plain", "plain", 1), ("plain", "raised", 1), ("raised", "plain", 0)):
         code = f"import both\nprint(both.{first}(3.0), both.{second}(3.0))"
@@ -150,7 +150,7 @@ def test_where_no_folder_can_be_written_kernels_are_compiled_in_memory_and_one_l
     printed, said = two_files(2.0, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR="")
     assert printed == ["2.0", "False"], said
     assert said.count("\n") == 1
-    assert "cannot be kept" in said
+    assert "cannot be cached" in said
 
 
 def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_files, tmp_path):
@@ -159,7 +159,7 @@ def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_f
     assert printed == ["2.0", "True"], said
     *first, last = said.splitlines()
     assert [line[:17] for line in first] == ["compiling kernels"] * LINKED
-    assert "cannot be kept: File too large; " in last
+    assert "cannot be cached: File too large; " in last
     assert not [*(tmp_path / "__pycache__").glob("*.tmp.*")]
 
 

@@ -158,9 +158,9 @@ def test_arrivals_are_counted_with_their_reflections_and_ranged_on_without(links
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"pairs": ((20.0, -1.0),)}, "pairs: depth -1 m; allowed are 0 m and more, positive down"),
+        ({"pairs": ((20.0, -1.0),)}, "pairs: depth is -1 m; it must be 0 m or more, positive down"),
         ({"pairs": ()}, "pairs: shape"),
-        ({"distances": (2e3, 1e3)}, "distances: it must strictly increase"),
+        ({"distances": (2e3, 1e3)}, "distances: values do not increase"),
         ({"distances": (0.0, 1e3)}, "distances: 0 m; all must be positive"),
         ({"safe": ()}, "safe: shape"),
         ({"bearings": 0}, "bearings: 0; at least 1 is needed"),

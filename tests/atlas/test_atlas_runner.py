@@ -138,7 +138,7 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     atlas = Atlas(file, links, every=20)
     refused(
         WriteError,
-        "exists already, and is not of this atlas and this version of the code; give another name or --force",
+        "already exists, from another atlas or version of the code; give another name or --force",
         run_atlas,
         atlas,
         out,
@@ -146,10 +146,10 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     assert out.read_text() == "thesis"
     run_atlas(atlas, out, force=True)
     other = Atlas(file, links, every=21)
-    refused(WriteError, "exists already, and is not of this atlas", run_atlas, other, out)
+    refused(WriteError, "already exists, from another atlas", run_atlas, other, out)
     (tmp_path / "b.nc.blocks").mkdir()
     (tmp_path / "b.nc.blocks" / "thesis.tex").write_text("x")
-    refused(JobError, "holds something, and no atlas", run_atlas, atlas, tmp_path / "b.nc")
+    refused(JobError, "this folder is not empty and has no atlas", run_atlas, atlas, tmp_path / "b.nc")
 
 
 def test_an_ocean_whose_content_has_changed_is_another_atlas(here, ocean, links, tmp_path):
@@ -172,11 +172,11 @@ def test_a_block_that_fails_is_told_when_the_others_are_done(
     sick["water_temp"][3, 10, 8] = 99.0
     sick.to_netcdf(path)
     monkeypatch.setattr("pymantaray.atlas.column.SPLINE", 1)
-    monkeypatch.setattr(plan, "_SPARE", 3)
+    monkeypatch.setattr(plan, "_GRID_MARGIN", 3)
     atlas = Atlas(path, links, window=_window(ocean, 10, 10, 8, 16))
     refused(
         AtlasError,
-        "2 of 3 blocks failed, the first by: ocean: values .water_temp.: 1 of .* outside",
+        "2 of 3 blocks failed, the first with: ocean: values .water_temp.: 1 of .* outside",
         run_atlas,
         atlas,
         tmp_path / "atlas.nc",
@@ -197,7 +197,7 @@ def test_a_damaged_block_is_removed_and_told(here, ocean, file, links, tiles, mo
     block.write_bytes(block.read_bytes()[:-100])
     refused(
         AtlasError,
-        "a block was damaged and is removed; run the atlas again",
+        "a damaged block was removed; run the atlas again",
         run_atlas,
         atlas,
         out,
@@ -231,12 +231,12 @@ def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, li
     assert (np.diff(own["range_error"].values, axis=0) != 0.0).any()  # the water differs
     assert instants_between(days, "2014-07-15", "2014-07-18", 48.0).size == 2
     assert instants_between("synthetic:fram", "2014-07-15", "2014-07-18").size == 4
-    refused(AtlasError, "no time of the ocean lies in", instants_between, days, "2015-01-01", "2015-02-01")
+    refused(AtlasError, "the ocean has no time from", instants_between, days, "2015-01-01", "2015-02-01")
     for source in (days, "synthetic:fram"):
         span = instants_between, source, "2014-07-18", "2014-07-15"
         refused(AtlasError, "the last is before the first", *span)
         for step in (0.0, -4.0, np.nan):
-            refused(AtlasError, "steps of a second and more", *span[:2], *span[:1:-1], step)
+            refused(AtlasError, "it must be at least one second", *span[:2], *span[:1:-1], step)
     # each instant reads its own file alone
     assert [block.files for block in Atlas(days, links, window=window, times=times).blocks] == [
         (str(path),) for path in days
@@ -320,9 +320,9 @@ def test_the_table_counts_places(here, ocean, file, links, content, tmp_path):
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"every": 0}, AtlasError, "every: 0; allowed are 1, every column, and more"),
-        ({"every": 500}, AtlasError, "no column is left: every 500 of 32 x 52 grid points"),
-        ({"times": []}, AtlasError, "times: there are none; give one or more"),
+        ({"every": 0}, AtlasError, "every is 0; it must be at least 1"),
+        ({"every": 500}, AtlasError, "no column remains: every is 500 for 32 x 52 grid points"),
+        ({"times": []}, AtlasError, "times is empty; give at least one"),
         ({"window": (10.0, 11.0, 0.0, 1.0)}, OceanError, "atlas: no grid point in the window"),
         (
             {"times": ["2020-01-01"]},
@@ -336,7 +336,7 @@ def test_what_cannot_be_is_refused(file, options, error, message):
 
 
 def test_what_is_no_atlas_is_refused(file, tmp_path):
-    refused(AtlasError, "not an atlas of this version; make one with mantaray atlas run", open_atlas, file)
+    refused(AtlasError, "not an atlas of this version; compute one with mantaray atlas run", open_atlas, file)
     refused(
         AtlasError,
         "missing.nc: not a readable NetCDF file: No such file",

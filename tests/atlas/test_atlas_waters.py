@@ -69,5 +69,5 @@ def test_a_profile_has_one_column(tmp_path):
 
 def test_what_has_no_columns_is_refused(fram):
     medium = Medium.from_profile([0, 90], [1440, 1450], bottom_depth=90.0)
-    refused(AtlasError, "columns on latitude and longitude, which a medium has not", Atlas, medium)
-    refused(AtlasError, "give the one before to_local", Atlas, to_local(fram, half_extent=(9e3, 9e3)))
+    refused(AtlasError, "a medium has no latitude and longitude, which an atlas needs", Atlas, medium)
+    refused(AtlasError, "give the ocean before to_local", Atlas, to_local(fram, half_extent=(9e3, 9e3)))

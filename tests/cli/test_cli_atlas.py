@@ -42,8 +42,8 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, tmp_p
         (("--distances", "far"), "--distances is 'far'; needs numbers with commas between"),
         (("--pair", "20"), "--pair is '20'; needs two numbers with a comma between"),
         (("--window", "1,2,3"), "--window is '1,2,3'; needs 4 numbers with commas between"),
-        (("--start", "2014-07-15"), "--start and --stop belong together, and exclude --time"),
-        (("--step-h", "6"), "--step-h: there are steps from --start to --stop alone; give both"),
+        (("--start", "2014-07-15"), "--start and --stop must be used together and without --time"),
+        (("--step-h", "6"), "--step-h needs --start and --stop; give both"),
         (
             ("--time", "2015-01-01"),
             "time 2015-01-01T00:00: not in the ocean, which has 1 from 2014-07-15T12:00 to",

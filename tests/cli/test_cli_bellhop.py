@@ -35,7 +35,7 @@ def test_comparison_of_a_profile(mantaray, told, files, monkeypatch):
     assert shown.code == 0, shown.err
     table = pd.read_csv("out.csv")
     np.testing.assert_allclose(table["difference_us"], stand_in.LATE_US, rtol=0, atol=2e-3)
-    assert "2 links: 2 with a direct arrival, 2 of Bellhop's" in shown.out
+    assert "2 links: 2 with a direct arrival of MantaRay, 2 of Bellhop" in shown.out
     assert "median +12.50" in shown.out
     assert told(*words, "--out", "out.csv", "--force")["bellhop_minus_ours_us"]["median"] == pytest.approx(
         12.5, abs=2e-3

@@ -86,7 +86,7 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tm
     assert result["cost"] == result["final_cost"] == summary["cost"]
     refused = mantaray("graph", "solve", file, "--out", out)
     assert refused.code == 2
-    assert refused.err == f"error: {out}: folder is not empty; give an empty or a new one\n"
+    assert refused.err == f"error: {out}: folder is not empty; give a new or empty folder\n"
 
 
 def test_without_a_folder_nothing_is_written(graph, file, tmp_path):

@@ -302,7 +302,7 @@ def test_wrong_survey_text_is_refused_in_one_line(mantaray, tmp_path, case):
 
 def test_water_is_needed_and_must_reach_the_node(mantaray, tmp_path):
     path, _ = write_obsrange(tmp_path)
-    assert "no water given" in mantaray("locate", path).err
+    assert "no water; give --profile" in mantaray("locate", path).err
     short = tmp_path / "short.csv"
     short.write_text("depth_m,sound_speed\n0,1480\n1000,1497\n")
     done = mantaray("locate", path, "--profile", short)

@@ -192,7 +192,7 @@ MADE = {  # what is told, the command and what it calls
     "300 m; cast cast": (
         "from-cast cast.csv new.nc --bottom 300 --half-extent 20 30 --force", lambda: of_cast(bottom_depth=300.0)
     ),
-    "corrected by 2 casts (warmer, cast)": (
+    "corrected with 2 casts (warmer, cast)": (
         "correct ocean.nc warmer.csv cast.csv new.nc --scale 3 --noise-ratio 0.01",
         lambda: correct_with_casts(
             open_ocean("ocean.nc"), read_casts(["warmer.csv", "cast.csv"]), horizontal_scale=3e3, noise_ratio=0.01
@@ -226,7 +226,7 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
     ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
     ("from-cast cast.csv ocean.nc", "exists already; give another name or --force"),
     ("from-cast none.csv new.nc --bottom 300", "cannot be read: No such file"),
-    ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast exclude each other"),
+    ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast cannot be combined"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
     ("perturb ocean.nc new.nc", "--method eof: --rms and --scale needed"),
     ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean: takes no --rms"),
@@ -271,7 +271,7 @@ def test_casts_are_converted_for_other_programs_and_refused_in_one_line(mantaray
         (("cast.csv", "new.asvp", *time), "1501 levels, echo sounders take 1000 at most"),
         (("cast.csv", "new.asvp", "--name", "b"), "no cast 'b'; there is cast"),
         (("cast.csv", "new.txt"), "the output's name must end in .asvp or .nc"),
-        (("cast.csv", "new.nc", "--lat", 3), "--lat and --lon: the one needs the other"),
+        (("cast.csv", "new.nc", "--lat", 3), "--lat and --lon must be used together"),
     ):
         refused = mantaray("ocean", "convert-cast", *words)
         assert refused.code == 2

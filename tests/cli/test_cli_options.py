@@ -152,7 +152,7 @@ def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantar
     missing = tmp_path / "nothere.csv"
     lost = mantaray("ranges", missing, *words[2:])
     assert (lost.code, lost.err) == (2, f"error: {missing}: there is no such file\n")
-    assert "who pings when" in mantaray(*words).err
+    assert "schedule of pings" in mantaray(*words).err
 
 
 @pytest.mark.parametrize(("words", "fault"), [

@@ -186,8 +186,8 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
     words = ("times", "links.csv", "out.csv", "--profile", cast, "--bottom", 3000)
     assert mantaray("rays", *words).err == (
-        f"error: {cast.name}: 1001 levels less than 2 m apart are a raw cast; thin it, as by --thin 0.1 (ocean.thin, m/s),"
-        " smooth it, as by --smooth 10 (ocean.smooth, m), or take --interpolation linear (acoustics.interpolation)\n"
+        f"error: {cast.name}: 1001 levels with a spacing below 2 m are a raw cast; thin it with --thin 0.1 (in Python: thin, m/s),"
+        " smooth it with --smooth 10 (smooth, m), or use --interpolation linear (interpolation)\n"
     )
     assert not Path("out.csv").exists()
     lines = rays(*words, "--thin", 0.1).splitlines()
@@ -196,7 +196,7 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     c = sound_speed(table["temperature_degC"], table["practical_salinity"], z, 73.9883, -139.95)
     thin = thin_profile(z, c, tolerance=0.1)
     assert lines[1] == f"{cast.name}: {thin}"
-    assert lines[2] == f"{cast.name}: starts at 0.8029 m; the sound speed there is taken up to the surface"
+    assert lines[2] == f"{cast.name}: starts at 0.8029 m; sound speed above is constant"
     assert lines[3].startswith(f"{cast.name}: ends at 1000.08 m, above the sea bed at 3000 m")
     record = medium_of("out.csv")
     assert (record["raw_levels"], record["levels"]) == (1001, thin.depth.size)
@@ -211,7 +211,7 @@ def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_
     place = ("--position", 74.5, -140)
     printed = rays("times", "links.csv", "out.csv", "--profile", "deep.csv", "--bottom", 3000, *place)
     depth = -gsw.z_from_p(10.0, 74.5)
-    assert f"deep.csv: starts at {depth:g} m; the sound speed there is taken up to the surface\n" in printed
+    assert f"deep.csv: starts at {depth:g} m; sound speed above is constant\n" in printed
     assert pd.read_csv("out.csv")["source_sound_speed_m_s"][0] == pytest.approx(1434.0, abs=1e-9)
     medium = medium_of("out.csv")
     assert (medium["computed"], medium["position_deg"]) == ("TEOS-10", [74.5, -140.0])
@@ -296,45 +296,45 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv iso.csv W": "iso.csv: exists already; give another name or --force",
     "times links.csv old.csv W": "old.csv.json: exists already; give another name or --force",
     "times links.csv links.csv W --force": "links.csv: is the input",
-    "times lacks.csv out.csv W": "lacks.csv: lacks source_depth; found name, source_north, source_east, Source_depth",
+    "times lacks.csv out.csv W": "lacks.csv: no source_depth; the columns are name, source_north, source_east, Source_depth",
     "times twice.csv out.csv W": "twice.csv: has two columns source_east; keep one",
-    "times word.csv out.csv W": "word.csv, line 5: every one of .* needs a number; receiver_east is 'x'",
-    "times lat.csv out.csv W": "lat.csv: has latitudes and longitudes, but a profile has no place; give north and east",
-    "times far.csv out.csv --ocean synthetic:fram": "far.csv: a latitude is beyond 90 degrees",
+    "times word.csv out.csv W": "word.csv, line 5: receiver_east is 'x'; it must be a number",
+    "times lat.csv out.csv W": "lat.csv: latitudes and longitudes need a place of the profile; give --centre",
+    "times far.csv out.csv --ocean synthetic:fram": "far.csv: a latitude is not in -90 to 90 degrees",
     "times inf.csv out.csv W": "inf.csv, line 2: .* source_north is 'inf'",
-    "times binary.csv out.csv W": "binary.csv: not a table of text",
+    "times binary.csv out.csv W": "binary.csv: a binary file, not a text table",
     "times nothing.csv out.csv W": "nothing.csv: cannot be read: No such file",
     "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
     "times links.csv out.csv W --ocean synthetic:fram": "--ocean and --profile given; exactly one",
     "times links.csv out.csv --profile iso.csv": "iso.csv: a profile has no sea bed; give its depth in metres",
     "times links.csv out.csv --profile iso.csv --bottom -5": "ocean.bathymetry: found -5.0; allowed: greater than 0",
-    "times links.csv out.csv --ocean synthetic:fram --thin 1": "ocean.thin .--thin.: goes with a profile, not with an ocean",
+    "times links.csv out.csv --ocean synthetic:fram --thin 1": "ocean.thin .--thin. applies to a profile, not to an ocean",
     "times links.csv out.csv W --half-extent 0 1": "ocean.half_extent_north: found 0.0; allowed: greater than 0",
     "times links.csv out.csv W --thin 0.1 --smooth 9": "thin and smooth exclude each other",
     "times links.csv out.csv W --cutoff-db x": "--cutoff-db x: a positive number of decibels or none",
     "times links.csv out.csv W --cutoff-db nan": "--cutoff-db nan: a positive number of decibels or none",
     "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
     "times links.csv out.csv --profile falls.csv --bottom 9": "falls.csv, line 4: depth is 5 after 10",
-    "times links.csv out.csv --profile holes.csv --bottom 9": "holes.csv, line 3: sound_speed needs a number; it is ''",
+    "times links.csv out.csv --profile holes.csv --bottom 9": "holes.csv, line 3: sound_speed is ''; it must be a number",
     "times links.csv out.csv --profile km.csv --bottom 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; sea water",
     "times links.csv out.csv --profile salty.csv --bottom 9": "lacks sound_speed; found depth, salinity",
     "times links.csv out.csv --profile placeless.csv --bottom 9": "for which --position LAT LON is needed",
     "times links.csv out.csv --ocean synthetic:mars": "mars",
-    "times links.csv out.csv W --ice ice.nc": "ocean.ice is a map; over a profile it needs the frame's centre",
-    "times links.csv out.csv W --ice 3500": "ice: a draft of 3500 m; it must lie in 0 to 100 m",
-    "times links.csv out.csv --run . --ice 1": "--ice: goes with --ocean and --profile; a run has its own",
+    "times links.csv out.csv W --ice ice.nc": "ocean.ice is a map, which needs --centre",
+    "times links.csv out.csv W --ice 3500": "ice: the draft is 3500 m; it must be 0 to 100 m",
+    "times links.csv out.csv --run . --ice 1": "--ice does not apply to --run",
     "times links.csv out.csv --run .": "not a run folder",
-    "trace links.csv out.csv W --azimuth 3": "--azimuth and --distance go with --fan FROM TO COUNT",
+    "trace links.csv out.csv W --azimuth 3": "--azimuth and --distance need --fan FROM TO COUNT",
     "trace links.csv out.csv W --fan 5 -5 3": "--fan 5 -5 3: needs FROM below TO",
     "trace links.csv out.csv W --fan -5 5 1000000000": "needs FROM below TO and a COUNT of 1 to 100000",
-    "trace links.csv out.csv W --fan -5 5 3 --cutoff-db 3": "--cutoff-db: a fan is traced whole",
+    "trace links.csv out.csv W --fan -5 5 3 --cutoff-db 3": "--cutoff-db does not apply to --fan",
     "trace links.csv out.csv W --fan -5 5 3": "links.csv, line 7: distance: 0.0; a positive length",
     "trace links.csv out.csv W --fan -95 5 3": r"links.csv, line 4: launch_angles: up to 1\.65806 rad",
     "compare-bellhop links.csv --out profile.csv W --force": "profile.csv: is the input",
     "compare-bellhop links.csv --out out.csv W --program nothing": "no nothing on PATH; install it",
     "write-bellhop links.csv --out run": "no ocean given; exactly one of --ocean, --profile and --run is needed",
     "write-bellhop links.csv --out run W --link 1": "give LINKS.csv, or --run with --link ROW",
-    "write-bellhop --out run W --link 0": "--link: a row of which run",
+    "write-bellhop --out run W --link 0": "--link needs a run",
     "write-bellhop links.csv --out . W": "link_0.env: exists already; give another folder or --force",
 }
 
@@ -376,12 +376,15 @@ def test_plot_draws_the_links_of_a_table_by_their_names(rays, folder):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((), "give --source and --receiver, or --links with a table of them"),
-        (("--source", "0,0,20"), "give --source and --receiver, or --links"),
-        ((*DIRECT, "--links", "links.csv"), "give --source and --receiver, or --links"),
+        ((), "give either --source and --receiver, or --links"),
+        (("--source", "0,0,20"), "give either --source and --receiver, or --links"),
+        ((*DIRECT, "--links", "links.csv"), "give either --source and --receiver, or --links"),
         (("--source", "0,0", "--receiver", "1,1,1"), "--source is '0,0'; needs north, east and depth"),
         (("--links", "links.csv"), r"(5, 5, 40) to (5, 5, 40) m: source and receiver coincide"),
-        (("--source", "0,0,1", *("--receiver", "9,9,9") * 7), "--receiver: 7 links; a figure shows 1 to 6"),
+        (
+            ("--source", "0,0,1", *("--receiver", "9,9,9") * 7),
+            "--receiver: 7 links; a figure can show 1 to 6",
+        ),
     ],
 )
 def test_plot_refuses_what_it_cannot_draw(mantaray, folder, words, message):

@@ -110,7 +110,7 @@ REFUSED = {
     "first: a profile has no sea bed": WATER[:2],
     "casts.csv: not valid TOML": (*WATER, "--detection", "casts.csv"),
     "empty.toml: has no section [detection]": (*WATER, "--detection", "empty.toml"),
-    "francois-garrison, but first lacks temperature or salinity": (*WATER, "--detection", "salty.toml"),
+    "francois-garrison, but first has no temperature or salinity": (*WATER, "--detection", "salty.toml"),
     "reference 'Z': no such node": (*WATER, "--reference", "Z"),
     "--window is -5 s; it must be finite and zero or positive": (*WATER, "--window", -5),
     "not a run folder": ("--run", "."),
@@ -142,6 +142,6 @@ def test_rays_take_one_cast(mantaray, files):
     )
     done = mantaray("rays", "times", "links.csv", "out.csv", *WATER)
     assert done.code == 2
-    assert "casts.csv: holds 2 casts (first, second)" in done.err
+    assert "casts.csv: contains 2 casts (first, second)" in done.err
     twice = mantaray("rays", "times", "links.csv", "out.csv", *WATER, "--profile", "casts.csv")
     assert "holds 4 casts (first, second, first, second); one is needed" in twice.err

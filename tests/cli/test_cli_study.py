@@ -316,7 +316,7 @@ def check_refusal(done, expected, left=("small.toml",)):
 
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("[noise]\n", "[noise]\nrange_sigm = 2.0\n", "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
-    ("target_depth = 250.0", "target_depth = 6000.0", "'G': target_depth is 6000 m deep; the sea floor"),
+    ("target_depth = 250.0", "target_depth = 6000.0", "'G': target_depth is 6000 m deep, below the sea floor"),
     ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
 ])  # fmt: skip
 def test_bad_configuration_is_one_line_and_leaves_nothing(mantaray, small, old, new, said):
@@ -334,7 +334,7 @@ def test_ocean_file_that_is_cut_is_one_line_and_leaves_nothing(mantaray, small, 
 
 
 def test_full_output_folder_is_refused_untouched(mantaray, small):
-    check_refusal(mantaray("study", "run", small, "--out", "."), "is not empty; give an empty or a new one")
+    check_refusal(mantaray("study", "run", small, "--out", "."), "is not empty; give a new or empty folder")
 
 
 @pytest.mark.parametrize(("words", "expected"), [

@@ -164,7 +164,7 @@ def test_doctor_knows_what_is_here_and_what_is_not(mantaray, told, monkeypatch, 
     requirements = ["nosuch>=1.0", "numpy>=99", 'nosuch>=2; extra == "more"', 'numpy>=2; extra == "all"']
     monkeypatch.setattr("pymantaray.installation.requires", lambda _: requirements)
     state = told("doctor", code=1)
-    assert state["faults"] == ["nosuch: is not installed", "numpy: is another version than is needed"]
+    assert state["faults"] == ["nosuch: is not installed", "numpy: has an unsupported version"]
     assert [row["missing"] for row in state["extras"]] == [["nosuch>=2"], []]
     shown = mantaray("doctor")
     assert shown.code == 1
@@ -173,5 +173,5 @@ def test_doctor_knows_what_is_here_and_what_is_not(mantaray, told, monkeypatch, 
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("TMPDIR", str(tmp_path / "file" / "folder"))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file" / "folder"))
-    fault = f"{tmp_path / 'file' / 'folder'}: cannot be written to; set TMPDIR to a folder that can be"
+    fault = f"{tmp_path / 'file' / 'folder'}: not writable; set TMPDIR to a writable folder"
     assert fault in told("doctor", code=1)["faults"]

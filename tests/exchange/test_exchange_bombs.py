@@ -32,8 +32,10 @@ def test_a_table_of_many_equal_rows_is_refused_by_its_number_of_rows(tmp_path, m
     table = pa.table({name: np.zeros(n) for name in ["time", "north", "east", "depth"]})
     pq.write_table(table, tmp_path / "m.parquet", compression="zstd")
     assert (tmp_path / "m.parquet").stat().st_size < 20_000
-    monkeypatch.setattr("pymantaray.exchange.table.MOST_UNPACKED_BYTES", 1e6)
-    line = "m.parquet: 100,000 rows of 4 columns take 0.0032 GB unpacked; at most 0.001 GB are read: leave out columns"
+    monkeypatch.setattr("pymantaray.exchange.table.MAX_UNPACKED_BYTES", 1e6)
+    line = (
+        "m.parquet: 100,000 rows of 4 columns need 0.0032 GB unpacked; the limit is 0.001 GB; remove columns"
+    )
     refused(ExchangeError, line, read_trajectories, tmp_path / "m.parquet")
 
 
@@ -53,7 +55,7 @@ def test_long_text_that_is_repeated_is_refused_by_its_length(tmp_path):
         file.write_table(pa.table(numbers | {"vehicle": name}))
     assert (tmp_path / "m.parquet").stat().st_size < 2e6
     refused_without_filling_the_memory(
-        "text of vehicle takes 5 GB unpacked; at most 2 GB are read", tmp_path / "m.parquet"
+        "text of vehicle needs 5 GB unpacked; the limit is 2 GB", tmp_path / "m.parquet"
     )
 
 
@@ -87,12 +89,12 @@ def bag_with(path, size, mode):
     return path
 
 
-LARGE = "one of its chunks or messages takes more than 1 MiB unpacked; write the bag with smaller chunks"
+LARGE = "a chunk or message unpacks to more than 1 MiB; write the bag with smaller chunks"
 
 
 @pytest.mark.parametrize("mode", ["message", "storage", "bz2", "lz4"])
 def test_a_packed_message_or_chunk_is_unpacked_to_the_limit_alone(tmp_path, monkeypatch, mode):
-    monkeypatch.setattr(bag_limits, "MOST_CHUNK_BYTES", 2**20)
+    monkeypatch.setattr(bag_limits, "MAX_CHUNK_BYTES", 2**20)
     end = ".bag" if mode in ("bz2", "lz4") else ""
     assert read_trajectories(bag_with(tmp_path / f"small{end}", 3, mode)).names == ["a"]
     refused_without_filling_the_memory(LARGE, bag_with(tmp_path / f"large{end}", 2**23, mode))
@@ -106,7 +108,7 @@ def test_a_packed_file_leaves_half_of_the_temporary_folder_free(tmp_path, monkey
     monkeypatch.setattr(bag_limits.shutil, "disk_usage", lambda _: usage._replace(free=2**21))
     refused(
         ExchangeError,
-        "take more than 0.00105 GB unpacked, half of what is free in .*; set TMPDIR",
+        "unpack to more than 0.00105 GB, half of the free space in .*; set TMPDIR",
         read_trajectories,
         path,
     )
@@ -114,9 +116,7 @@ def test_a_packed_file_leaves_half_of_the_temporary_folder_free(tmp_path, monkey
 
 
 def test_more_poses_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("pymantaray.exchange.bag_limits.MOST_POSES", 3)
+    monkeypatch.setattr("pymantaray.exchange.bag_limits.MAX_POSES", 3)
     assert read_trajectories(bag_with(tmp_path / "three", 3, "message"))
-    monkeypatch.setattr(bag_limits, "MOST_POSES", 2)
-    refused(
-        ExchangeError, "three: has more than 2 poses; leave out topics", read_trajectories, tmp_path / "three"
-    )
+    monkeypatch.setattr(bag_limits, "MAX_POSES", 2)
+    refused(ExchangeError, "three: more than 2 poses; remove topics", read_trajectories, tmp_path / "three")

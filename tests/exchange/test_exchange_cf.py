@@ -125,7 +125,7 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
     depth = -gsw.z_from_p(np.array([5.0, 50.0, 150.0, 200.0]), lat[[0, 1, 3, 4]])
     np.testing.assert_allclose(own.place[[0, 1, 3, 4], 2], depth, rtol=1e-12)
     assert own.place[2, 2] == pytest.approx(-gsw.z_from_p(100.0, lat[2]))  # and so is the flagged pressure
-    assert any("1 values of PRES left out for their flags" in note for note in tracks.notes)
+    assert any("1 values of PRES rejected by quality flags" in note for note in tracks.notes)
     assert any("depth from PRES by TEOS-10" in note for note in tracks.notes)
 
 
@@ -184,7 +184,7 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
     np.testing.assert_allclose(own.time, [0.0, 8640.0, 17280.0, 25920.0], atol=1e-4)
     np.testing.assert_allclose(own.place[:, 0], [70.0, 70.1, 70.2, 70.3], atol=1e-6)
     np.testing.assert_allclose(own.place[[1, 3], 2], -gsw.z_from_p([500.0, 400.0], 70.2), rtol=1e-5)
-    assert any("rows without a time or outside the known places left out" in note for note in tracks.notes)
+    assert any("rows dropped: no time, or outside the valid positions" in note for note in tracks.notes)
     assert n - own.time.size == 2
 
 
@@ -214,7 +214,7 @@ def test_a_drifter_without_depth_is_at_the_surface_and_altitudes_point_up(tmp_pa
     drifter.to_netcdf(tmp_path / "drifter.nc")
     tracks = read_trajectories(tmp_path / "drifter.nc")
     assert tracks.poses[0].place[:, 2].max() == 0.0
-    assert any("no depth and no pressure: at the surface" in note for note in tracks.notes)
+    assert any("no depth and no pressure; depth set to the surface" in note for note in tracks.notes)
     up = contiguous()
     up["depth"] = (
         "obs",
@@ -249,13 +249,13 @@ def nowhere():
 
 
 BAD = {
-    "no variable with the standard_name time; a trajectory needs": lambda: contiguous().drop_vars("time"),
-    "rowSize counts 9 rows, there are 8 along obs": lambda: contiguous().assign(
+    "no variable with standard_name time; a trajectory needs": lambda: contiguous().drop_vars("time"),
+    "rowSize declares 9 rows, but obs has 8": lambda: contiguous().assign(
         rowSize=("trajectory", [5, 4], {"sample_dimension": "obs"})),
-    "time, latitude and longitude share no dimension": lambda: contiguous().assign(
+    "time, latitude and longitude have no common dimension": lambda: contiguous().assign(
         lon=("other", [1.0, 2.0], {"standard_name": "longitude"})),
-    "time has units ''; needs such as 'seconds since": without_units,
-    "no trajectory has two known places and times": nowhere,
+    "time has units ''; it needs units such as 'seconds since": without_units,
+    "no trajectory with two valid positions and times": nowhere,
     "unit 'furlong' of|furlong": lambda: contiguous().assign(
         depth=("obs", np.ones(8), {"standard_name": "depth", "units": "furlong"})),
 }  # fmt: skip

@@ -99,7 +99,7 @@ def test_a_body_called_frd_in_a_world_east_north_up_is_turned_by_the_world_alone
 def test_true_poses_of_an_exported_run_are_vehicles_and_estimates_are_not(tmp_path):
     tracks = read_trajectories(write(tmp_path / "run", ["/truth/A/pose", "/refracted/A/pose"]))
     assert tracks.names == ["A"]
-    assert tracks.notes == (f"{tmp_path / 'run'}: topics of poses beside /truth left out: 1",)
+    assert tracks.notes == (f"{tmp_path / 'run'}: topics of poses other than /truth ignored: 1",)
 
 
 def test_topics_are_called_by_what_tells_them_apart(tmp_path):
@@ -117,7 +117,7 @@ def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_
         connection = bag.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
         message = store.types["std_msgs/msg/String"]("hello")
         bag.write(connection, 1, store.serialize_cdr(message, "std_msgs/msg/String"))
-    refused(ExchangeError, "no topic of .*Odometry.*; found std_msgs/msg/String",
+    refused(ExchangeError, "no topic of .*Odometry.*; it contains std_msgs/msg/String",
             lambda: read_trajectories(tmp_path / "text"))  # fmt: skip
     (tmp_path / "bad.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
     refused(ExchangeError, "bad.bag: not a readable bag", lambda: read_trajectories(tmp_path / "bad.bag"))
@@ -126,7 +126,7 @@ def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_
     (tmp_path / "empty").mkdir()
     refused(
         ExchangeError,
-        "empty: a folder, but no bag; name files",
+        "empty: this folder is not a bag; name files",
         lambda: read_trajectories(tmp_path / "empty"),
     )
 

@@ -165,7 +165,7 @@ def test_what_was_exported_of_a_run_is_read_as_its_truth(kind, file, tiny_run_fo
 def test_columns_that_are_not_read_are_said(tmp_path):
     TABLE.assign(heading_gon=0.0, salinity=35.0).to_csv(tmp_path / "m.csv", index=False)
     notes = read_trajectories(tmp_path / "m.csv").notes
-    assert notes == (f"{tmp_path / 'm.csv'}: columns that were not read: heading_gon, salinity",)
+    assert notes == (f"{tmp_path / 'm.csv'}: unused columns: heading_gon, salinity",)
 
 
 def text(content, name="m.csv"):
@@ -177,11 +177,11 @@ def text(content, name="m.csv"):
 
 
 REFUSED = {
-    "m.csv: lacks north, east; found time, depth; a trajectory needs": text("time,depth\n0,2\n1,2"),
-    "m.csv: lacks lon; found time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
-    "m.csv: lacks east; found time, lat, north, depth; a trajectory needs": text(
+    "m.csv: no north, east; the columns are time, depth; a trajectory needs": text("time,depth\n0,2\n1,2"),
+    "m.csv: no lon; the columns are time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
+    "m.csv: no east; the columns are time, lat, north, depth; a trajectory needs": text(
         "time,lat,north,depth\n0,1,1,2\n1,1,1,2"),
-    "m.csv, line 3: every one of north, east, depth needs a number; depth is 'x'": text(
+    "m.csv, line 3: depth is 'x'; it must be a number": text(
         "time,north,east,depth\n0,0,0,0\n1,0,0,x"),
     "m.csv, line 3: time is 'noon'; all are seconds, or all are dates": text(
         "time,north,east,depth\n2020-01-01,0,0,0\nnoon,0,0,0"),
@@ -189,22 +189,22 @@ REFUSED = {
         "time,north,east,depth\n5,0,0,0\n2020-01-01,0,0,0"),
     "m.csv, line 3: time is 'inf'; all are seconds": text(
         "time,north,east,depth\n0,0,0,0\ninf,0,0,0\n1,1,1,1"),
-    "m.csv: has pitch, but no heading; leave": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
-    "m.csv: heading reaches 359, .* call the column heading_deg": text(
+    "m.csv: pitch without heading; add": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
+    "m.csv: heading has values up to 359, .* rename the column to heading_deg": text(
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
-    r"m.csv: column 'Heading \[gon\]': the unit is 'gon'; allowed are rad, radians, deg, degrees": text(
+    r"m.csv: column 'Heading \[gon\]' has unit 'gon'; allowed: rad, radians, deg, degrees": text(
         "time,north,east,depth,Heading [gon]\n0,0,0,0,0\n1,0,0,0,0"),
-    r"m.csv: column 'depth\(ft\)': the unit is 'ft'; allowed are m, km": text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0"),
-    "m.csv: has qw, qx, qy; a quaternion is qw, qx, qy, qz": text(
+    r"m.csv: column 'depth\(ft\)' has unit 'ft'; allowed: m, km": text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0"),
+    "m.csv: only qw, qx, qy of a quaternion; give all of qw, qx, qy, qz": text(
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
     "m.csv: has two columns vehicle; keep one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
-    "m.csv, line 3: no name of a vehicle": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
-    "m.csv: A has 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
-    "m.csv: found nothing; needs a header": text(""),
-    "there is no such file": lambda folder: folder / "none.csv",
-    r"none\*.csv: no file of that name": lambda folder: folder / "none*.csv",
-    "trajectories are read from .bag, .csv": text("x", "m.xyz"),
-    "no file given": lambda _: [],
+    "m.csv, line 3: no vehicle name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
+    "m.csv: A: 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
+    "m.csv: is empty; a table needs a header": text(""),
+    "no such file": lambda folder: folder / "none.csv",
+    r"none\*.csv: no file matches this pattern": lambda folder: folder / "none*.csv",
+    "unknown format of trajectories; allowed: .bag, .csv": text("x", "m.xyz"),
+    "no file; name": lambda _: [],
     "m.parquet: not a readable Parquet file": text("PAR1", "m.parquet"),
     "m.tum: 2 rows of 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
     "m.tum: not a readable TUM file: could not convert string 'x'": text("0 1 2 x 0 0 0 1\n", "m.tum"),
@@ -220,7 +220,7 @@ def test_bad_files_are_one_line_each(message, tmp_path):
 
 def test_a_table_of_parquet_without_rows_is_refused(tmp_path):
     TABLE.iloc[:0].assign(heading=[]).to_parquet(tmp_path / "m.parquet")
-    refused(ExchangeError, "m.parquet: has no rows", read_trajectories, tmp_path / "m.parquet")
+    refused(ExchangeError, "m.parquet: no rows", read_trajectories, tmp_path / "m.parquet")
 
 
 def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
@@ -232,16 +232,18 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     path = text("time,transmitter\n2023-05-01T12:00:00+02:00,A\n")(tmp_path)
     assert read_pings(path, np.datetime64("2023-05-01T09:59:00", "ns")).time == (60.0,)
     refused(
-        ExchangeError, "times are dates, but the mission's start has none", lambda: read_pings(path, None)
+        ExchangeError,
+        "times are dates, but the start of the mission has no date",
+        lambda: read_pings(path, None),
     )
     refused(ExchangeError, "a ping is at -60 s; the mission starts at 0", lambda: read_pings(
         path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
-    refused(ExchangeError, "lacks transmitter; found time, who; a list of pings needs", lambda: read_pings(
+    refused(ExchangeError, "no transmitter; the columns are time, who; a list of pings needs", lambda: read_pings(
         text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip
     mistyped = text("time,transmitter,receivrs\n0,A,B\n")(tmp_path)
     refused(
         ExchangeError,
-        "m.csv: unknown column 'receivrs'; a list of pings has time, transmitter, receivers and no other: rename it",
+        "m.csv: unknown column 'receivrs'; allowed: time, transmitter, receivers; rename",
         lambda: read_pings(mistyped, None),
     )
     both = text("time,transmitter,receiver,receivers\n0,A,B,B\n")(tmp_path)

@@ -69,7 +69,7 @@ def test_outside_its_span_a_vehicle_is_not_there():
 def test_a_record_in_which_a_vehicle_is_never_there_is_refused():
     late = poses("B", TIME + 100.0)
     truth = Tracks.of([poses(), late]).at([0.0, 30.0, 60.0], FRAME)
-    refused(ExchangeError, "B has 0 poses; a trajectory needs two or more", Tracks.of_record, truth)
+    refused(ExchangeError, "B: 0 poses; a trajectory needs at least two", Tracks.of_record, truth)
 
 
 def test_without_attitudes_a_vehicle_is_level_and_heads_where_it_goes():
@@ -119,7 +119,7 @@ def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once():
     order = [3, 0, 4, 1, 2, 2]
     tracks = Tracks.of([poses(time=TIME[order], place=PLACE[order])])
     np.testing.assert_array_equal(tracks.poses[0].place, PLACE)
-    assert tracks.notes == ("mission.csv: A: 1 poses at times that it has already were left out",)
+    assert tracks.notes == ("mission.csv: A: 1 poses at repeated times dropped",)
 
 
 def test_a_depth_sensor_may_be_a_little_above_the_surface():
@@ -127,14 +127,14 @@ def test_a_depth_sensor_may_be_a_little_above_the_surface():
         tracks = Tracks.of([poses(place=PLACE - [0, 0, 3.0 + above])])
         assert tracks.poses[0].place[:, 2].min() == 0.0
         assert tracks.notes == (
-            f"mission.csv: A: {count} poses up to {above} m above the surface were put on it",
+            f"mission.csv: A: {count} poses up to {above} m above the surface moved to the surface",
         )
 
 
 def test_a_name_that_a_study_cannot_have_becomes_one_that_it_can():
     tracks = Tracks.of([poses("Seaglider 12/α")])
     assert tracks.names == ["Seaglider_12"]
-    assert "Seaglider 12/α is called Seaglider_12 here" in tracks.notes[0]
+    assert "Seaglider 12/α: renamed to Seaglider_12" in tracks.notes[0]
 
 
 def test_a_record_comes_back_and_vehicles_that_stopped_are_not_there():
@@ -193,15 +193,15 @@ def test_east_north_up_and_back_is_where_one_was():
 
 
 IMPOSSIBLE = {
-    "A has 1 pose; a trajectory needs two or more": lambda: [poses(time=TIME[:1], place=PLACE[:1])],
-    "two vehicles are called A; names must differ": lambda: [poses(), poses()],
-    "pose 2 has a place that is not finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
-    "latitude 95; latitudes lie in -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
-    "depth -5.1 m is above the surface; .*change the sign if": lambda: [poses(place=PLACE - [0, 0, 8.1])],
+    "A: 1 pose; a trajectory needs at least two": lambda: [poses(time=TIME[:1], place=PLACE[:1])],
+    "two vehicles have the name A; rename one": lambda: [poses(), poses()],
+    "pose 2 has a position that is not finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
+    "latitude is 95; it must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
+    "depth -5.1 m is above the surface; .*change the sign": lambda: [poses(place=PLACE - [0, 0, 8.1])],
     "the quaternion of pose 0 has length 0; it must be 1": lambda: [poses(quaternion=np.zeros((5, 4)))],
-    "A has latitude and longitude, B of mission.csv has not": lambda: [
+    "A has latitude and longitude, but B of mission.csv does not": lambda: [
         poses(geodetic=True), poses("B")],
-    "A has dates, B of mission.csv has not": lambda: [
+    "A has dates, but B of mission.csv does not": lambda: [
         poses(time=TIME.astype("datetime64[ns]")), poses("B")],
 }  # fmt: skip
 

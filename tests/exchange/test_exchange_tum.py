@@ -37,7 +37,7 @@ def test_trajectory_that_is_none_is_refused_and_leaves_nothing(tmp_path, traject
     lost[4] = np.nan
     with pytest.raises(MantaRayError, match="pose 4 is not finite"):
         write_tum(tmp_path / "a.tum", time, lost, quaternion)
-    with pytest.raises(MantaRayError, match=r"needs \(n,\), \(n, 3\) and \(n, 4\)"):
+    with pytest.raises(MantaRayError, match=r"they must be \(n,\), \(n, 3\) and \(n, 4\)"):
         write_tum(tmp_path / "a.tum", time[:-1], position, quaternion)
     assert list(tmp_path.iterdir()) == []
 

@@ -172,14 +172,16 @@ def test_what_is_carried_out_of_the_ocean_or_aground_stays_there(run, make_ocean
 
 def test_what_cannot_be_done_is_refused_in_one_line(run, make_ocean):
     refused(FleetError, "drogue_depth is -1 m", Drifting, 0.5, -1.0)
-    refused(FleetError, "start depth is 2 m, Drifting keeps 0.5 m", Vehicle, "D", (0, 0, 2.0), Drifting(0.5))
+    refused(
+        FleetError, "start depth is 2 m, and Drifting keeps 0.5 m", Vehicle, "D", (0, 0, 2.0), Drifting(0.5)
+    )
     deep = Vehicle("D", (0.0, 0.0, 0.5), Drifting(0.5, 2000.0))
-    refused(FleetError, "'D': drogue_depth is 2000 m deep; the sea floor .* 1000 m", run, deep)
+    refused(FleetError, "'D': drogue_depth is 2000 m deep, below the sea floor at 1000 m", run, deep)
     jumpy = swimmer((0.0, 0.0, 50.0), POINTS, capture_radius=1.0)
     water = make_ocean(uniform=(0.0, 2.5))
     refused(
         FleetError,
-        "at most 0.25 s, capture_radius / speed, a current added, else it could jump",
+        "at most 0.25 s, capture_radius / speed (current included)",
         run,
         jumpy,
         water=water,

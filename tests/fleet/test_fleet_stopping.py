@@ -68,7 +68,7 @@ def test_a_vehicle_lies_on_the_bed_to_a_micrometre_and_not_beneath(run, make_flo
         with pytest.raises(FleetError) as caught:
             run(vehicle, water=water)
         own, floor = re.search(
-            r"is (\S+) m deep; the sea floor at .* is at (\S+) m:", str(caught.value)
+            r"is (\S+) m deep, below the sea floor at (\S+) m ", str(caught.value)
         ).groups()
         assert float(own) > float(floor), caught.value
         (refusal,) = fleet_refusals([vehicle], water, 0.5)
@@ -114,7 +114,7 @@ def test_path_depends_on_nothing_but_the_vehicle_itself(run, make_float, make_oc
 
 TIMES = {
     "sampling_period is 50.2 s, 100.4 times physics_step .* change one of them": {"sampling_period": 50.2},
-    "duration is 1010 s, 20.2 times sampling_period .* whole number": {"duration": 1010.0},
+    "duration is 1010 s, 20.2 times sampling_period .* integer multiple": {"duration": 1010.0},
     "duration is 25 s, 0.5 times sampling_period": {"duration": 25.0},
     "physics_step is 0 s; it must be finite and positive": {"physics_step": 0.0},
     "duration is nan s; it must be finite and positive": {"duration": np.nan},
@@ -122,21 +122,21 @@ TIMES = {
     r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has": {"duration": 5e14},
 }  # fmt: skip
 FLEETS = {
-    "there are no vehicles": [],
-    "vehicle 'B': the name is used twice; .* rename one": [floating("B"), floating("C"), floating("B")],
-    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*: move it": [floating(north=6000.0)],
-    "vehicle 'B': the start position is 1200 m deep; .* at 1000 m: choose": [floating(depth=1200.0)],
-    "vehicle 'B': target_depth is 2500 m deep; .* at 1000 m: choose": [floating(target_depth=2500.0)],
+    "fleet: no vehicles; give at least one": [],
+    "vehicle 'B': two vehicles have this name; rename one": [floating("B"), floating("C"), floating("B")],
+    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*; move it": [floating(north=6000.0)],
+    "vehicle 'B': the start position is 1200 m deep, below the sea floor at 1000 m .*; use": [floating(depth=1200.0)],
+    "vehicle 'B': target_depth is 2500 m deep, below the sea floor at 1000 m .*; use": [floating(target_depth=2500.0)],
     "vehicle 'W': waypoint 1 is at north 0, east 9000 m, outside the ocean": [
         Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9), (0, 9e3, 9)], 1, 0.1))
     ],
-    "vehicle 'B': physics_step is 0.5 s; it may be at most 0.25 s, .* shorten": [floating(depth_gain=4.0)],
-    "vehicle 'W': physics_step is 0.5 s; it may be at most 0.2 s, .* jump over a waypoint": [
+    "vehicle 'B': physics_step is 0.5 s; it must be at most 0.25 s, .* overshoot": [floating(depth_gain=4.0)],
+    "vehicle 'W': physics_step is 0.5 s; it must be at most 0.2 s, .* miss a waypoint": [
         Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9)], 100.0, 100.0))
     ],
 }  # fmt: skip
 OCEANS = {
-    "the data set lacks current_east; a local data set has": lambda o: o.drop_vars("current_east"),
+    "the data set has no current_east; a local data set must have": lambda o: o.drop_vars("current_east"),
     "missing values; none are": lambda o: o.assign(current_north=o.current_north.where(o.depth < 500)),
     "axis 'north' has steps from .* must be equal": lambda o: o.assign_coords(north=o.north**3),
     "axis 'east' has 1 value;": lambda o: o.isel(east=[0]),

@@ -76,17 +76,17 @@ def own_floor_from(north, depth):
 
 
 BAD = {
-    "currents are given from 0 to 1000 s; the mission takes 0 to 4000 s: give": lambda o: o.isel(time=[0, 1]),
-    "currents are given from 1 to 5001 s": lambda o: o.assign_coords(time=o.time + 1.0),
-    "axis 'time': it must strictly increase": lambda o: o.isel(time=[1, 0, 2]),
+    "currents cover 0 to 1000 s, and the mission lasts from 0 to 4000 s; use": lambda o: o.isel(time=[0, 1]),
+    "currents cover 1 to 5001 s": lambda o: o.assign_coords(time=o.time + 1.0),
+    "axis 'time': values do not increase": lambda o: o.isel(time=[1, 0, 2]),
     "axis 'time' has 1 value;": lambda o: o.isel(time=[0]),
-    "time is of type datetime64": lambda o: o.assign_coords(time=o.time.astype("datetime64[ns]")),
+    "time has type datetime64": lambda o: o.assign_coords(time=o.time.astype("datetime64[ns]")),
     "current_east has dimensions": lambda o: o.assign(current_east=o.current_east[0]),
     "missing values": lambda o: o.where(o.time < 2000.0).assign(sea_floor_depth=o.sea_floor_depth),
     "sea_floor_depth: north -4000 to 5000 m; it must extend over the water, -5000 to 5000 m": own_floor_from(
         -4000.0, FLOOR
     ),
-    "target_depth is 100 m deep; .* at 60 m: choose": own_floor_from(-BOX, 60.0),
+    "target_depth is 100 m deep, below the sea floor at 60 m .*; use": own_floor_from(-BOX, 60.0),
 }
 
 

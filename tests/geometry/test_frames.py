@@ -88,7 +88,7 @@ def test_scale_is_one_at_the_centre_and_grows_with_the_square_of_the_distance():
 @pytest.mark.parametrize(("latitude", "longitude"), [(90.1, 0.0), (np.nan, 0.0), (0.0, np.inf)])
 def test_impossible_centre_is_refused(latitude, longitude):
     with pytest.raises(
-        GeometryError, match="latitude must lie in -90 to 90 and both must be finite"
+        GeometryError, match="both must be finite, and latitude must be in -90 to 90"
     ) as error:
         LocalFrame(latitude, longitude)
     assert "\n" not in str(error.value)

@@ -114,5 +114,5 @@ def test_quaternion_has_half_the_angle(angle):
 
 @pytest.mark.parametrize("bad", [[0.0, 0.0, 0.0, 0.0], [np.nan, 0.0, 0.0, 1.0]])
 def test_quaternion_without_length_is_refused(bad):
-    with pytest.raises(GeometryError, match="quaternion of length zero or NaN"):
+    with pytest.raises(GeometryError, match="quaternion: its length is zero or NaN"):
         matrix_from_quaternion([[1.0, 0.0, 0.0, 0.0], bad])

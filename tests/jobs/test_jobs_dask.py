@@ -58,7 +58,7 @@ def test_addresses_that_a_scheduler_prints_are_taken(address):
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(pool, "_ANSWER", 1.0)
+    monkeypatch.setattr(pool, "_CONNECT_TIMEOUT", 1.0)
     address = "tcp://127.0.0.1:9"  # which no process is given by chance
     line = f"^scheduler {address}: cannot be reached: .*$"
     refused(JobError, line, run_squares, tasks(1), tmp_path / "out", client=address)
@@ -83,8 +83,8 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path
     lines = run_squares(tasks(100, 0.2), out, client=cluster.address)
     thread.join()
     assert set(lines.values()) == {None}
-    assert "is gone; waiting for it" in caplog.text
-    assert "is back; going on" in caplog.text
+    assert "does not answer; waiting for it" in caplog.text
+    assert "answers again; continuing" in caplog.text
     run_squares(tasks(100, 0.0), tmp_path / "here", workers=2)
     assert squares_in(out) == squares_in(tmp_path / "here")
     assert not list(out.rglob("*.part"))
@@ -94,7 +94,7 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path
 def test_a_scheduler_that_stays_away_is_one_line_and_the_job_resumes_elsewhere(
     cluster, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(pool, "_PATIENCE", 4.0)
+    monkeypatch.setattr(pool, "_RECONNECT_TIMEOUT", 4.0)
     out = tmp_path / "out"
 
     def end():
@@ -103,7 +103,7 @@ def test_a_scheduler_that_stays_away_is_one_line_and_the_job_resumes_elsewhere(
 
     thread = threading.Thread(target=end)
     thread.start()
-    with pytest.raises(JobError, match=r"is gone; start it and run the same job again to resume$"):
+    with pytest.raises(JobError, match=r"no answer; start it and run the same job again to resume$"):
         run_squares(tasks(60, 0.2), out, client=cluster.address)
     thread.join()
     before = squares_in(out)

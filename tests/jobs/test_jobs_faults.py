@@ -38,11 +38,11 @@ def test_a_task_that_fails_is_a_result_and_the_others_go_on(tmp_path):
 def test_a_task_whose_worker_dies_is_tried_three_times_and_the_others_go_on(tmp_path):
     lines = run_squares([Square(1), Square(2, deaths=9), Square(3, deaths=2)], tmp_path / "out")
     assert (lines[1], lines[3]) == (None, None)
-    assert "by SIGKILL, perhaps out of memory; try fewer workers (3 attempts)" in lines[2]
+    assert "by SIGKILL, maybe out of memory; use fewer workers (3 attempts)" in lines[2]
 
 
 def test_a_worker_of_other_code_is_refused_in_one_line(tmp_path):
-    line = r"^this worker has pymantaray .*, the task 99: install the same$"
+    line = r"^this worker has pymantaray .*, but the task needs 99; install the same version$"
     refused(JobError, line, run_square, str(tmp_path), Square(1, version="99"))
 
 

@@ -80,7 +80,7 @@ def test_empty_folder_is_filled_where_it_is_and_a_full_one_refused(tmp_path, lin
     write(out)
     assert names_in(out) == ["data", "manifest.json"]
     assert (out.stat().st_ino, out.is_symlink()) == (inode, link)
-    assert_refused(out, "folder is not empty; give an empty or a new one")
+    assert_refused(out, "folder is not empty; give a new or empty folder")
 
 
 def test_link_to_a_place_that_is_not_there_yet_is_followed(tmp_path):
@@ -92,7 +92,7 @@ def test_link_to_a_place_that_is_not_there_yet_is_followed(tmp_path):
 @pytest.mark.parametrize(("name", "match"), [
     ("file", "file: is a file"),
     ("file/below", "cannot be written: (Not a directory|File exists)"),
-    (os.fsdecode(b"\xff"), r"not a name in UTF-8; choose another with --out"),
+    (os.fsdecode(b"\xff"), r"not a name in UTF-8; select another folder with --out"),
     ("a\0b", "cannot be written: .*null"),
     ("x" * 300, "cannot be written: File name too long"),
 ], ids=["file", "below a file", "not UTF-8", "null", "long"])  # fmt: skip
@@ -104,7 +104,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, name, match
 
 def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_path):
     with (
-        pytest.raises(JobError, match="run: cannot be written: Directory not empty; choose"),
+        pytest.raises(JobError, match="run: cannot be written: Directory not empty; select"),
         staged_folder(tmp_path / "run"),
     ):
         (tmp_path / "run" / "mine").mkdir(parents=True)
@@ -115,7 +115,7 @@ def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_pat
             stage.rmdir()
             (stage / "data").write_text("x")
 
-    refused(JobError, r"\.other\.mantaray-part: was removed while", remove)
+    refused(JobError, r"\.other\.mantaray-part: this folder was removed", remove)
 
 
 def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_path, monkeypatch):
@@ -137,7 +137,7 @@ def test_what_a_killed_process_leaves_the_next_one_clears_and_a_living_ones_is_k
     out = tmp_path / "run"
     out.mkdir() if there else None
     process, _ = holding(out)
-    assert_refused(out, "run: is being written by another process")
+    assert_refused(out, "run: another process writes here")
     write(tmp_path / "beside")
     process.send_signal(signal.SIGKILL)
     process.communicate()

@@ -86,7 +86,7 @@ def test_a_task_that_fails_stops_the_others(tmp_path):
 
 
 def test_a_process_that_is_killed_is_told_in_one_line():
-    with pytest.raises(JobError, match="ended early, by SIGKILL, perhaps out of memory; try fewer workers"):
+    with pytest.raises(JobError, match="ended early, by SIGKILL, maybe out of memory; use fewer workers"):
         in_two_processes(die, 3)
 
 

@@ -93,10 +93,10 @@ def test_fixed_stations_and_a_free_centre_are_a_rigid_array(campaign, tmp_path):
 
 
 BAD_GARPOS = {
-    "[Site-parameter] lacks Stations": (" Stations ", " Station "),
-    "[Model-parameter] lacks N2_dPos": ("N2_dPos", "N9_dPos"),
-    "Latitude0 is 'north'; 1 finite numbers are needed": ("= 34.96", "= north"),
-    "names ./obsdata/none.csv, which is neither here": ("SITE-obs.csv", "none.csv"),
+    "[Site-parameter] has no Stations": (" Stations ", " Station "),
+    "[Model-parameter] has no N2_dPos": ("N2_dPos", "N9_dPos"),
+    "Latitude0 is 'north'; it must be 1 finite numbers": ("= 34.96", "= north"),
+    "./obsdata/none.csv is neither in the working folder": ("SITE-obs.csv", "none.csv"),
 }
 
 
@@ -168,14 +168,14 @@ def test_survey_text_of_woods_hole_has_its_turn_around_time_and_crosses_midnight
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("two_way_time_s", "time_of_flight"), "one column of two_way_time_s, two_way_time_ms"),
-        ((",N2,", ",,"), "node has no name"),
-        ((",yes", ",perhaps"), "use is 'perhaps'; yes or no is needed"),
+        (("two_way_time_s", "time_of_flight"), "exactly one of two_way_time_s, two_way_time_ms"),
+        ((",N2,", ",,"), "no name of the node"),
+        ((",yes", ",perhaps"), "use is 'perhaps'; allowed: yes, no"),
         (
             ("north_m,east_m,depth_m,heading", "north,east,depth_m,heading"),
-            "positions of the platform are missing",
+            "no positions of the platform",
         ),
-        ((",N1,", ",X,"), "lacks node X of the survey"),
+        ((",N1,", ",X,"), "no node X, which the survey has"),
     ],
 )
 def test_wrong_tables_are_refused_in_one_line(campaign, tmp_path, change, message):

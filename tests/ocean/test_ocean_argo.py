@@ -71,7 +71,7 @@ def test_only_good_flags_are_used_and_the_rest_is_counted(tmp_path, kind):
         cast = read_cast(write_gdac(tmp_path / f"flag{flag}.nc", **{kind: f"11{flag}111"}))
         good = flag in "1258"
         assert (cast.depth.size, cast.dropped) == ((6, 0) if good else (5, 1)), flag
-    assert any(note.startswith("1 of 6 levels left out for their quality flags") for note in cast.notes)
+    assert any(note.startswith("1 of 6 levels rejected: bad quality flags") for note in cast.notes)
 
 
 def test_a_position_under_ice_is_a_good_one(tmp_path):
@@ -79,7 +79,7 @@ def test_a_position_under_ice_is_a_good_one(tmp_path):
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"adjusted_flags": "444444"}, "none of 1 profiles has a good position and two levels"),
+    ({"adjusted_flags": "444444"}, "none of 1 profiles has a good position and at least two levels"),
     ({"modes": "DD", "position": "9"}, "none of 2 profiles"),
 ])  # fmt: skip
 def test_a_file_without_a_usable_profile_is_refused(tmp_path, options, message):
@@ -89,7 +89,7 @@ def test_a_file_without_a_usable_profile_is_refused(tmp_path, options, message):
 def test_one_profile_of_many_is_taken_by_its_name(tmp_path):
     path = write_gdac(tmp_path / "many.nc", modes="DDD")
     assert read_cast(path, name="6901234_002").lat == 41.0
-    refused(OceanError, "holds 3 casts", read_cast, path)
+    refused(OceanError, "contains 3 casts", read_cast, path)
     refused(OceanError, "have their own places and times", read_cast, path, lat=1.0)
 
 
@@ -135,7 +135,7 @@ def test_files_that_are_not_argos_are_refused_in_one_line(tmp_path):
             data.createVariable(name, "f4", ("N_PROF", "N_LEVELS"), chunksizes=(1000, 1000))
         for name in ("LATITUDE", "LONGITUDE"):
             data.createVariable(name, "f8", ("N_PROF",), chunksizes=(1000,))
-    refused(OceanError, "LATITUDE alone takes", read_casts, tmp_path / "huge.nc")
+    refused(OceanError, "LATITUDE alone needs", read_casts, tmp_path / "huge.nc")
     for fmt in ("NETCDF4", "NETCDF3_CLASSIC"):
         whole = write_gdac(tmp_path / "whole.nc", fmt=fmt).read_bytes()
         (tmp_path / "cut.nc").write_bytes(whole[: len(whole) // 2])

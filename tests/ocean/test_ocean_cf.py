@@ -141,7 +141,7 @@ def test_levels_of_pressure_become_depths(tmp_path, unit, factor):
     error = np.abs(ocean["water_temp"].values - expected)
     assert np.nanmax(error[~deepest]) < 1e-9
     assert np.nanmax(error[deepest]) < 1e-3 * 0.2  # nothing below to interpolate to: moved by 0.1 m
-    assert "levels of pressure moved by up to" in ocean.attrs["history"]
+    assert "pressure levels moved by up to" in ocean.attrs["history"]
 
 
 def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path):
@@ -159,7 +159,7 @@ def test_water_at_rest_is_asked_for_by_name(tmp_path, message_of):
         assert not ocean["water_u"].where(~DRY, 0.0).values.any()
         assert speed_error(ocean) < 1e-9
         assert "currents at rest: the data set has none" in ocean.attrs["history"]
-    assert "allowed are 'required' and 'rest'" in message_of(path, currents="none")
+    assert "allowed: 'required' or 'rest'" in message_of(path, currents="none")
     half = write(tmp_path / "half.nc", flavour()[["thetao", "so", "uo"]])
     assert "no water_v" in message_of(half, currents="rest")
 
@@ -199,8 +199,8 @@ def nameless(data):
 
 
 BOTH = (
-    "its grid is curvilinear (nav_lat has two dimensions) and its levels follow the sea bed (deptht): neither is supported;"
-    " first regrid it to latitude and longitude (xesmf), with currents turned to east and north, and interpolate it to fixed"
+    "its grid is curvilinear (nav_lat has two dimensions) and its levels follow the sea bed (deptht); neither is supported;"
+    " first regrid it to latitude and longitude (xesmf) and rotate the currents to east and north, and interpolate it to fixed"
     " depths (xgcm, xroms)"
 )
 
@@ -214,36 +214,36 @@ GRID_RELATIVE = attrs(
     uo={"standard_name": "sea_water_x_velocity"}, vo={"standard_name": "sea_water_y_velocity"}
 )
 REFUSED = {
-    "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}), "its levels follow the sea bed (deptht): this is not supported"),
+    "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}), "its levels follow the sea bed (deptht); this is not supported"),
     "sigma": (attrs(deptht={"formula_terms": "sigma: s eta: zeta"}), "levels follow the sea bed"),
-    "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density", "units": "kg m-3"}), "is no depth"),
-    "curvilinear": (curvilinear, "its grid is curvilinear (nav_lat has two dimensions): this is not supported; first regrid"),
+    "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density", "units": "kg m-3"}), "is not a depth"),
+    "curvilinear": (curvilinear, "its grid is curvilinear (nav_lat has two dimensions); this is not supported; first regrid"),
     "curvilinear in s-levels": (lambda d: terrain(curvilinear(d)), BOTH),
     "curvilinear in s-levels, without names": (lambda d: nameless(terrain(curvilinear(d))), BOTH),
-    "without names": (nameless, "found thetao (time_counter, deptht, latitude, longitude), so ("),
+    "without names": (nameless, "it contains thetao (time_counter, deptht, latitude, longitude), so ("),
     "salinity without a name": (
         attrs(so={"standard_name": "salt"}),
-        ("no salinity; an ocean needs water_temp, salinity, water_u and water_v, or their CF standard names (HYCOM's ts3z and"
-        " uv3z files together); found thetao ("),
+        ("no salinity; an ocean needs water_temp, salinity, water_u and water_v, or their CF standard names (for HYCOM the ts3z and"
+        " uv3z files together); it contains thetao ("),
     ),
     "rotated pole": (
         lambda d: d.assign(pole=((), 0, {"grid_mapping_name": "rotated_latitude_longitude"})),
-        "rotated pole; regrid",
+        "rotated pole (pole); regrid",
     ),
     "grid longitude": (attrs(longitude={"standard_name": "grid_longitude"}), "rotated pole"),
     "projected": (attrs(longitude={"standard_name": "projection_x_coordinate", "units": "m"}), "projected"),
-    "grid-relative": (GRID_RELATIVE, "velocities along the model's grid, not east and north; turn them"),
-    "staggered": (staggered, "interpolate all to the same points"),
-    "two of a kind": (lambda d: d.assign(again=d["so"]), "leave one in the file"),
+    "grid-relative": (GRID_RELATIVE, "velocities along the axes of the model's grid, not east and north; rotate them"),
+    "staggered": (staggered, "interpolate both to the same points"),
+    "two of a kind": (lambda d: d.assign(again=d["so"]), "keep only one in the file"),
     "no units": (attrs(thetao={"units": ""}), "has no units"),
-    "furlongs": (attrs(uo={"units": "furlong/fortnight"}), "not of a velocity"),
+    "furlongs": (attrs(uo={"units": "furlong/fortnight"}), "which is not a unit of velocity"),
     "salt in kg/kg called 1": (
         lambda d: attrs(so={"standard_name": "sea_water_salinity", "units": "1"})(
             d.assign(so=d["so"].copy(data=d["so"] / 1000.0))
         ),
-        "looks like kg/kg",
+        "suggests kg/kg",
     ),
-    "wrong way up": (axis("deptht", -DEPTH), "positive down but is negative"),
+    "wrong way up": (axis("deptht", -DEPTH), "has negative values although its attribute positive is 'down'"),
     "above the surface": (axis("deptht", DEPTH - 5.0), "a level 5 above the surface"),
     "deep": (axis("deptht", DEPTH + 50.0), "the first level is at 50 m"),
     "months": (axis("time_counter", [0.5], units="months since 1955-01-01"), "climatology"),
@@ -251,13 +251,13 @@ REFUSED = {
     "360 days": (attrs(time_counter={"calendar": "360_day"}), "calendar '360_day'"),
     "no leap": (attrs(time_counter={"calendar": "noleap"}), "convert_calendar"),
     "members": (lambda d: d.expand_dims(member=2), "'member' besides"),
-    "latitude jumps": (lambda d: d.isel(latitude=[0, 2, 1, 3, 4]), "neither rises nor falls"),
-    "masks": (lambda d: d.assign(so=d["so"].where(d["latitude"] > 40.3)), "disagree on"),
+    "latitude jumps": (lambda d: d.isel(latitude=[0, 2, 1, 3, 4]), "is not monotonic"),
+    "masks": (lambda d: d.assign(so=d["so"].where(d["latitude"] > 40.3)), "land masks of temperature"),
     "latitude missing": (
         axis("latitude", [40, 40.1, np.nan, 40.5, 41]),
-        "latitude is empty or has values that are missing",
+        "latitude is empty or has missing values",
     ),
-    "no currents": (lambda d: d[["thetao", "so"]], 'or take water at rest: currents = "rest" (under '),
+    "no currents": (lambda d: d[["thetao", "so"]], 'or set them to zero with --currents rest (in TOML under '),
 }  # fmt: skip
 
 
@@ -277,12 +277,12 @@ def test_masks_that_differ_a_little_are_made_one_and_recorded(tmp_path):
     assert float(ocean["water_u"][1, 2, 3]) == 0.0
     assert np.isnan(ocean["water_temp"].values[3:, 0, 0]).all()
     assert ocean.attrs["history"].splitlines()[:2] == [
-        "2 values beneath a missing one, or without its partner, left out",
-        "currents set to 0 at 1 wet points where they are missing",
+        "2 points removed: temperature or salinity is missing there or above",
+        "currents set to 0 at 1 wet points without currents",
     ]
 
 
 def test_the_bathymetry_file_of_glorys_is_refused_sensibly(shared_data, message_of):
     message = message_of(shared_data / "glorys12_fram_strait_bathymetry.nc")
-    assert "none of water_temp" in message
+    assert "no variable water_temp" in message
     assert "standard_name" in message

@@ -60,7 +60,7 @@ def kelvin(ocean):
 
 SOUTHWARD = slice(None, None, -1)
 WRONG = {  # how, and the finding or how it begins
-    "no salinity": (lambda o: o.drop_vars("salinity"), "variable missing (salinity): none"),
+    "no salinity": (lambda o: o.drop_vars("salinity"), "variable missing (salinity): no such variable"),
     "no latitude": (lambda o: o.drop_vars("lat"), "axis missing (lat): no such coordinate"),
     "no time": (lambda o: o.drop_vars("time"), "axis missing (time): no such coordinate"),
     "time axis": (lambda o: o.expand_dims("time"), "axis (time): 1 of datetime64"),
@@ -69,7 +69,7 @@ WRONG = {  # how, and the finding or how it begins
     "depth upward": (lambda o: axis(o, "depth", -o["depth"]), "axis not monotone (depth): 39 of 39"),
     "depth in cm": (lambda o: axis(o, "depth", 100 * o["depth"], units="cm"), "units (depth): cm; allowed m;"),
     "latitude falls": (lambda o: o.isel(lat=SOUTHWARD), "axis not monotone (lat): 29 of 29"),
-    "beyond the pole": (lambda o: axis(o, "lat", o["lat"] + 12.0), "axis (lat): spans 89.32 to 90.48; allowed -90 to 90"),
+    "beyond the pole": (lambda o: axis(o, "lat", o["lat"] + 12.0), "axis (lat): 89.32 to 90.48; allowed -90 to 90"),
     "round the Earth": (lambda o: axis(o, "lon", np.linspace(-180, 180, 60)), "axis (lon): spans 360 degrees"),
     "too narrow": (lambda o: o.isel(lon=slice(0, 3)), "axis too short (lon): 3 points"),
     "transposed": (lambda o: o.transpose("lat", "lon", "depth"), "dimensions (water_v): ('lat',"),
@@ -80,11 +80,11 @@ WRONG = {  # how, and the finding or how it begins
     "all land": (lambda o: mask(o, ...), "no valid value (water_v): all missing"),
     "hole": (
         lambda o: spoil(o, POINT, salinity=np.nan),
-        "NaN islands (salinity 77.76 N, 0.4 W, 10 m): 1 points are missing in it or in water_temp",
+        "NaN islands (salinity 77.76 N, 0.4 W, 10 m): 1 points are missing either in it or in water_temp",
     ),
     "bubble": (
         lambda o: mask(o, POINT),
-        "NaN islands (water_temp 77.76 N, 0.4 W, 12 m): 32 wet points lie beneath a dry one",
+        "NaN islands (water_temp 77.76 N, 0.4 W, 12 m): 32 wet points are below a dry one",
     ),
     "no title": (lambda o: o.drop_attrs(deep=False), "attributes missing: title, source, synthetic"),
     "perhaps": (lambda o: o.assign_attrs(synthetic="perhaps"), "attribute (synthetic): 'perhaps'"),
@@ -186,10 +186,10 @@ def test_water_below_its_freezing_point_is_measured(healthy):
     """A salinity of 24.2 freezes at -1.312 degC at the surface (gsw), 0.00075 K lower a metre down."""
     depth = float(healthy["depth"].values[5])
     finding = check_ocean(spoil(healthy, POINT, salinity=24.2, water_temp=-1.5)).named("below freezing")
-    assert finding.value.startswith("water too cold to be liquid at 1 points")
+    assert finding.value.startswith("water below its freezing point at 1 points")
     size = float(finding.value.split("the largest ")[1].split(" K")[0])
     assert size == pytest.approx(0.188 - 0.00075 * depth, abs=0.002)
-    assert "the salinity is too low" in str(finding)
+    assert "salinity or temperature is too low" in str(finding)
     assert check_ocean(spoil(healthy, POINT, water_temp=-1.33)).named("below freezing") is None
 
 
@@ -211,7 +211,7 @@ def test_the_domain_and_the_fleet_must_fit(healthy):
         ("wrong", "sea bed above the vehicle", "vehicle D"),
     ]
     fleet["E"] = np.array([[0.0, 0.0, 0.5], [50e3, 0.0, 0.5]])
-    findings = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=fleet, moved_elsewhere=True)
+    findings = check_ocean(healthy, half_extent=(40e3, 30e3), fleet=fleet, existing_trajectories=True)
     assert [(f.severity, f.where) for f in findings] == [
         ("wrong", "vehicle B"),  # no pose of it in the ocean
         ("doubtful", "vehicle C"),

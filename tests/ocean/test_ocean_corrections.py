@@ -124,7 +124,7 @@ def test_inversions_are_counted_and_told(background):
     count = int(np.count_nonzero(density_fall(corrected) > INVERSION))
     assert count > 3
     assert re.search(
-        rf"^{count} density inversions .* introduced by the casts \(0 before\)",
+        rf"^{count} new density inversions .* due to the casts \(0 before\)",
         corrected.attrs["history"],
         re.MULTILINE,
     )
@@ -135,9 +135,9 @@ GOOD = {"casts": [cast_at(74.6, -140.0, 0.5)], "horizontal_scale": 1e4}
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"casts": [cast_at(80.0, -140.0, 0.5)]}, "cast c: 80 N -140 E is outside the ocean's window"),
-    ({"casts": [cast_at(74.5, -140.0, 0.5)], "land": True}, "is over the ocean's land; leave it out"),
-    ({"casts": []}, "none given"),
+    ({"casts": [cast_at(80.0, -140.0, 0.5)]}, "cast c: 80 N -140 E is outside the ocean"),
+    ({"casts": [cast_at(74.5, -140.0, 0.5)], "land": True}, "is on land in the ocean; remove the cast"),
+    ({"casts": []}, "no cast; give"),
     ({"horizontal_scale": 0.0}, "horizontal_scale is 0; it must be positive"),
     ({"noise_ratio": -1.0}, "noise_ratio is -1; it must be positive"),
     ({"vertical_scale": 0.0}, "vertical_scale is 0; it must be positive"),

@@ -101,10 +101,10 @@ def test_a_time_is_chosen_among_several(tmp_path, small):
     path = as_file(tmp_path / "two.nc", small, times=("2020-01-01T00:00", "2020-01-01T03:00"))
     assert open_ocean(path, time="2020-01-01T03:00")["time"].values == np.datetime64("2020-01-01T03:00")
     with pytest.raises(
-        OceanError, match=r'2 times .*choose one: --time 2020-01-01T00:00 .* time = "2020-01-01T00:00"'
+        OceanError, match=r'2 times .*select one with --time 2020-01-01T00:00 .* time = "2020-01-01T00:00"'
     ):
         open_ocean(path)
-    with pytest.raises(OceanError, match=r"2020-02-01 is not in it; there is 2020-01-01T00:00"):
+    with pytest.raises(OceanError, match=r"no time 2020-02-01; available: 2020-01-01T00:00"):
         open_ocean(path, time="2020-02-01")
 
 
@@ -125,11 +125,11 @@ REFUSED = {
     "no tracers": (lambda o: (o, UV), "no water_temp and no salinity; an ocean needs"),
     "something else": (
         lambda o: (o.rename(water_temp="sst")["sst"].drop_attrs().to_dataset(), ["sst"]),
-        "none of water_temp",
+        "no variable water_temp",
     ),
     "two temperatures": (
         lambda o: (potential_and_in_situ(o), [*TS, *UV]),
-        "called potential by its standard_name and in situ by its comment",
+        "says potential temperature and its comment says in situ",
     ),
 }
 
@@ -147,13 +147,13 @@ def test_sources_that_are_no_file_are_refused(tmp_path, message_of):
     page.write_text("<html>503 Service Unavailable</html>")
     assert "neither NetCDF-3 nor NetCDF-4" in message_of(page)
     assert "no such file" in message_of(tmp_path / "nowhere.nc")
-    assert "no file given" in message_of([])
+    assert "no file; name" in message_of([])
     assert "cannot be combined" in message_of(["synthetic:fram", page])
 
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path, small, apart, message_of):
     moved = as_file(tmp_path / "moved.nc", small.assign_coords(lat=small["lat"] + 0.04), UV)
-    assert "moved.nc: lat of water_u differs" in message_of([apart[0], moved])
+    assert "moved.nc: water_u and water_temp have different lat axes" in message_of([apart[0], moved])
     later = as_file(tmp_path / "later.nc", small, UV, times=("2020-01-02",))
     message = message_of([apart[0], later], time="2020-01-01")
     assert message.startswith("ts.nc, later.nc: no water_u and no water_v at 2020-01-01")

@@ -52,12 +52,12 @@ def test_no_value_is_no_ice(tmp_path, local):
 
 def test_one_value_stays_one_and_a_negative_one_is_refused(local):
     assert with_ice(local, 2)["sea_ice_draft"].item() == 2.0
-    refused(OceanError, "ice: a draft of -1 m", with_ice, local, -1.0)
+    refused(OceanError, "ice: the draft is -1 m", with_ice, local, -1.0)
 
 
 @pytest.mark.parametrize(("draft", "attrs", "message"), [
     (-1.0, {}, "check the units"),
-    (2.0, {"units": "K"}, "needs metres"),
+    (2.0, {"units": "K"}, "must be in metres"),
     (2.0, {"standard_name": "sea_ice_area_fraction"}, "sea_ice_draft or sea_ice_thickness"),
 ])  # fmt: skip
 def test_what_is_no_ice_is_one_line(tmp_path, local, draft, attrs, message):

@@ -68,7 +68,7 @@ def test_opening_changes_nothing_of_the_users_data_set(fram):
 
 def test_a_name_without_its_variable_lists_what_there_is(fram):
     plain = bare(fram)
-    no_variable = "in memory: no variable 'tmp' to name sea_water_temperature; there are temp, "
+    no_variable = "in memory: no variable 'tmp' for sea_water_temperature; available: temp, "
     refused(OceanError, no_variable, open_ocean, plain, names={"tmp": "sea_water_temperature"})
     refused(
         OceanError,

@@ -192,7 +192,7 @@ def test_a_cast_has_the_water_and_sound_speed_alone_is_refused_as_one(file):
     if not salty:
         refused(
             OceanError,
-            "lacks (temperature|salinity); .*sound speed alone makes a profile",
+            "no (temperature|salinity); .*sound speed alone it is a profile",
             read_cast,
             path,
             **place,
@@ -216,9 +216,9 @@ def test_flags_soaks_and_upcasts_are_left_out_and_counted(tmp_path):
     kept = [k for k in range(len(LEVELS)) if k not in (0, 5, 8)]
     np.testing.assert_allclose(cast.depth, DEPTH[kept], atol=2e-3)
     for words in (
-        "1 rows with a bad flag left out",
-        "with a missing value dropped",
-        "no deeper than one before dropped",
+        "1 rows rejected by a bad flag",
+        "dropped: with a missing value",
+        "dropped: not deeper than an earlier row",
     ):
         assert any(words in note for note in cast.notes), cast.notes
 
@@ -252,7 +252,7 @@ def test_salinity_comes_from_conductivity_where_there_is_none(tmp_path):
 def test_absolute_pressure_loses_that_of_the_air(tmp_path):
     (tmp_path / "a.txt").write_text(rbr(sea=False))
     assert (
-        "10.1325 dbar of air taken from the absolute pressure"
+        "10.1325 dbar of air pressure subtracted from the absolute pressure"
         in read_cast(tmp_path / "a.txt", lat=LAT, lon=LON).notes
     )
 
@@ -262,7 +262,7 @@ def test_a_database_of_rbr_is_refused_with_what_to_do(tmp_path):
     for read in (read_cast, read_profile):
         refused(
             MantaRayError,
-            r"a\.rsk: a database, not text; .* export the text in Ruskin",
+            r"a\.rsk: a database, not text; export an RBR .rsk file as text with Ruskin",
             read,
             tmp_path / "a.rsk",
         )
@@ -328,7 +328,7 @@ def test_cf_profiles_are_written_and_read_back_as_profiles_and_casts(tmp_path):
     assert holds_casts(tmp_path / "p.nc")
     write_profiles(tmp_path / "c.nc", [one._replace(water=None)])
     assert read_profile(tmp_path / "c.nc").water is None
-    refused(OceanError, "lacks temperature; .*sound speed alone", read_cast, tmp_path / "c.nc")
+    refused(OceanError, "no temperature; .*sound speed alone", read_cast, tmp_path / "c.nc")
 
 
 def ragged(layout):
@@ -374,7 +374,7 @@ def test_ragged_cf_profiles_have_places_times_and_flags(tmp_path, layout):
     np.testing.assert_allclose(first.temperature, np.delete(TEMPERATURE, 3))
     np.testing.assert_allclose(second.salinity, SALINITY[: len(LEVELS) // 2])
     assert (second.lat, second.lon, second.time) == (70.0, -130.0, TIME + np.timedelta64(1, "h"))
-    assert "1 values of temperature left out for their flags" in first.notes
+    assert "1 values of temperature rejected by quality flags" in first.notes
 
 
 @given(st.sampled_from(sorted(FILES)), st.data())

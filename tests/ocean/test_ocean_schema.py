@@ -27,7 +27,7 @@ def test_history_grows_by_lines(fram_strait):
     assert with_history(once, "perturbed by 0.5 m/s").attrs["history"] == "thinned\nperturbed by 0.5 m/s"
     assert "history" not in fram_strait.attrs
     for wrong in ("", " \n", "two\nlines"):
-        refused(OceanError, "one line of text", with_history, once, wrong)
+        refused(OceanError, "give one line", with_history, once, wrong)
 
 
 def test_the_reference_page_states_the_limits_that_the_schema_has():

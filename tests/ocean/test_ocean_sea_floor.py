@@ -249,7 +249,7 @@ REFUSED = {
     "grdconvert": lambda path: xr.Dataset(
         {"z": ("xysize", Z[:4].ravel()), "spacing": ("side", [0.05, 0.05])}
     ).to_netcdf(path),
-    "cut short": lambda path: path.write_bytes(save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]),
+    "incomplete: it declares": lambda path: path.write_bytes(save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]),
     "neither NetCDF-3 nor NetCDF-4": lambda path: path.write_bytes(b"<html>not found</html>"),
 }  # fmt: skip
 
@@ -263,14 +263,14 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path, says):
 @pytest.mark.parametrize(("window", "says"), [
     ((10.0, 11.0, 0.0, 1.0), "is not in it, fetch that part"),
     ((76.99, 77.5, 0.0, 1.0), "is not in it, fetch that part"),
-    ((76.0, 75.0, 0.0, 1.0), "south below north"),
+    ((76.0, 75.0, 0.0, 1.0), "south < north"),
 ])  # fmt: skip
 def test_a_window_that_the_file_does_not_hold_is_refused(tmp_path, window, says):
     refused(OceanError, says, open_sea_floor, save(tmp_path / "whole.nc", "elevation", Z), window=window)
 
 
 def test_what_is_no_ordinary_file_is_refused():
-    refused(OceanError, "/dev/zero: not an ordinary file", open_sea_floor, "/dev/zero")
+    refused(OceanError, "/dev/zero: not a regular file", open_sea_floor, "/dev/zero")
 
 
 def plane(lat, lon, lon_0):

@@ -132,7 +132,7 @@ def test_arguments_broadcast_gaps_stay_and_speed_rises_with_each(equation):
 
 
 def test_an_unknown_equation_is_refused():
-    with pytest.raises(OceanError, match="'mackenzie' is unknown; allowed are teos-10, del-grosso, unesco"):
+    with pytest.raises(OceanError, match="'mackenzie' is unknown; allowed: teos-10, del-grosso, unesco"):
         sound_speed(0.0, 35.0, 0.0, 0.0, 0.0, equation="mackenzie")
 
 

@@ -62,20 +62,20 @@ def test_times_are_those_at_which_everything_is_there(tmp_path, file, steps):
     assert ocean_times([ts, uv]).size == 3
     assert ocean_times(ts).size == 4
     span = "2020-01-01T00:00", "2020-01-01T06:00"
-    refused(OceanError, " to ".join(span) + "; there is 2020-01-01T03", open_ocean_series, [ts, uv], *span)
+    refused(OceanError, " to ".join(span) + "; available: 2020-01-01T03", open_ocean_series, [ts, uv], *span)
     assert warmth(open_ocean_series(ts, *span, currents="rest")) == pytest.approx([0, 1, 2])
 
 
 def test_spans_beyond_the_source_or_backward_are_refused(file):
     for start, stop in (("2019-12-31", "2020-01-01"), ("2020-01-01T08:00", "2020-01-01T10:00")):
         refused(OceanError, r"steps\.nc: does not cover", open_ocean_series, file, start, stop)
-    refused(OceanError, "runs backward", open_ocean_series, file, "2020-01-02", "2020-01-01")
+    refused(OceanError, "is after stop", open_ocean_series, file, "2020-01-02", "2020-01-01")
 
 
 def test_a_grid_that_changes_is_refused(tmp_path, steps):
     moved = steps[1].assign_coords(lat=steps[1]["lat"] + 0.02)
     paths = [write(tmp_path / f"{i}.nc", [step]) for i, step in enumerate((steps[0], moved))]
-    with pytest.raises(OceanError, match=r"lat at 2020-01-01T03.* differs .* one grid"):
+    with pytest.raises(OceanError, match=r"lat differs between .* one grid"):
         open_ocean_series(paths, START, START + np.timedelta64(1, "h"))
 
 

@@ -222,7 +222,7 @@ def test_eddies_move_with_their_drift_and_return_on_the_other_side_of_the_box(da
 
 
 def test_unknown_regions_and_times_are_refused():
-    refused(OceanError, r"'baltic' is unknown; there are beaufort, fram", open_ocean, "synthetic:baltic")
+    refused(OceanError, r"'baltic' is unknown; available: beaufort, fram", open_ocean, "synthetic:baltic")
     refused(OceanError, "not an instant", synthetic_ocean, "fram", "soon")
 
 

@@ -188,7 +188,7 @@ def test_times_in_another_unit_are_refused(tmp_path):
     data.to_netcdf(tmp_path / "hours.nc")
     refused(
         RecordError,
-        r"hours\.nc: trajectories: time is in 'hours since 2014-07-15'; needs seconds since the start",
+        r"hours\.nc: trajectories: time is in 'hours since 2014-07-15'; it must be in seconds since the start",
         Trajectories.load,
         tmp_path / "hours.nc",
     )
@@ -210,13 +210,13 @@ def test_fields_are_converted_copied_and_frozen():
 @pytest.mark.parametrize(("changed", "message"), [
     ({"size": ["one", "two"]}, "pair: size is not an array of type f8"),
     ({"size": [[1], [1, 2]]}, "pair: size is not an array of type f8"),
-    ({"size": 1.0}, r"pair: size has shape \(\); needs dimensions \('item',\)"),
-    ({"count": [1, 2]}, r"pair: count has shape \(2,\); needs dimensions \('item', 'axis'\)"),
+    ({"size": 1.0}, r"pair: size has shape \(\); it must have dimensions \('item',\)"),
+    ({"count": [1, 2]}, r"pair: count has shape \(2,\); it must have dimensions \('item', 'axis'\)"),
     ({"size": [1, 2, 3]}, "pair: size has 3 along 'item', not 2"),
     ({"count": np.ones((2, 2))}, "pair: count has 2 along 'axis', not 3"),
-    ({"count": np.full((2, 3), 40_000)}, "pair: count holds values that do not fit type i2"),
-    ({"count": np.full((2, 3), np.nan)}, "pair: count holds values that do not fit type i2"),
-    ({"count": np.full((2, 3), 0.5)}, "pair: count holds values that do not fit type i2"),
+    ({"count": np.full((2, 3), 40_000)}, "pair: count has values that do not fit type i2"),
+    ({"count": np.full((2, 3), np.nan)}, "pair: count has values that do not fit type i2"),
+    ({"count": np.full((2, 3), 0.5)}, "pair: count has values that do not fit type i2"),
 ])  # fmt: skip
 def test_bad_columns_are_refused_in_one_line(changed, message):
     refused(RecordError, message, pair, **changed)
@@ -248,9 +248,9 @@ def test_file_damaged_inside(tmp_path):
 
 def test_another_kind_of_file_or_data_set_is_refused(tmp_path):
     pair().save(tmp_path / "p.nc")
-    with pytest.raises(RecordError, match=r"p\.nc: data set holds 'pair'; needs 'trajectories'"):
+    with pytest.raises(RecordError, match=r"p\.nc: data set contains 'pair'; it must be 'trajectories'"):
         Trajectories.load(tmp_path / "p.nc")
-    refused(RecordError, "data set holds None; needs 'pair'", Pair.from_dataset, xr.Dataset())
+    refused(RecordError, "data set contains None; it must be 'pair'", Pair.from_dataset, xr.Dataset())
     with pytest.raises(RecordError, match="pair: data set lacks name, count"):
         Pair.from_dataset(pair().to_dataset().drop_vars(["item", "count"]))
 

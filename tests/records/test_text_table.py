@@ -24,7 +24,7 @@ def test_cells_and_their_lines(tmp_path, separator, encoding):
     assert table.frame.index.tolist() == [4, 6]
     assert table.comments == ["# 74° N", "  # a remark"]
     assert table.numbers(["depth (m)"]).tolist() == [[1.5], [2.0]]
-    with pytest.raises(RecordError, match=r"a\.csv, line 4: every one of name needs a number; name is 'a'"):
+    with pytest.raises(RecordError, match=r"a\.csv, line 4: name is 'a'; it must be a number"):
         table.numbers(["name"])
 
 
@@ -37,14 +37,14 @@ def test_a_pipe_is_read_as_a_file_is(tmp_path):
 
 
 REFUSED = {  # a file's content, its size or a name
-    "found one line, 'depth'; needs a header with names of columns, and rows": "depth\n",
-    "found nothing; needs a header": "",
-    "a.csv, line 3: 4 cells under a header of 3; is a separator missing": "x,y,z\n1,2,3\n1,2,3,4\n",
-    "2 lines make 1 rows; a quote is not closed|not a readable table": 'x,y\n"1,2\n3,4\n',
-    "a.csv: not a table of text": b"\x80\x04\x95\0pickle",
-    "more than 200,000,000 bytes; no table": 200_000_001,
-    "/dev/zero: not an ordinary file": Path("/dev/zero"),
-    "/: a folder; name a table of text": Path("/"),
+    "has one line, 'depth'; a table needs a header with names of columns, and rows": "depth\n",
+    "is empty; a table needs a header": "",
+    "a.csv, line 3: 4 cells, but the header has 3; check the separators": "x,y,z\n1,2,3\n1,2,3,4\n",
+    "2 lines give 1 rows; close all quotes|not a readable table": 'x,y\n"1,2\n3,4\n',
+    "a.csv: a binary file, not a text table": b"\x80\x04\x95\0pickle",
+    "more than 200,000,000 bytes; use a smaller": 200_000_001,
+    "/dev/zero: not a regular file": Path("/dev/zero"),
+    "/: is a folder; name a text table": Path("/"),
     "cannot be read: embedded null": Path("a\0b.csv"),
     "none.csv: cannot be read: No such file": Path("none.csv"),
     r"\.csv: cannot be read: No such file": Path(os.fsdecode(b"\xff.csv")),

@@ -90,7 +90,7 @@ def test_a_file_that_is_there_is_refused_if_asked(make, tmp_path):
     make(tmp_path / "a.txt")
     refused(
         WriteError,
-        r"a\.txt: is already there; give another name$",
+        r"a\.txt: already exists; give another name$",
         write_text,
         tmp_path / "a.txt",
         replace=False,
@@ -100,8 +100,8 @@ def test_a_file_that_is_there_is_refused_if_asked(make, tmp_path):
 
 @pytest.mark.parametrize(("name", "message"), [
     ("absent/a.txt", r"a\.txt: cannot be written: No such file or directory$"),
-    ("folder", "folder: cannot be written: not an ordinary file$"),
-    ("/dev/null", "/dev/null: cannot be written: not an ordinary file$"),
+    ("folder", "folder: cannot be written: not a regular file$"),
+    ("/dev/null", "/dev/null: cannot be written: not a regular file$"),
     ("a\0b", "cannot be written: .*null"),
     ("n" * 300, "cannot be written: File name too long$"),
     ("n" * 255, None),

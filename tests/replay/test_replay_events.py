@@ -44,12 +44,12 @@ def test_a_table_is_read_as_it_stands(tmp_path):
 
 
 BAD = {
-    "lacks travel_time; found time": (HEAD.replace(",travel_time", ""), ROW.rsplit(",", 1)[0]),
+    "no travel_time; the columns are time": (HEAD.replace(",travel_time", ""), ROW.rsplit(",", 1)[0]),
     "lacks source_north, source_east, receiver_north, receiver_east": (
         HEAD.replace("lat", "x").replace("lon", "y"),
         ROW,
     ),
-    "line 2: every one of .* travel_time is 'soon'": (HEAD, ROW.replace("1.6", "soon")),
+    "line 2: travel_time is 'soon'; it must be a number": (HEAD, ROW.replace("1.6", "soon")),
     "line 2: time is 'noon'; all are seconds, or all are dates": (
         HEAD,
         ROW.replace("2020-03-10T12:00:00Z", "noon"),

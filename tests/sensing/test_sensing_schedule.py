@@ -50,8 +50,8 @@ IMPOSSIBLE = {
     "L listens to itself; remove it": lambda: pings("L", "L"),
     "M listens to L, both landmarks; one has to be a vehicle": lambda: pings("L", "A", "M"),
     "Landmark: the name is empty": lambda: Landmark("", (0, 0, 1)),
-    r"landmark 'L': position: shape \(2,\); it needs \(3,\)": lambda: Landmark("L", (0, 0)),
-    "landmark 'L': position: 1 values are not finite": lambda: Landmark("L", (0, 0, np.nan)),
+    r"landmark 'L': position: shape is \(2,\); it must be \(3,\)": lambda: Landmark("L", (0, 0)),
+    "landmark 'L': position: 1 of 3 values are not finite": lambda: Landmark("L", (0, 0, np.nan)),
     "landmark 'L': depth is -4 m; .*: place it in the water": lambda: Landmark("L", (0, 0, -4.0)),
 }  # fmt: skip
 

@@ -209,7 +209,7 @@ def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
     begin, later = (in_varying.ping(time, place[0], place[1:]).travel_time for time in (3600.0, 4199.0))
     np.testing.assert_array_equal(coarse.ping(4199.0, place[0], place[1:]).travel_time, begin)
     assert not np.array_equal(later, begin, equal_nan=True)
-    line = r"time: 22000 s; there is water from 0 to 21600 s after 2014-07-15T12:00:00 UTC"
+    line = r"time is 22000 s; it must be 0 to 21600 s after 2014-07-15T12:00:00 UTC"
     for service in (in_varying, coarse):
         refused(WaterError, line, service.ping, 22e3, place[0], place[1:])
     line = "geographic positions: latitudes 95 to 95; they must lie in -90 to 90"
@@ -240,7 +240,7 @@ A = (0.0, 0.0, 50.0)
         (AcousticsError, "receivers: 1 coordinates are not finite", (0.0, A, [(0.0, np.inf, 5.0)]), {}),
         (ServiceError, "source: 2 positions; a ping has one source", (0.0, [A, A], [A]), {}),
         (ServiceError, "velocity: one-way timing", (0.0, A, [A]), {"source_velocity": A}),
-        (WaterError, "this water has no place on the globe", (0.0, A, [A]), {"geographic": True}),
+        (WaterError, "this water has no geographic position", (0.0, A, [A]), {"geographic": True}),
     ],
 )
 def test_a_ping_that_cannot_be_is_refused_in_one_line(service, error, line, arguments, options):

@@ -473,7 +473,7 @@ def config(tmp_path_factory):
 @pytest.mark.parametrize(("sent", "code", "workers"), [(signal.SIGINT, 130, "0"), (signal.SIGTERM, 143, "2")])
 def test_the_command_serves_until_it_is_told_to_stop(begin, config, sent, code, workers):
     process, lines, port = begin(config, "--port", "0", "--workers", workers)
-    assert lines == ["Fram Strait (synthetic), about 78 N 0 E\n", f"listening on http://127.0.0.1:{port}\n"]
+    assert lines == ["Fram Strait (synthetic), around 78 N 0 E\n", f"listening on http://127.0.0.1:{port}\n"]
     status, answer = ask(port, json.dumps(GOOD))
     assert (status, answer["receivers"][0]["status"]) == (200, "ok")
     assert ask(port, None, "GET", "/")[1]["turn_around"] == 0.5
@@ -487,7 +487,7 @@ def test_who_listens_beyond_this_machine_is_warned(begin):
     assert ask(port, None, "GET", "/")[1]["source_level_db"] is None
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=600)
-    assert said == "warning: listening at 0.0.0.0: whoever reaches it can use it, there is no password\n"
+    assert said == "warning: listening at 0.0.0.0 without a password: anyone who can access it can use it\n"
 
 
 def test_an_ocean_that_is_not_there_is_one_line(capsys, tmp_path):

@@ -305,7 +305,7 @@ def test_cf_trajectories_point_where_the_vehicles_do_and_comply(run, late, tmp_p
     nowhere = replace(late, truth=replace(late.truth, centre=None))
     refused(
         ExchangeError,
-        "CF trajectories need a date and a place on Earth; the run has none",
+        "the run has no date or no geographic position",
         write_cf,
         nowhere,
         tmp_path,
@@ -335,7 +335,7 @@ def test_names_that_ros_cannot_tell_apart_are_refused(run, tmp_path):
     )
     refused(
         ExchangeError,
-        "glider-1 and glider_1 are both glider_1 in ROS, which has neither - nor . in names",
+        "glider-1 and glider_1 are both glider_1 in ROS, which allows neither - nor . in names",
         write_bag,
         same,
         tmp_path,
@@ -344,9 +344,9 @@ def test_names_that_ros_cannot_tell_apart_are_refused(run, tmp_path):
 
 
 @pytest.mark.parametrize(("to", "module", "message"), [
-    ("bag", "rosbags.rosbag2", r'bag and mcap need the extra ros; pip install "pymantaray\[ros\]"'),
-    ("mcap", "rosbags.rosbag2", r'bag and mcap need the extra ros; pip install "pymantaray\[ros\]"'),
-    ("rrd", "rerun", r'rrd needs the extra rerun; pip install "pymantaray\[rerun\]"'),
+    ("bag", "rosbags.rosbag2", r'bag and mcap: rosbags is not installed; pip install "pymantaray\[ros\]"'),
+    ("mcap", "rosbags.rosbag2", r'bag and mcap: rosbags is not installed; pip install "pymantaray\[ros\]"'),
+    ("rrd", "rerun", r'rrd: rerun-sdk is not installed; pip install "pymantaray\[rerun\]"'),
     ("parquet", "pyarrow", r'parquet needs the extra parquet; pip install "pymantaray\[parquet\]"'),
 ])  # fmt: skip
 def test_a_missing_library_is_named_and_nothing_is_left(run, tmp_path, monkeypatch, to, module, message):
@@ -373,7 +373,7 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(run, tmp_path, mo
     (full / "mine").touch()
     file.touch()
     refused(JobError, "full", export_run, run, "tum", full)
-    refused(WriteError, r"there\.rrd: is already there", export_run, run, "rrd", file)
+    refused(WriteError, r"there\.rrd: already exists", export_run, run, "rrd", file)
     assert names_in(full) == ["mine"]
     monkeypatch.setitem(vars(run.config), "conditions", run.config.conditions[:2])
     refused(

@@ -168,7 +168,7 @@ def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypat
     ({"mission": {"physics_step_s": 1e-300}}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
     ({"study": {"realizations": 10**9}}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
     ({"study": {"realizations": int("9" * 4000)}}, "study.realizations: found 99999"),
-    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, "'B': target_depth is 9000 m deep; the sea floor"),
+    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, "'B': target_depth is 9000 m deep, below the sea floor"),
 ], ids=range(7))  # fmt: skip
 def test_what_cannot_be_held_finished_or_dived_is_refused_at_once_in_one_line(
     tiny, tmp_path, sections, expected

@@ -429,7 +429,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     named.write_text(head.replace("74.2", "north") + table.read_text())
     refused(
         ExchangeError,
-        "named.csv: found centre_latitude_deg 'north', .* must both be given in degrees",
+        "named.csv: the centre is centre_latitude_deg 'north', .* degrees",
         measure,
         named,
         "synthetic:beaufort",

@@ -24,7 +24,7 @@ DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "rangin
 @pytest.fixture
 def at_once(monkeypatch):
     """Keep everything as soon as it is done."""
-    monkeypatch.setattr(checkpoint, "_EVERY", 0.0)
+    monkeypatch.setattr(checkpoint, "_SAVE_INTERVAL", 0.0)
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_the_same_call_goes_on_with_what_was_done(tiny, at_once, solved, monkeyp
     interrupted(config, out, 2)
     assert solved == [0, 1]
     assert [path.name for path in tmp_path.iterdir()] == ["run.unfinished"]
-    assert "2 realizations are kept in " in caplog.text
+    assert "2 realizations are saved in " in caplog.text
     monkeypatch.setattr(runner, "simulate_mission", None)  # is not called again
     told = []
     run = run_study(config, out, workers=1, progress=lambda *counts: told.append(counts))
@@ -84,8 +84,8 @@ def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monk
     monkeypatch.setattr(checkpoint, "_link", full)
     with pytest.raises(WriteError, match="No space left"):
         run_study(tiny(), tmp_path / "run", workers=1)
-    assert "not all results could be kept" in caplog.text
-    assert "are kept in" not in caplog.text
+    assert "not all results could be saved" in caplog.text
+    assert "are saved in" not in caplog.text
 
 
 def test_workers_go_on_as_well(tiny, at_once, tmp_path):
@@ -134,7 +134,7 @@ def test_a_damaged_realization_is_discarded_and_solved_again(
     path.with_name("notes.nc").write_bytes(b"mine")
     run = run_study(config, out, workers=1)
     assert solved == [0, 1, 0, 2]
-    assert "0.nc: damaged: its content does not have its checksum; it is removed" in caplog.text
+    assert "0.nc: damaged: its content does not have its checksum; removed" in caplog.text
     assert not (tmp_path / "harmed").exists()
     same(run, run_study(config, tmp_path / "undisturbed", workers=1))
 
@@ -152,7 +152,7 @@ def test_a_damaged_mission_is_discarded_and_simulated_again(tiny, at_once, solve
         path.write_bytes(path.read_bytes()[:-9])
     run = run_study(config, out, workers=1)
     assert solved == [0, 0, 1]
-    assert "damaged: files do not have their checksums; it is removed and computed again" in caplog.text
+    assert "damaged: wrong checksums; removed and computed again" in caplog.text
     same(run, run_study(config, tmp_path / "undisturbed", workers=1))
 
 
@@ -198,7 +198,9 @@ def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
 
 
 def test_a_short_study_leaves_nothing(tiny, tmp_path, monkeypatch):
-    monkeypatch.setattr(checkpoint, "_EVERY", 3600.0)  # short beside this, however busy the machine is
+    monkeypatch.setattr(
+        checkpoint, "_SAVE_INTERVAL", 3600.0
+    )  # short beside this, however busy the machine is
     interrupted(tiny(study={"realizations": 2}), tmp_path / "run", 1)
     assert not list(tmp_path.iterdir())
 
@@ -213,7 +215,7 @@ RUN = """
 import sys
 from pymantaray.jobs import checkpoint
 from pymantaray.study import load_study, run_study
-checkpoint._EVERY = 0.0
+checkpoint._SAVE_INTERVAL = 0.0
 run_study(load_study(sys.argv[1], realizations=30), sys.argv[2], workers=2)
 """
 

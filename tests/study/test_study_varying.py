@@ -68,12 +68,12 @@ def test_between_snapshots_the_ocean_is_linear_in_time_and_on_them_exact():
         assert now.attrs == snapshots[0].attrs
         assert set(now.coords) == {"north", "east", "depth"}
     for time in (-601.0, 9000.1):
-        with pytest.raises(StudyError, match="not within its -600 to 9000 s"):
+        with pytest.raises(StudyError, match="it covers -600 to 9000 s"):
             snapshot_at(series, time)
 
 
 def test_snapshots_on_other_grids_are_refused():
-    with pytest.raises(StudyError, match="local grid at 2014-07-15T12:00:00 differs"):
+    with pytest.raises(StudyError, match=r"local grids at .*2014-07-15T12:00:00.* differ"):
         series_of([local(1450.0), local(1450.0, depth=(0.0, 60.0, 400.0))], np.array([0.0, 1.0]))
 
 

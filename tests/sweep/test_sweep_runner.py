@@ -217,7 +217,7 @@ def losing_pool(number):
                 return future
             return super().submit(task)
 
-        def lost(self, _key, error):
+        def worker_failure(self, _key, error):
             return f"a worker ended early: {error}"
 
     return lambda work, *_: Losing(lambda: work)

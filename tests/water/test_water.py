@@ -58,7 +58,7 @@ def test_a_local_ocean_is_taken_as_it_is(fram):
     water = open_water(local, max_surface_bounces=2)
     np.testing.assert_array_equal(water.medium.field, Medium.from_dataset(local).field)
     assert water.reception.max_surface_bounces == 2
-    refused(WaterError, "ocean.ice: a local ocean is what it is", open_water, local, ice=1.0)
+    refused(WaterError, "ocean.ice: this option does not apply to a local ocean", open_water, local, ice=1.0)
 
 
 def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile):
@@ -88,7 +88,7 @@ def test_a_raw_cast_is_thinned_as_by_hand(tmp_path):
     )
     refused(
         MantaRayError,
-        "raw.csv: 301 levels less than 2 m apart are a raw cast",
+        "raw.csv: 301 levels with a spacing below 2 m are a raw cast",
         open_water,
         path,
         bathymetry=400.0,
@@ -110,7 +110,7 @@ def test_several_casts_are_a_water_each(tmp_path):
     waters = open_waters(path, bathymetry=100.0)
     assert [water.name for water in waters] == ["A", "B"]
     assert waters[1].time == np.datetime64("2020-03-02T12:00")
-    refused(WaterError, r"holds 2 casts \(A, B\); one is needed", open_water, path, bathymetry=100.0)
+    refused(WaterError, r"contains 2 casts \(A, B\); one is needed", open_water, path, bathymetry=100.0)
 
 
 def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram):
@@ -124,7 +124,7 @@ def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path):
     depth.attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
     depth.drop_vars("time").rename("deptho").to_netcdf(tmp_path / "floor.nc")
     options = {"bathymetry": tmp_path / "floor.nc", "half_extent": 20e3}
-    refused(OceanError, "ocean.bathymetry is a map; over a profile it needs", open_water, profile, **options)
+    refused(OceanError, "ocean.bathymetry is a map, which needs", open_water, profile, **options)
     water = open_water(profile, centre=(79.0, 1.0), **options)
     at_north = water.medium.bottom_depth([[15e3, 0.0]])[0]
     assert at_north == pytest.approx(500.0 + 0.1 * 15e3 / 111.7e3, abs=1e-3)
@@ -148,9 +148,9 @@ def test_an_unknown_option_names_the_nearest():
     )
     refused(
         WaterError,
-        "a medium takes no options; found ice",
+        "a medium allows no options; remove ice",
         open_water,
         Medium.from_profile(DEPTH, SPEED, bottom_depth=700.0),
         ice=1.0,
     )
-    refused(MantaRayError, "ocean.thin .--thin.: goes with a profile", open_water, "synthetic:fram", thin=0.1)
+    refused(MantaRayError, "ocean.thin .--thin. applies to a profile", open_water, "synthetic:fram", thin=0.1)

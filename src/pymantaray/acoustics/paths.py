@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.eigenrays import as_positions, find_eigenrays, in_blocks, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import told_apart
+from pymantaray.geometry.checks import distinct_digits
 from pymantaray.records import Arrivals, RayPaths, RayStatus
 
 if TYPE_CHECKING:
@@ -159,13 +159,13 @@ def trace_fan(
     for name, axis, k in (("north", medium.north, 0), ("east", medium.east, 1)):
         for place in (start[0], end):
             if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
-                end_at, low, high = told_apart(place[k], axis[0], axis[-1])
+                end_at, low, high = distinct_digits(place[k], axis[0], axis[-1])
                 raise AcousticsError(
                     f"fan: {name} {end_at} m is outside the medium, {low} to {high} m; shorten it"
                 )
     top, bed = medium.surface_depth(start)[0], medium.bottom_depth(start)[0]
     if not top <= start[0, 2] <= bed:
-        depth, low, high = told_apart(start[0, 2], top, bed)
+        depth, low, high = distinct_digits(start[0, 2], top, bed)
         raise AcousticsError(f"source: depth {depth} m; the water there reaches from {low} to {high} m")
     domain, (work, nodes) = medium.domain(), _room(medium)
     counts = np.zeros(angles.size, dtype=np.int64)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.errors import AcousticsError, OceanError
-from pymantaray.geometry.checks import check_number, checked_array, told_apart
+from pymantaray.geometry.checks import check_number, checked_array, distinct_digits
 
 if TYPE_CHECKING:
     from pymantaray.ocean.cast import Cast, CastTable
@@ -292,7 +292,7 @@ def smooth_profile(
     z, c = up_to_surface(*cast)
     gap, extent = float(np.diff(z).max()), float(z[-1] - z[0])
     if not gap <= length <= 0.5 * extent:
-        own, least, most = told_apart(length, gap, 0.5 * extent)
+        own, least, most = distinct_digits(length, gap, 0.5 * extent)
         raise AcousticsError(
             f"length: {own} m; the cast allows {least} m, its widest gap, to {most} m, half its depth"
         )

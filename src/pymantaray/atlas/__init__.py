@@ -1,4 +1,4 @@
-"""What ranging along straight lines costs in every column of an ocean: errors by convention, and where there is no direct path."""
+"""Atlas of range errors with straight rays in every column of an ocean, by convention, and of links without a direct path."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What a worker does for an atlas: the columns of one block, written where the others are."""
+"""Computation of one block of columns of an atlas by a worker."""
 
 import io
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
-from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
+from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.water.ocean import build_medium, build_sea_floor, is_profile, profile_fields
 from pymantaray.water.uniform import one_profile
 
@@ -32,7 +32,7 @@ def block_name(key: str, *, failed: bool = False) -> str:
 
 
 def run_block(url: str, block: Block) -> str | None:
-    """Do a block unless it is done; the line by which it failed, None if it did not."""
+    """Compute a block unless it exists; return the error line of a failure, else None."""
     return run_in_store(url, block, _compute, block_name(block.key, failed=True))
 
 
@@ -44,12 +44,12 @@ def _compute(store: Store, block: Block) -> None:
 
 
 def read_block(content: bytes) -> dict[str, NDArray[Any]]:
-    """Variables of a block from its file; one that is damaged is a ValueError."""
+    """Read the variables of a block; a damaged file raises ValueError."""
     try:
         with ZipFile(io.BytesIO(content)) as members:
             size = sum(member.file_size for member in members.infolist())
-        if size > MOST_UNPACKED_BYTES:
-            raise ValueError(f"takes {size / 1e9:.3g} GB unpacked, more than a block has")
+        if size > MAX_UNPACKED_BYTES:
+            raise ValueError(f"unpacks to {size / 1e9:.3g} GB, more than a block has")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except (BadZipFile, EOFError, KeyError, OSError) as error:
@@ -66,7 +66,7 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
     if is_profile(section):
         fields = profile_fields(section, one_profile(section), block.links.interpolation)
         medium = build_medium(block.water, fields)
-        assert isinstance(medium, Medium)  # one profile does not vary
+        assert isinstance(medium, Medium)  # one profile does not vary in time
         columns = [(0, 0, WATER, column_errors(medium, block.links)._asdict())]
     else:
         columns = list(_columns(block))
@@ -78,7 +78,7 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
 
 
 def source_of(block: Block) -> tuple[str, bool]:
-    """Title of the water, and True if it is made up."""
+    """Title of the water, and True if it is synthetic."""
     if is_profile(block.water.ocean):
         return one_profile(block.water.ocean).name, False
     attrs = _water(block).attrs
@@ -111,7 +111,7 @@ def _column(
 
 
 def _water(block: Block) -> xr.Dataset:
-    """Grid points that the links of a block can need, which may all be land."""
+    """Grid points that the links of a block may need; all of them may be land."""
     time, section = str(block.time), block.water.ocean
     if block.files[0].startswith("synthetic:"):
         return crop(_whole(block.files, time), block.window)
@@ -121,5 +121,5 @@ def _water(block: Block) -> xr.Dataset:
 
 @lru_cache(maxsize=1)
 def _whole(files: tuple[str, ...], time: str) -> xr.Dataset:
-    """A synthetic ocean, which is made as a whole."""
+    """A complete synthetic ocean."""
     return read_ocean(files, time=time, window=None, currents="rest")

@@ -1,4 +1,4 @@
-"""One column of an ocean: the water around it as a study centred there would have it, and the errors of its links."""
+"""Water around one column of an ocean, as in a study centred there, and the range errors of its links."""
 
 import warnings
 from typing import Any, NamedTuple
@@ -18,25 +18,25 @@ from pymantaray.ocean.window import Window, rectangle
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus
 
 Array = NDArray[np.float64]
-SPLINE = 8  # grid points beyond the domain that its water is interpolated from
+SPLINE = 8  # grid points beyond the domain for interpolation
 WATER, LAND, EDGE = 0, 1, 2
-"""What a column is; too near to the edge of the data for its links to fit in."""
+"""Status of a column; `EDGE`: its links do not fit into the data."""
 
 
 class ColumnErrors(NamedTuple):
-    """What there is to say of one column."""
+    """Range errors and counts of one column."""
 
     range_error: Array
-    """Shape (convention, pair, distance, bearing), as the next two. NaN without a direct arrival. [m]"""
+    """Shape (convention, pair, distance, bearing), also of the next two. NaN without a direct arrival. [m]"""
     reference_speed_error: Array
     bending_error: Array
     link_status: NDArray[np.int8]
-    """Shape (pair, distance, bearing), as the next."""
+    """Shape (pair, distance, bearing), also of the next."""
     arrivals_within: NDArray[np.int16]
     no_direct_path: Array
-    """Share (pair, distance) of the bearings; NaN where no receiver is in the water."""
+    """Fraction (pair, distance) of the bearings; NaN if no receiver is in the water."""
     worst_range_error: Array
-    """Largest magnitude (convention, pair, distance) over the bearings. [m]"""
+    """Maximum magnitude (convention, pair, distance) over the bearings. [m]"""
     safe_distance: Array
     """Shape (convention, safe). [m]"""
 
@@ -49,10 +49,10 @@ def water_at(
     sea_floor: xr.DataArray | None = None,
 ) -> xr.Dataset | None:
     """
-    Local ocean around a place that lies in the ocean's window; None if the links do not fit in.
+    Local ocean around a place in the ocean's window; None if the links do not fit into the window.
 
-    It is made of the grid points in the rectangle that holds all links and of `SPLINE` more on each side, so that it does not
-    depend on how much of the ocean is at hand. The section gives equation and ice.
+    It uses the grid points in the rectangle of all links and `SPLINE` more on each side, so it does not depend on the extent of
+    the available ocean. The section gives equation and ice.
     """
     half = links.half_extent
     window = Window.of(ocean, place)
@@ -68,7 +68,7 @@ def water_at(
 
 
 def medium_at(ocean: xr.Dataset, place: tuple[float, float], links: AtlasLinks) -> Medium | None:
-    """Medium around a place in an ocean without a sea floor or ice of its own, as `water_at`."""
+    """Medium around a place, as in `water_at`, without a separate sea floor and without ice."""
     local = water_at(ocean, place, links)
     return None if local is None else Medium.from_dataset(local, interpolation=links.interpolation)
 
@@ -80,7 +80,7 @@ def _around(axis: Array, reach: Array) -> slice:
 
 
 def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None = None) -> ColumnErrors:
-    """Errors of the links about the centre of a medium's frame, whose sound the currents may carry."""
+    """Errors of the links around the centre of a medium's frame, optionally with currents."""
     transmitter, receiver = links.ends()
     cutoff = links.spreading_cutoff_db
     options: dict[str, Any] = {"spreading_cutoff_db": cutoff, "tolerance": links.tolerance, "threads": 1}
@@ -114,7 +114,7 @@ def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None =
 
 
 def _speeds(direct: FirstArrivals, distance: Array, nominal: float) -> list[Array]:
-    """Sound speed by which each link's travel time is made a range, for each of the `CONVENTIONS`. [m/s]"""
+    """Sound speed that converts each link's travel time to a range, for each of the `CONVENTIONS`. [m/s]"""
     measured = TransmitterSpeed()
     at_transmitter = measured.speed(direct.source_sound_speed)
     at_receiver = measured.speed(direct.receiver_sound_speed)
@@ -128,7 +128,7 @@ def _speeds(direct: FirstArrivals, distance: Array, nominal: float) -> list[Arra
 
 
 def _count_within(arrivals: Arrivals, within_db: float) -> NDArray[np.int16]:
-    """Number of each link's arrivals that are about as strong as its strongest, by their spreading."""
+    """Number of each link's arrivals within a level of its strongest arrival, by spreading."""
     loss = np.where(np.isnan(arrivals.spreading_db), np.inf, arrivals.spreading_db)
     least = np.full(arrivals.status.size, np.inf)
     np.minimum.at(least, arrivals.link, loss)
@@ -144,18 +144,19 @@ def _share_without(status: NDArray[np.int8]) -> Array:
 
 def _worst(error: Array, axis: int | tuple[int, ...]) -> Array:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # no link is heard
+        warnings.simplefilter("ignore", RuntimeWarning)  # no link has an arrival
         return np.asarray(np.nanmax(np.abs(error), axis=axis))
 
 
 def _safe_distance(error: Array, links: AtlasLinks) -> Array:
     """
-    Greatest of the distances up to which all direct ranges, of all pairs and bearings, err by no more than what is safe.
+    Greatest distance up to which every direct range error, over all pairs and bearings, is within each threshold.
 
-    0 where those of the shortest distance err by more, NaN where it has none. A distance without any ends it.
+    0 if an error at the shortest distance exceeds the threshold, NaN if the shortest distance has no direct range. The search
+    stops at the first distance without a direct range.
     """
     worst = _worst(error, (1, 3))
-    safe = worst[:, None] <= np.array(links.safe)[:, None]  # NaN is not
+    safe = worst[:, None] <= np.array(links.safe)[:, None]  # False for NaN
     steps = np.logical_and.accumulate(safe, axis=-1).sum(axis=-1)
     reach = np.array([0.0, *links.distances])[steps]
     return np.where(np.isnan(worst[:, :1]), np.nan, reach)

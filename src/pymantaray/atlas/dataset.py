@@ -1,4 +1,4 @@
-"""The file of an atlas: what is in it, by the CF conventions, and how it is put together of blocks without holding them all."""
+"""File of an atlas: CF variables and attributes, and assembly from blocks, one in memory at a time."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,8 +18,8 @@ from pymantaray.records import NETCDF_LOCK, RayStatus, whole_file
 from pymantaray.records.writing import check_room
 
 FORMAT = "pymantaray atlas 1"
-Placed = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
-"""Where a block belongs, and its variables."""
+LocatedBlock = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
+"""Position of a block in the atlas, and its variables."""
 _LINK = ("pair", "distance", "bearing")
 _PLACE = ("time", "lat", "lon")
 _SECOND = np.timedelta64(1, "s")
@@ -30,10 +30,10 @@ class Variable(NamedTuple):
     """One variable over the columns."""
 
     dims: tuple[str, ...]
-    """Besides time, lat and lon."""
+    """Dimensions in addition to time, lat and lon."""
     dtype: str
     nothing: float
-    """Where a column is land or too near to the edge."""
+    """Value of columns on land or too close to the edge."""
     attrs: dict[str, Any]
 
 
@@ -54,7 +54,7 @@ def _flags(name: str, meanings: Iterable[tuple[str, int]]) -> dict[str, Any]:
 _BY_CONVENTION = ("convention", *_LINK)
 VARIABLES = {
     "column_status": Variable(
-        (), "i1", EDGE, _flags("what a column is", (("water", WATER), ("land", LAND), ("edge", EDGE)))
+        (), "i1", EDGE, _flags("status of the column", (("water", WATER), ("land", LAND), ("edge", EDGE)))
     ),
     "range_error": Variable(
         _BY_CONVENTION,
@@ -63,10 +63,10 @@ VARIABLES = {
         _length("sound speed of the convention times travel time, minus distance"),
     ),
     "reference_speed_error": Variable(
-        _BY_CONVENTION, "f4", np.nan, _length("its part by the reference speed: travel time along the chord")
+        _BY_CONVENTION, "f4", np.nan, _length("part due to the reference speed: travel time along the chord")
     ),
     "bending_error": Variable(
-        _BY_CONVENTION, "f4", np.nan, _length("its part by bending: travel time less that along the chord")
+        _BY_CONVENTION, "f4", np.nan, _length("part due to bending: travel time minus time along the chord")
     ),
     "link_status": Variable(
         _LINK,
@@ -75,14 +75,14 @@ VARIABLES = {
         _flags("outcome of the link, without reflections", ((s.name.lower(), s.value) for s in RayStatus)),
     ),
     "arrivals_within": Variable(
-        _LINK, "i2", 0, {"long_name": "arrivals about as strong as the strongest", "units": "1"}
+        _LINK, "i2", 0, {"long_name": "arrivals close to the level of the strongest", "units": "1"}
     ),
     "no_direct_path": Variable(
         ("pair", "distance"),
         "f4",
         np.nan,
         {
-            "long_name": "share of the bearings without a direct path, of those with a receiver in the water",
+            "long_name": "fraction of the bearings without a direct path, of those with a receiver in the water",
             "units": "1",
         },
     ),
@@ -90,26 +90,26 @@ VARIABLES = {
         ("convention", "pair", "distance"),
         "f4",
         np.nan,
-        _length("largest magnitude of range_error over the bearings"),
+        _length("maximum magnitude of range_error over the bearings"),
     ),
     "safe_distance": Variable(
         ("convention", "safe"),
         "f4",
         np.nan,
-        _length("distance up to which no direct range of any pair and bearing errs by more than safe"),
+        _length("distance up to which every direct range error of all pairs and bearings is within safe"),
     ),
 }
 
 
 def shape_of(variable: Variable, links: AtlasLinks) -> tuple[int, ...]:
-    """Lengths of a variable's own dimensions."""
+    """Lengths of a variable's additional dimensions."""
     sizes = dict(zip(_LINK, links.shape, strict=True))
     sizes |= {"convention": len(CONVENTIONS), "safe": len(links.safe)}
     return tuple(sizes[name] for name in variable.dims)
 
 
 def coordinates(atlas: Atlas) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
-    """Dimensions, values and attributes of everything that is not over the columns."""
+    """Dimensions, values and attributes of all variables that are not over the columns."""
     links, (lat_bounds, lon_bounds) = atlas.links, atlas.cells()
     pairs = np.array(links.pairs)
     depth = {"standard_name": "depth", "units": "m", "positive": "down"}
@@ -124,8 +124,8 @@ def coordinates(atlas: Atlas) -> dict[str, tuple[tuple[str, ...], Any, dict[str,
         "lon_bounds": (("lon", "bound"), lon_bounds, {}),
         "convention": (
             ("convention", "letter"),
-            np.array(CONVENTIONS, dtype="S")[:, None].view("S1"),  # CF takes no strings there
-            {"long_name": "sound speed that a travel time is multiplied with", "_Encoding": "utf-8"},
+            np.array(CONVENTIONS, dtype="S")[:, None].view("S1"),  # CF does not allow strings here
+            {"long_name": "sound speed that converts a travel time to a range", "_Encoding": "utf-8"},
         ),
         "transmitter_depth": (("pair",), pairs[:, 0], depth | {"long_name": "depth of the transmitter"}),
         "receiver_depth": (("pair",), pairs[:, 1], depth | {"long_name": "depth of the receiver"}),
@@ -135,12 +135,12 @@ def coordinates(atlas: Atlas) -> dict[str, tuple[tuple[str, ...], Any, dict[str,
             links.bearings_deg,
             {"long_name": "from transmitter to receiver, clockwise from north", "units": "degree"},
         ),
-        "safe": (("safe",), np.array(links.safe), _length("range error that is put up with")),
+        "safe": (("safe",), np.array(links.safe), _length("threshold of the range error")),
     }
 
 
 def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
-    """Global attributes of an atlas' file."""
+    """Global attributes of the file of an atlas."""
     links = atlas.links
     cutoff = "none" if links.spreading_cutoff_db is None else f"{links.spreading_cutoff_db:g} dB"
     return {
@@ -166,26 +166,26 @@ def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
 
 def write_atlas(
     atlas: Atlas,
-    blocks: Iterable[Placed],
+    blocks: Iterable[LocatedBlock],
     path: Path,
     *,
     title: str,
     synthetic: bool,
 ) -> None:
-    """Write the file of an atlas block by block, whole or not at all."""
+    """Write the file of an atlas block by block, atomically."""
     cells = int(np.prod(atlas.shape))
     size = sum(
         np.dtype(v.dtype).itemsize * int(np.prod(shape_of(v, atlas.links))) for v in VARIABLES.values()
     )
     with whole_file(path) as temporary, NETCDF_LOCK:
-        check_room(temporary, cells * size)  # before they are compressed
+        check_room(temporary, cells * size)  # uncompressed size
         try:
             _fill(temporary, atlas, attributes(atlas, title, synthetic), blocks)
-        except RuntimeError as error:  # netCDF4's word for a full disk
+        except RuntimeError as error:  # netCDF4 raises this for a full disk
             raise OSError(str(error)) from None
 
 
-def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[Placed]) -> None:
+def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[LocatedBlock]) -> None:
     from netCDF4 import Dataset
 
     with Dataset(path, "w", format="NETCDF4") as file:
@@ -225,21 +225,22 @@ def _chunk(atlas: Atlas) -> tuple[int, int]:
 
 def open_atlas(path: str | Path) -> xr.Dataset:
     """
-    An atlas that was written before, read as its parts are asked for.
+    Open the file of an atlas lazily.
 
     Parameters
     ----------
     path : str or pathlib.Path
+        File from `run_atlas`.
 
     Returns
     -------
     xarray.Dataset
-        Over time, lat and lon, and what each variable says; to be closed.
+        Variables over time, lat, lon and further dimensions. The caller closes it.
 
     Raises
     ------
     AtlasError
-        If the file is none.
+        If the file is not an atlas.
     """
     try:
         dataset = xr.open_dataset(path, engine="netcdf4")
@@ -248,24 +249,28 @@ def open_atlas(path: str | Path) -> xr.Dataset:
         raise AtlasError(f"{path}: not a readable NetCDF file: {reason}") from None
     if dataset.attrs.get("format") != FORMAT:
         dataset.close()
-        raise AtlasError(f"{path}: not an atlas of this version; make one with mantaray atlas run")
+        raise AtlasError(
+            f"{path}: not an atlas of this version; compute one with mantaray atlas run (in Python: run_atlas)"
+        )
     return dataset
 
 
 def safety_table(atlas: xr.Dataset) -> pd.DataFrame:
     """
-    How much of an atlas straight-line ranging is safe in.
+    Table of range errors and of the fraction of locations that are safe for straight-line ranging.
 
     Parameters
     ----------
     atlas : xarray.Dataset
+        From `open_atlas`.
 
     Returns
     -------
     pandas.DataFrame
-        A row for each convention and distance: ``convention``, ``distance_m``, ``no_direct_path_percent``,
-        ``median_m`` and ``p95_m`` of the largest error of a place (over pairs and bearings), and for each error that is put up
-        with ``safe_to_<error>m_percent``, of the places and times in the water where no direct range errs by more.
+        One row per convention and distance: ``convention``, ``distance_m``, ``no_direct_path_percent``, ``median_m`` and
+        ``p95_m`` of the maximum error of a location (over pairs and bearings), and for each threshold
+        ``safe_to_<error>m_percent``, the percentage of locations and times in the water where every direct range error is within
+        the threshold.
     """
     rows = []
     water = (atlas["column_status"] == WATER).values

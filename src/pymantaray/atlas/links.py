@@ -1,4 +1,4 @@
-"""The links of every place: from a transmitter there to receivers around it, and what is asked of them."""
+"""Links of every column: from a transmitter at the column to receivers around it, with search options."""
 
 import math
 from dataclasses import dataclass
@@ -13,40 +13,40 @@ from pymantaray.geometry.checks import check_fields, checked_array
 
 Array = NDArray[np.float64]
 CONVENTIONS = ("transmitter", "receiver", "mean", "chord", "nominal")
-"""Speeds that a travel time is multiplied with: where it was sent, where it was received, the mean of both, the harmonic mean
-along the chord, and one number for all water."""
+"""Sound speeds that convert a travel time to a range: at the transmitter, at the receiver, the mean of both, the harmonic mean
+along the chord, and one nominal value."""
 _DEPTHS = (20.0, 200.0, 800.0)
-_ROOM = 1.02  # of the domain beyond the farthest receiver: rays bend sideways
+_MARGIN = 1.02  # half extent of the domain over the greatest distance, because rays also bend sideways
 
 
 @dataclass(frozen=True)
 class AtlasLinks:
     """
-    Geometries of links, how their rays are found, and the errors that count as safe.
+    Geometry of links, options of the ray solver, and error thresholds.
 
     Parameters
     ----------
     pairs : tuple of tuple of float
-        Depths of transmitter and receiver. By default all pairs of 20, 200 and 800 m, the transmitter above. [m]
+        Depths of transmitter and receiver. Default: all pairs of 20, 200 and 800 m with the transmitter above. [m]
     distances : tuple of float
-        Horizontal, strictly increasing. [m]
+        Horizontal distances, strictly increasing. [m]
     bearings : int
-        How many directions, evenly spaced from north, clockwise.
+        Number of directions, evenly spaced clockwise from north.
     nominal_sound_speed : float
-        What is multiplied with where nothing is measured. [m/s]
+        Sound speed of the convention "nominal". [m/s]
     safe : tuple of float
-        Range errors that are put up with, strictly increasing. [m]
+        Error thresholds in ascending order. [m]
     within_db : float
-        Arrivals that are weaker than the strongest of their link by no more than this are counted. [dB]
+        Arrivals count if their level is at most this much below the strongest arrival of their link. [dB]
     max_surface_bounces, max_bottom_bounces : int
-        Reflections that counted arrivals may have. What is ranged on has none.
+        Maximum numbers of reflections of counted arrivals. Ranges use direct arrivals only.
     spreading_cutoff_db, tolerance, interpolation
-        As `pymantaray.acoustics.find_eigenrays` and `Medium` take them. [dB], [m]
+        As in `pymantaray.acoustics.find_eigenrays` and `Medium`. [dB], [m]
 
     Raises
     ------
     AtlasError
-        If a depth is negative, a list is empty or does not rise, or a number is not positive.
+        If a depth is negative, a list is empty or does not increase, or a number is not positive.
     """
 
     pairs: tuple[tuple[float, float], ...] = tuple(combinations_with_replacement(_DEPTHS, 2))
@@ -62,16 +62,16 @@ class AtlasLinks:
     interpolation: Interpolation = "smooth"
 
     def __post_init__(self) -> None:
-        """Check what the ray solver does not."""
+        """Check values that the ray solver does not check."""
         depths = checked_array(AtlasError, "pairs", self.pairs, (None, 2))
         if depths.min() < 0.0:
-            raise AtlasError(f"pairs: depth {depths.min():g} m; allowed are 0 m and more, positive down")
+            raise AtlasError(f"pairs: depth is {depths.min():g} m; it must be 0 m or more, positive down")
         for name in ("distances", "safe"):
             values = checked_array(AtlasError, name, getattr(self, name), (None,), rising=True)
             if values[0] <= 0.0:
-                raise AtlasError(f"{name}: {values[0]:g} m; all must be positive")
+                raise AtlasError(f"{name}: {values[0]:g} m is not positive; all values must be positive")
         if self.bearings < 1:
-            raise AtlasError(f"bearings: {self.bearings}; at least 1 is needed")
+            raise AtlasError(f"bearings is {self.bearings}; it must be at least 1")
         check_fields(AtlasError, self, "m/s", "nominal_sound_speed", positive=True)
         check_fields(AtlasError, self, "dB", "within_db")
 
@@ -87,11 +87,11 @@ class AtlasLinks:
 
     @property
     def half_extent(self) -> float:
-        """Half side of the local domain that holds all links of a place. [m]"""
-        return _ROOM * self.distances[-1]
+        """Half side of the local domain that contains all links of a column. [m]"""
+        return _MARGIN * self.distances[-1]
 
     def ends(self) -> tuple[Array, Array]:
-        """Transmitters and receivers (n_links, 3) about a place; bearings change fastest, then distances, then pairs. [m]"""
+        """Transmitters and receivers (n_links, 3) around a column; bearings vary fastest, then distances, then pairs. [m]"""
         depths, distance, bearing = np.meshgrid(
             np.arange(len(self.pairs)), self.distances, np.radians(self.bearings_deg), indexing="ij"
         )
@@ -102,5 +102,5 @@ class AtlasLinks:
 
     @property
     def count(self) -> int:
-        """Links of a place."""
+        """Number of links of a column."""
         return math.prod(self.shape)

@@ -1,4 +1,4 @@
-"""What an atlas is of: columns of an ocean at some instants, cut into blocks that can be computed each on its own."""
+"""Definition of an atlas: columns of an ocean at several instants, divided into independent blocks."""
 
 import json
 from collections.abc import Sequence
@@ -35,19 +35,19 @@ from pymantaray.water.water import configuration_of
 Array = NDArray[np.float64]
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
 _SYNTHETIC = "synthetic:"
-_COLUMNS = 16  # of a block, each way; rays of 256 columns take half a minute
-_POINTS = 160  # of the grid that a block is spread over, each way, at most
-_OF_A_PROFILE = 0.1  # degrees, of the cell that stands for it
-_SPARE = SPLINE + 2  # grid points read beyond the links of a block
+_COLUMNS = 16  # per block and axis; rays of 256 columns take half a minute
+_MAX_POINTS = 160  # grid points per block and axis
+_PROFILE_CELL = 0.1  # degrees; size of the cell of a profile
+_GRID_MARGIN = SPLINE + 2  # grid points read beyond the links of a block
 
 
 @dataclass(frozen=True)
 class Block:
-    """Some columns at one instant, and all that it takes to do them."""
+    """Columns at one instant, with all data for their computation."""
 
     key: str
     files: tuple[str, ...]
-    """What is read of them: the grid points of a window that the links of all columns fit in."""
+    """Grid points to read: a window that contains the links of all columns."""
     window: GeographicWindow
     time: np.datetime64
     lat: tuple[float, ...]
@@ -56,14 +56,14 @@ class Block:
     water: SoundConfig
     """Sea floor, ice, equation, names and currents of the ocean."""
     place: tuple[int, slice, slice]
-    """Where it belongs in the atlas: time, latitudes, longitudes."""
+    """Position in the atlas: time, latitudes, longitudes."""
     kind: str = "block"
     version: str = field(default_factory=code_version)
 
 
 class Atlas:
     """
-    Columns of a gridded ocean, and the links that are looked at in each.
+    Columns of a gridded ocean and their links.
 
     Parameters
     ----------
@@ -71,23 +71,23 @@ class Atlas:
         Any source of `pymantaray.open_water` except a medium or a local ocean. A profile or cast has one column. A data set in
         memory is written to the user's cache, because other processes read it.
     links : AtlasLinks, optional
-        By default those with the bounces, cut-off and interpolation of the source, if it is a configuration.
+        Links. Default: `AtlasLinks` with the bounces, cut-off and interpolation of a configuration.
     window : tuple of float, optional
-        South, north, west, east of the columns; water beyond is still read for their links. [degrees]
+        South, north, west, east of the columns. Links may use water outside. [degrees]
     every : int
-        Every n-th column each way, counted in the source's whole grid.
+        Use every n-th column along each axis, counted in the source's whole grid.
     times : sequence of str or numpy.datetime64, optional
-        Instants (UTC) that the source has; by default its first.
+        Instants (UTC) of the source. Default: its first.
     **options
-        Of `pymantaray.open_water` that concern the ocean, such as ``bathymetry``, ``ice``, ``equation``, ``names`` and
-        ``currents="carry"``. By default the sea floor is where the ocean's levels end.
+        Ocean options of `pymantaray.open_water`, such as ``bathymetry``, ``ice``, ``equation``, ``names`` and
+        ``currents="carry"``. Default sea floor: the deepest wet levels of the ocean.
 
     Raises
     ------
     OceanError
         If the source cannot be read.
     AtlasError
-        If no column is left, or a time is not there.
+        If no column remains, or the source does not have a time.
 
     Examples
     --------
@@ -111,7 +111,7 @@ class Atlas:
         self.times = _instants(self._index, times)
         lat, lon = self._index.lat, self._index.lon
         if every < 1:
-            raise AtlasError(f"every: {every}; allowed are 1, every column, and more")
+            raise AtlasError(f"every is {every}; it must be at least 1 (every column)")
         rows, columns = np.arange(lat.size), np.arange(lon.size)
         if window is not None:
             part = select(lat, lon, window, "atlas")
@@ -121,9 +121,11 @@ class Atlas:
         chosen = [np.flatnonzero(n % every == (every // 2 if n.size > 1 else 0)) for n in (rows, columns)]
         self._rows, self._columns = rows[chosen[0]], columns[chosen[1]]
         self.lat, self.lon = self._index.lat[self._rows], lon[chosen[1]]
-        """Of the columns. [degrees]"""
+        """Latitudes and longitudes of the columns. [degrees]"""
         if not (self.lat.size and self.lon.size):
-            raise AtlasError(f"no column is left: every {every} of {rows.size} x {columns.size} grid points")
+            raise AtlasError(
+                f"no column remains: every is {every} for {rows.size} x {columns.size} grid points; reduce it"
+            )
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -131,19 +133,19 @@ class Atlas:
         return self.times.size, self._rows.size, self._columns.size
 
     def cells(self) -> tuple[Array, Array]:
-        """Bounds (lat, 2) and (lon, 2) of the cells that the columns stand for. [degrees]"""
+        """Bounds (lat, 2) and (lon, 2) of the cells that the columns represent. [degrees]"""
         bounds = []
         for axis, own, chosen in (
             (self._index.lat, self.lat, self._rows),
             (self._index.lon, self.lon, self._columns),
         ):
-            step = np.gradient(axis) if axis.size > 1 else np.array([_OF_A_PROFILE])
+            step = np.gradient(axis) if axis.size > 1 else np.array([_PROFILE_CELL])
             half = 0.5 * self.every * step[chosen]
             bounds.append(np.stack([own - half, own + half], axis=-1))
         return np.clip(bounds[0], -90.0, 90.0), bounds[1]
 
     def _files(self, time: np.datetime64) -> tuple[str, ...]:
-        """Names of what is read of an instant."""
+        """Files of an instant."""
         there = np.flatnonzero(self._index.times == time)
         return self._index.files[int(there[0]) if there.size else 0]
 
@@ -154,7 +156,7 @@ class Atlas:
 
     @cached_property
     def checksums(self) -> dict[str, str]:
-        """SHA-256 of every file that is read."""
+        """SHA-256 of every input file."""
         files = dict.fromkeys(file for time in self.times for file in self._files(time))
         names = [*files, *self._maps]
         try:
@@ -164,13 +166,13 @@ class Atlas:
 
     @property
     def key(self) -> str:
-        """Name of the whole: the hash of what its blocks are called."""
+        """Key of the atlas: a hash of the names of its blocks."""
         return digest("atlas", [block.key for block in self.blocks], {})
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
-        """All blocks, by time, latitude and longitude."""
-        size = max(1, min(_COLUMNS, _POINTS // self.every))
+        """All blocks in order of time, latitude and longitude."""
+        size = max(1, min(_COLUMNS, _MAX_POINTS // self.every))
         rows, columns = ([slice(k, k + size) for k in range(0, n, size)] for n in self.shape[1:])
         tiles = [(r, c, self._reach(self.lat[r], self.lon[c])) for r, c in product(rows, columns)]
         return tuple(self._block(t, *tile) for t in range(self.times.size) for tile in tiles)
@@ -201,8 +203,8 @@ class Atlas:
         )
 
     def _reach(self, lat: Array, lon: Array) -> GeographicWindow:
-        """South, north, west and east of the grid points that the links of some columns can need."""
-        if self._index.lat.size == 1:  # of a profile, which has no grid
+        """South, north, west and east of the grid points that the links of columns may need."""
+        if self._index.lat.size == 1:  # a profile, which has no grid
             return float(lat[0]), float(lat[0]), float(lon[0]), float(lon[0])
         half = self.links.half_extent
         corners = [
@@ -214,28 +216,28 @@ class Atlas:
         east = lon[-1] + max(float(np.max(wrapped(x - lon[-1]))) for _, x in corners[1::2])
         rows, columns = self._index.lat, self._index.lon
         first, last = np.searchsorted(rows, [south, north])
-        south, north = rows[max(first - _SPARE, 0)], rows[min(last + _SPARE, rows.size - 1)]
-        margin = _SPARE * float(np.diff(columns).max())
+        south, north = rows[max(first - _GRID_MARGIN, 0)], rows[min(last + _GRID_MARGIN, rows.size - 1)]
+        margin = _GRID_MARGIN * float(np.diff(columns).max())
         west, east = west - margin, east + margin
         return float(south), float(north), float(west), float(min(east, west + 360.0))
 
 
 def _water_config(source: Source, options: dict[str, Any]) -> SoundConfig:
-    """Configuration of the water of all columns; their places and domains are the atlas' own."""
+    """Configuration of the water of all columns, without places and domains."""
     if isinstance(source, Medium):
-        raise AtlasError(
-            "an atlas has columns on latitude and longitude, which a medium has not; give an ocean"
-        )
+        raise AtlasError("a medium has no latitude and longitude, which an atlas needs; give an ocean")
     if isinstance(source, xr.Dataset):
         if "lat" not in source.dims and "north" in source.dims:
             raise AtlasError(
-                "an atlas needs an ocean on latitude and longitude; give the one before to_local"
+                "a local ocean has no latitude and longitude, which an atlas needs; give the ocean before to_local"
             )
         source = str(stored_ocean(source))
     config = configuration_of(source, options)
     for key in ("time_varying", "internal_tide"):
         if getattr(config.ocean, key):
-            raise AtlasError(f"ocean.{key}: an atlas has instants of their own, times; leave it out")
+            raise AtlasError(
+                f"ocean.{key} does not apply to an atlas; remove it, and select instants with times"
+            )
     return config
 
 
@@ -250,7 +252,7 @@ def _links_of(config: SoundConfig) -> AtlasLinks:
 
 
 def _index_of(section: OceanSection) -> OceanIndex:
-    """Columns and instants of an ocean; one of each of a profile."""
+    """Columns and instants of an ocean; one column and one instant for a profile."""
     if not is_profile(section):
         return ocean_index(section.source, section.standard_names)
     profile = one_profile(section)
@@ -263,7 +265,7 @@ def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
     if times is None:
         return index.times[:1]
     if not len(times):
-        raise AtlasError("times: there are none; give one or more, or leave them out for the ocean's first")
+        raise AtlasError("times is empty; give at least one, or omit it for the ocean's first")
     instants = np.unique(np.array([parse_instant(time) for time in times]))
     if not index.files[0][0].startswith(_SYNTHETIC):
         absent = instants[~np.isin(instants, index.times)]
@@ -271,7 +273,7 @@ def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
             shown = np.datetime_as_string(absent[0], unit="m")
             first, last = np.datetime_as_string(index.times[[0, -1]], unit="m")
             raise AtlasError(
-                f"time {shown}: not in the ocean, which has {index.times.size} from {first} to {last}"
+                f"time {shown}: not in the ocean, which has {index.times.size} times from {first} to {last}; select one of these"
             )
     return instants
 
@@ -279,12 +281,16 @@ def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
 def instants_between(
     source: FileSource, start: str, stop: str, step_h: float | None = None
 ) -> NDArray[np.datetime64]:
-    """Instants (UTC) of a source from one to another, both included, at least so many hours apart; of a synthetic one by default a day."""
+    """
+    Instants (UTC) of a source between two instants, inclusive, with a minimum step in hours.
+
+    The default step of a synthetic ocean is one day.
+    """
     index, first, last = ocean_index(source), parse_instant(start), parse_instant(stop)
     if last < first:
-        raise AtlasError(f"times from {start} to {stop}: the last is before the first")
+        raise AtlasError(f"times from {start} to {stop}: the last is before the first; exchange them")
     if step_h is not None and not 1.0 / 3600.0 <= step_h < np.inf:
-        raise AtlasError(f"times every {step_h:g} h; allowed are steps of a second and more")
+        raise AtlasError(f"the time step is {step_h:g} h; it must be at least one second")
     if index.files[0][0].startswith(_SYNTHETIC):
         step = np.timedelta64(round((24.0 if step_h is None else step_h) * 3600.0), "s")
         return np.arange(first, last + np.timedelta64(1, "ns"), step)
@@ -293,12 +299,12 @@ def instants_between(
         if not chosen or (time - chosen[-1]) / np.timedelta64(1, "h") >= (step_h or 0.0):
             chosen.append(time)
     if not chosen:
-        raise AtlasError(f"no time of the ocean lies in {start} to {stop}")
+        raise AtlasError(f"the ocean has no time from {start} to {stop}; select another span")
     return np.array(chosen)
 
 
 def described(atlas: Atlas) -> bytes:
-    """What an atlas is of, for people who find its unfinished blocks."""
+    """Description of an atlas, for people who see its unfinished blocks."""
     content = {
         "atlas": atlas.key,
         "version": code_version(),

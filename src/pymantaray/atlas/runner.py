@@ -1,4 +1,4 @@
-"""Making an atlas: blocks go to workers, who leave them beside the file that is put together of them."""
+"""Computation of an atlas: workers compute blocks in a folder beside the file, which is then assembled from them."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pymantaray.atlas.blocks import block_name, read_block, run_block, source_of
-from pymantaray.atlas.dataset import Placed, open_atlas, write_atlas
+from pymantaray.atlas.dataset import LocatedBlock, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
 from pymantaray.errors import AtlasError, JobError, WriteError
 from pymantaray.jobs.pool import Queue, check_scheduler, open_pool, run_tasks
@@ -21,7 +21,7 @@ _MARKER = "atlas.json"
 
 
 def blocks_place(out: Path) -> Path:
-    """Folder beside a file in which the blocks of an unfinished atlas lie."""
+    """Folder beside a file with the blocks of an unfinished atlas."""
     return out.with_name(f"{out.name}.blocks")
 
 
@@ -35,36 +35,37 @@ def run_atlas(
     progress: TaskProgress | None = None,
 ) -> Path:
     """
-    Compute what is not there of an atlas, and write its file.
+    Compute the missing blocks of an atlas and write its file.
 
     Parameters
     ----------
     atlas : Atlas
+        Definition.
     out : str or pathlib.Path
-        NetCDF file. Blocks that are done lie in a folder beside it, ``<out>.blocks``, until it is written: the same call
-        goes on with them, whatever ended it. With Dask every worker must see that folder.
+        NetCDF file. Until it is written, the folder ``<out>.blocks`` beside it contains finished blocks, from which the same
+        call resumes after any interruption. With Dask, every worker must have access to this folder.
     client : distributed.Client or str, optional
-        Dask's client, or its scheduler's address. By default processes of this machine work.
+        Dask client or scheduler address. Default: processes of this machine.
     workers : int, optional
-        Processes of this machine, by default one a core. No digit depends on it.
+        Number of processes of this machine. Default: one per core. Results do not depend on it.
     force : bool
-        Whether a file of that name that is of something else is replaced.
+        If True, replace an existing file with other content.
     progress : callable, optional
-        Called with the number of blocks that are done, the number that failed and the total.
+        Called with the number of finished blocks, the number of failed blocks and the total.
 
     Returns
     -------
     pathlib.Path
-        The file. One that is of this atlas already is left as it is.
+        The file. An existing file of this atlas is unchanged.
 
     Raises
     ------
     AtlasError
-        If a block cannot be computed, by its line (all others are done first), or the file is of something else.
+        If a block fails (after all other blocks are finished), or the file has other content.
     JobError
-        If the scheduler is gone, or workers see another folder.
+        If the scheduler does not answer, or workers have access to another folder.
     WriteError
-        If something cannot be written.
+        If a file cannot be written.
     """
     check_scheduler(client)
     path = Path(out)
@@ -72,13 +73,14 @@ def run_atlas(
         return path
     if path.exists() and not force:
         raise WriteError(
-            f"{path}: exists already, and is not of this atlas and this version of the code; give another name or --force"
+            f"{path}: already exists, from another atlas or version of the code; give another name or --force (in Python:"
+            " force=True)"
         )
     store = open_store(blocks_place(path))
     store.claim("atlas", _MARKER, {_MARKER, "blocks"})
     store.write(_MARKER, described(atlas))
     for name in store.names("blocks"):
-        if name.endswith(".failed.json"):  # in another run; tried again
+        if name.endswith(".failed.json"):  # failed in another run; try again
             store.remove(f"blocks/{name}")
     there = {name.removesuffix(".npz") for name in store.names("blocks")}
     blocks = _Blocks(store, [b for b in atlas.blocks if b.key not in there], len(atlas.blocks), progress)
@@ -87,13 +89,13 @@ def run_atlas(
             run_tasks(blocks, pool)
     if blocks.lines:
         raise AtlasError(
-            f"{len(blocks.lines)} of {len(atlas.blocks)} blocks failed, the first by: {blocks.lines[0]}"
+            f"{len(blocks.lines)} of {len(atlas.blocks)} blocks failed, the first with: {blocks.lines[0]}"
         )
     title, synthetic = source_of(atlas.blocks[0])
     try:
         write_atlas(atlas, _contents(store, atlas), path, title=title, synthetic=synthetic)
     except JobError:
-        if not _is_of(path, atlas):  # which another runner has written, and its blocks are gone
+        if not _is_of(path, atlas):  # unless another runner has written it and removed the blocks
             raise
     _clear(store)
     return path
@@ -107,30 +109,32 @@ def _is_of(path: Path, atlas: Atlas) -> bool:
         return False
 
 
-def _contents(store: Store, atlas: Atlas) -> Iterator[Placed]:
-    """What is in the blocks, one after the other."""
+def _contents(store: Store, atlas: Atlas) -> Iterator[LocatedBlock]:
+    """Contents of the blocks one by one."""
     for block in atlas.blocks:
         if not store.has(block_name(block.key)):
-            raise JobError(f"{store.url}: a block was done elsewhere; all workers must see this place")
+            raise JobError(
+                f"{store.url}: a worker wrote a block to another place; all workers must have access to this folder"
+            )
         values = read_valid(store, block_name(block.key), read_block)
         if values is None:
-            raise AtlasError(f"{store.url}: a block was damaged and is removed; run the atlas again")
+            raise AtlasError(f"{store.url}: a damaged block was removed; run the atlas again")
         yield block.place, values
 
 
 def _clear(store: Store) -> None:
-    """Remove the blocks of an atlas whose file is written."""
+    """Remove the blocks of an atlas after its file is written."""
     for name in store.names("blocks"):
         store.remove(f"blocks/{name}")
     store.remove(_MARKER)
-    assert store.folder is not None  # beside a file
+    assert store.folder is not None  # the store is beside a file
     for folder in (store.folder / "blocks", store.folder):
-        with suppress(OSError):  # it holds something else, or another runner was first
+        with suppress(OSError):  # not empty, or removed by another runner
             folder.rmdir()
 
 
 class _Blocks(Queue):
-    """Blocks that are still to be done."""
+    """Unfinished blocks."""
 
     def __init__(self, store: Store, blocks: list[Block], total: int, progress: TaskProgress | None) -> None:
         super().__init__(block.key for block in blocks)
@@ -139,17 +143,17 @@ class _Blocks(Queue):
         self.lines: list[str] = []
 
     def task(self, key: str) -> Block:
-        """Return a block by its key."""
+        """Block with a key."""
         return self._blocks[key]
 
-    def ended(self, key: str, result: str | None) -> None:  # noqa: ARG002
-        """Count a block, and note the line by which it failed."""
+    def record_result(self, key: str, result: str | None) -> None:  # noqa: ARG002
+        """Count a block, and store its error line if it failed."""
         self.left -= 1
         if result is not None:
             self.lines.append(result)
         self._count.add(failed=result is not None)
 
-    def lost(self, key: str, line: str) -> None:
-        """Write down why a block failed whose worker could not."""
+    def record_failure(self, key: str, line: str) -> None:
+        """Store the error line of a block whose worker ended."""
         self._store.write(block_name(key, failed=True), failure_content(AtlasError(line)))
-        self.ended(key, line)
+        self.record_result(key, line)

@@ -1,4 +1,4 @@
-"""Commands of `mantaray atlas`; what they need is imported when they run, so that help is quick."""
+"""Commands of `mantaray atlas`; they import modules when they run, which keeps the help fast."""
 
 from dataclasses import replace
 from itertools import combinations_with_replacement
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from pymantaray.records.result_table import ResultTable
 
-app = Commands(cls=RunGroup, help="The bias of straight-line ranging in every column of an ocean.")
+app = Commands(cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean.")
 
 AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an atlas.")]
 
@@ -47,29 +47,38 @@ def run(
     out: Annotated[
         Path,
         typer.Option(
-            "--out", metavar="ATLAS.nc", help="What is done of it, in ATLAS.nc.blocks, is not done again."
+            "--out", metavar="ATLAS.nc", help="File to write. Finished blocks in ATLAS.nc.blocks are skipped."
         ),
     ],
-    every: Annotated[int, typer.Option("--every", min=1, help="Every n-th column each way.")] = 1,
+    every: Annotated[int, typer.Option("--every", min=1, help="Use every n-th column along each axis.")] = 1,
     window: Annotated[
         str | None,
-        typer.Option("--window", metavar="S,N,W,E", help="Columns, in degrees; water beyond is still read."),
+        typer.Option(
+            "--window",
+            metavar="S,N,W,E",
+            help="Region of the columns, in degrees. Links may use water outside.",
+        ),
     ] = None,
     depths: Annotated[
         str,
-        typer.Option("--depths", metavar="M,...", help="All pairs of these depths, the transmitter above."),
+        typer.Option(
+            "--depths", metavar="M,...", help="Use all pairs of these depths with the transmitter above."
+        ),
     ] = "20,200,800",
     pair: Annotated[
         list[str] | None,
         typer.Option(
-            "--pair", metavar="M,M", help="Depths of transmitter and receiver; repeated; instead of --depths."
+            "--pair",
+            metavar="M,M",
+            help="Depths of transmitter and receiver, instead of --depths. May be repeated.",
         ),
     ] = None,
     distances: Annotated[
-        str, typer.Option("--distances", metavar="M,...", help="Horizontal distances in metres, rising.")
+        str,
+        typer.Option("--distances", metavar="M,...", help="Horizontal distances in ascending order [m]."),
     ] = "2000,5000,10000",
     bearings: Annotated[
-        int, typer.Option("--bearings", min=1, help="Directions, evenly spaced from north.")
+        int, typer.Option("--bearings", min=1, help="Number of directions, evenly spaced from north.")
     ] = 4,
     nominal: Annotated[
         float,
@@ -77,14 +86,17 @@ def run(
             "--nominal",
             parser=quantity("m/s"),
             metavar="M/S",
-            help="The one sound speed where nothing is measured.",
+            help="Sound speed of the convention nominal.",
         ),
     ] = 1500.0,
     safe: Annotated[
-        str, typer.Option("--safe", metavar="M,...", help="Range errors that are put up with, rising.")
+        str, typer.Option("--safe", metavar="M,...", help="Error thresholds in ascending order [m].")
     ] = "1,5,20",
     within_db: Annotated[
-        float, typer.Option("--within-db", help="Count arrivals so much weaker than the strongest, or less.")
+        float,
+        typer.Option(
+            "--within-db", help="Count arrivals at most this much weaker than the strongest arrival [dB]."
+        ),
     ] = 10.0,
     start: Annotated[str | None, typer.Option("--start", help="First instant (UTC) of a series.")] = None,
     stop: Annotated[str | None, typer.Option("--stop", help="Last instant (UTC) of a series.")] = None,
@@ -93,7 +105,8 @@ def run(
         typer.Option(
             "--step-h",
             metavar="DURATION",
-            help="Time between instants at least: hours, or such as '2 d'. Default: all; of a synthetic ocean 24 h.",
+            help="Minimum time between instants: hours, or text such as '2 d'. Default: all instants; 24 h for a synthetic"
+            " ocean.",
         ),
     ] = None,
     workers: Workers = None,
@@ -103,7 +116,7 @@ def run(
     to: To = "text",
     quiet: Quiet = False,
 ) -> None:
-    """Compute an atlas, or what is left of it."""
+    """Compute an atlas, or complete an interrupted one."""
     check_output(out, [".nc"], inputs=[Path(name) for name in files], force=True)
     if pair:
         pairs = [parse_pair("--pair", text, "m") for text in pair]
@@ -130,9 +143,9 @@ def run(
         interpolation=acoustics.interpolation,
     )
     if (start is None) != (stop is None) or (start is not None and water.time):
-        raise AtlasError("--start and --stop belong together, and exclude --time")
+        raise AtlasError("--start and --stop must be used together and without --time")
     if step_h is not None and start is None:
-        raise AtlasError("--step-h: there are steps from --start to --stop alone; give both")
+        raise AtlasError("--step-h needs --start and --stop; give both")
     step = None if step_h is None else parse_duration("--step-h", step_h, "h")
     between = start is not None and stop is not None
     atlas = Atlas(
@@ -159,7 +172,7 @@ def run(
 
 @app.command()
 def show(file: AtlasFile, as_json: Json = False, to: To = "text") -> None:
-    """Print how much of an atlas is safe, by convention and distance."""
+    """Print range errors and safe locations by convention and distance."""
     from pymantaray.atlas import open_atlas, safety_table
 
     with open_atlas(file) as dataset, printer(as_json=as_json, to=to) as printed:
@@ -172,7 +185,8 @@ def plot(
     file: AtlasFile,
     out: Annotated[Path, typer.Option("--out", help="Folder for the figures, PNG and PDF, and the page.")],
     convention: Annotated[
-        str, typer.Option("--convention", help="transmitter, receiver, mean, chord or nominal.")
+        str,
+        typer.Option("--convention", help="Sound speed: transmitter, receiver, mean, chord or nominal."),
     ] = "transmitter",
     distance: Annotated[
         float | None,
@@ -180,21 +194,22 @@ def plot(
             "--distance",
             parser=quantity("m"),
             metavar="M",
-            help="One of the atlas'. Default: the middle one.",
+            help="A distance of the atlas. Default: the middle one.",
         ),
     ] = None,
     pair: Annotated[
-        str | None, typer.Option("--pair", metavar="M,M", help="One of its pairs of depths. Default: all.")
+        str | None,
+        typer.Option("--pair", metavar="M,M", help="A pair of depths of the atlas. Default: all."),
     ] = None,
     at: Annotated[
         str | None,
         typer.Option(
-            "--at", metavar="LAT,LON", help="Place of the series, where there are several instants."
+            "--at", metavar="LAT,LON", help="Place of the time series, for an atlas with several instants."
         ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Draw maps of where ranging is safe, of the error and of lost paths, the error through time, and a page to look around."""
+    """Draw maps of safe distances, errors and lost paths, time series of the error, and an interactive page."""
     from pymantaray.atlas import open_atlas
     from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_atlas_page, write_atlas_plots
@@ -217,19 +232,19 @@ def plot(
 
 
 def _numbers(option: str, text: str, count: int | None = None) -> tuple[float, ...]:
-    """Numbers with commas between."""
+    """Parse numbers separated by commas."""
     try:
         numbers = tuple(float(word) for word in text.split(","))
     except ValueError:
         numbers = ()
     if not numbers or (count is not None and len(numbers) != count):
         many = "numbers" if count is None else f"{count} numbers"
-        raise AtlasError(f"{option} is {text!r}; needs {many} with commas between")
+        raise AtlasError(f"{option} is {text!r}; it must be {many} separated by commas")
     return numbers
 
 
 def _safety(table: "pd.DataFrame") -> "ResultTable":
     from pymantaray.records.result_table import ResultTable
 
-    caption = "Largest error of a place, and share of the places where it is below a threshold"
+    caption = "Maximum error of a location, and percentage of locations below each threshold"
     return ResultTable("safety", table, caption)

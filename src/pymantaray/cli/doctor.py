@@ -1,4 +1,4 @@
-"""Command `mantaray doctor`: what is installed, and what does not work."""
+"""Command `mantaray doctor`: report packages, extras, folders, processors and faults."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ _WIDTH = 12
 
 
 def doctor(as_json: Json = False) -> None:
-    """Say what is installed, which extras are, and what does not work; exit with 1 if something does not."""
+    """Report installed packages and extras, and list faults; exit with 1 if there are any."""
     from pymantaray.installation import installation
 
     state = installation()
@@ -36,7 +36,7 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
         ("GPU", device["name"] or f"none: {device['why_not']}"),
         (
             "kernels",
-            f"{kernels['compiled']} of {kernels['all']} compiled; others are when they are first used",
+            f"{kernels['compiled']} of {kernels['all']} compiled; the others are compiled at first use",
         ),
     ]
     facts += [("packages", ", ".join(f"{row['name']} {row['version'] or '-'}" for row in state["packages"]))]
@@ -52,4 +52,4 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
     for fault in state["faults"]:
         out.line(f"{'FAULT':<{_WIDTH}} {fault}")
     if not state["faults"]:
-        out.line("all that is needed is here")
+        out.line("the installation is complete")

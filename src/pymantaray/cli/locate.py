@@ -31,17 +31,17 @@ if TYPE_CHECKING:
     from pymantaray.water import Water
 
 Three = tuple[float, float, float]
-_DEEPER = 1.2  # sea bed below the deepest prior position, where none is given
+_BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _SHORT = {"ms": 1e-3, "us": 1e-6}
-_MOST_LISTED = 10  # pings that were left out
-_MOST_CANDIDATES = 8
+_MAX_LISTED = 10  # unused pings
+_MAX_CANDIDATES = 8
 
 
 class _Group(TyperGroup):
-    """Group whose command `survey` takes what is not the name of a command."""
+    """Group whose command `survey` is the default."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Write ``survey`` before words that name no command."""
+        """Insert ``survey`` before words that are not the name of a command."""
         if args and args[0] not in (*self.list_commands(ctx), "--help"):
             args = ["survey", *args]
         return super().parse_args(ctx, args)
@@ -55,29 +55,35 @@ app = Commands(
 
 @dataclass(frozen=True)
 class NodeOptions:
-    """What is known of nodes beforehand."""
+    """Priors of nodes."""
 
     nodes: Annotated[
         Path | None,
         typer.Option(
-            metavar="CSV", help="Prior positions: name, lat, lon (or north_m, east_m), depth_m, sigmas."
+            metavar="CSV",
+            help="Table of prior positions: name, lat, lon (or north_m, east_m), depth_m, standard deviations.",
         ),
     ] = None
     depth: Annotated[float | None, typer.Option(metavar="M", help="Prior depth of nodes without one.")] = None
     depth_sigma: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Standard deviation of prior depths. Default: the file's."),
+        typer.Option(metavar="M", help="Standard deviation of prior depths. Default: from the file."),
     ] = None
     horizontal_sigma: Annotated[
         float | None,
-        typer.Option(metavar="M", help="Standard deviation of prior norths and easts. Default: the file's."),
+        typer.Option(
+            metavar="M", help="Standard deviation of prior north and east positions. Default: from the file."
+        ),
     ] = None
     turn_around: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Turn-around time of all nodes, as '13 ms'.")
+        str | None, typer.Option(metavar="TIME", help="Turn-around time of all nodes, such as '13 ms'.")
     ] = None
     turn_around_sigma: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Its standard deviation; estimates it. Default: it is known."),
+        typer.Option(
+            metavar="TIME",
+            help="Standard deviation of turn-around times; the solver then estimates them. Default: known times.",
+        ),
     ] = None
     clock_offset_sigma: Annotated[
         str | None,
@@ -90,80 +96,95 @@ class NodeOptions:
     rigid: Annotated[
         bool | None,
         typer.Option(
-            "--rigid/--free", help="Whether the nodes keep their arrangement. Default: as the file says."
+            "--rigid/--free", help="Move all nodes together, or each freely. Default: as in the file."
         ),
     ] = None
 
 
 @dataclass(frozen=True)
 class PlatformOptions:
-    """Where the platform was, and where on it the transducer is."""
+    """Positions of the platform, and position of its transducer."""
 
     track: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="Trajectory of the platform, of any format of mantaray ranges."),
+        typer.Option(metavar="FILE", help="Trajectory of the platform, in any format of mantaray ranges."),
     ] = None
     platform: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The platform's name in the track.")
+        str | None, typer.Option(metavar="NAME", help="Name of the platform in the track.")
     ] = None
     position_at: Annotated[
         Literal["both", "transmission", "reception"],
-        typer.Option(help="What a single position per ping is of; the other is interpolated between pings."),
+        typer.Option(
+            help="Instant of a single position per ping; the other position is interpolated between pings."
+        ),
     ] = "both"
     transducer_depth: Annotated[
-        float, typer.Option(metavar="M", help="Depth of positions that come without.")
+        float, typer.Option(metavar="M", help="Depth of positions without depth.")
     ] = 0.0
     lever: Annotated[
         Three | None,
-        typer.Option(metavar="F S D", help="Antenna to transducer: forward, starboard, down, in metres."),
+        typer.Option(
+            metavar="F S D", help="Vector from antenna to transducer: forward, starboard, down, in metres."
+        ),
     ] = None
     lever_sigma: Annotated[
-        Three | None, typer.Option(metavar="F S D", help="Its standard deviations; estimates it.")
+        Three | None,
+        typer.Option(
+            metavar="F S D", help="Standard deviations of the lever arm; the solver then estimates it."
+        ),
     ] = None
     platform_sigma: Annotated[
         tuple[float, float] | None,
         typer.Option(metavar="H V", help="Standard deviations of the platform's positions, in metres."),
     ] = None
     platform_correlation: Annotated[
-        str, typer.Option(metavar="TIME", help="Correlation time of their errors.")
+        str, typer.Option(metavar="TIME", help="Correlation time of the errors of positions.")
     ] = "10 min"
 
 
 @dataclass(frozen=True)
 class ModelOptions:
-    """What the solver estimates beside positions."""
+    """Unknowns of the solver in addition to positions."""
 
     sound_speed: Annotated[
         Literal["auto", "known", "scale", "time", "gradient", "modes"],
         typer.Option(
-            help="What may differ from the profile; auto takes what the marginal likelihood prefers."
+            help="Model of the sound speed relative to the profile; auto selects it by the marginal likelihood."
         ),
     ] = "auto"
     sound_speed_sigma: Annotated[
         float, typer.Option(metavar="FRACTION", help="Standard deviation of the scale of the sound speed.")
     ] = 5e-3
     gradient_sigma: Annotated[
-        float, typer.Option(metavar="1/KM", help="Standard deviation of its constant horizontal gradients.")
+        float,
+        typer.Option(
+            metavar="1/KM", help="Standard deviation of constant horizontal gradients of the sound speed."
+        ),
     ] = 1e-4
     knots: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="Spacing of the splines' knots. Default: 1/80 of the survey, 5 min at least."
+            metavar="TIME",
+            help="Spacing of the splines' knots. Default: 1/80 of the survey, but at least 5 min.",
         ),
     ] = None
     modes: Annotated[
-        list[Path] | None, typer.Option(metavar="CASTS", help="Casts whose modes --sound-speed modes uses.")
+        list[Path] | None,
+        typer.Option(metavar="CASTS", help="Casts for the vertical modes of --sound-speed modes."),
     ] = None
     correlation: Annotated[
-        Literal["auto", "none"], typer.Option(help="Whether the noise of pings may be correlated.")
+        Literal["auto", "none"],
+        typer.Option(
+            help="Correlated noise of pings: auto selects it by the marginal likelihood, none excludes it."
+        ),
     ] = "auto"
     sigma: Annotated[
         str | None,
-        typer.Option(metavar="TIME", help="Stated standard deviation of times, tested by chi-square."),
+        typer.Option(metavar="TIME", help="Stated standard deviation of times, for a chi-square test."),
     ] = None
     gross: Annotated[
         float,
-        typer.Option(metavar="N", help="Larger residuals, in robust standard deviations, are gross errors."),
+        typer.Option(metavar="N", help="Limit for gross errors, in robust standard deviations."),
     ] = 5.0
 
 
@@ -174,7 +195,7 @@ def survey(
         Path,
         typer.Argument(
             metavar="SURVEY",
-            help="Our own table, survey text of OBSrange, the ini file of GARPOS, or the config.yaml of GNATSS.",
+            help="A table of pings, survey text of OBSrange, the ini file of GARPOS, or the config.yaml of GNATSS.",
             show_default=False,
         ),
     ],
@@ -183,13 +204,15 @@ def survey(
     nodes: NodeOptions,
     ship: PlatformOptions,
     model: ModelOptions,
-    bootstrap: Annotated[int, typer.Option(metavar="N", min=0, help="Resampled surveys; 0 for none.")] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the bootstrap.")] = 0,
+    bootstrap: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder for page, tables and files, new or empty. Default: none is written.",
+            help="New or empty folder for page, tables and files. Default: no files.",
         ),
     ] = None,
     formats: Formats = "",
@@ -197,7 +220,7 @@ def survey(
     to: To = "text",
     quiet: Quiet = False,
 ) -> None:
-    """Estimate the positions of nodes from measured travel times, with their uncertainty."""
+    """Estimate node positions and their uncertainty from measured travel times."""
     import pymantaray
     from pymantaray.cli.output import progress_bars
     from pymantaray.locate import locate, read_survey
@@ -235,19 +258,20 @@ def plan(
     pattern: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="circle, cross, line, rose or lines; may be repeated. Default: all."
+            metavar="NAME", help="Pattern: circle, cross, line, rose or lines. May be repeated. Default: all."
         ),
     ] = None,
-    pings: Annotated[int, typer.Option(metavar="N", help="Pings of each pattern.")] = 100,
+    pings: Annotated[int, typer.Option(metavar="N", help="Number of pings per pattern.")] = 100,
     radii: Annotated[
         tuple[float, float, int] | None,
         typer.Option(
-            metavar="FROM TO COUNT", help="Radii in metres. Default: 0.1 to 3 times the depth, 30 of them."
+            metavar="FROM TO COUNT", help="Radii in metres. Default: 30 radii from 0.1 to 3 times the depth."
         ),
     ] = None,
     sigma: Annotated[str, typer.Option(metavar="TIME", help="Standard deviation of two-way times.")] = "1 ms",
     sound_speed: Annotated[
-        Literal["known", "scale", "time", "gradient"], typer.Option(help="What the solver will estimate.")
+        Literal["known", "scale", "time", "gradient"],
+        typer.Option(help="Model of the sound speed in the solver."),
     ] = "scale",
     sound_speed_sigma: Annotated[
         float, typer.Option(metavar="FRACTION", help="Standard deviation of the scale of the sound speed.")
@@ -265,7 +289,7 @@ def plan(
     ] = (0.0, 0.0),
     out: Annotated[
         Path | None,
-        typer.Option(metavar="PNG", help="Figure over radius, .png or .pdf; its table is beside it."),
+        typer.Option(metavar="PNG", help="Figure over radius, .png or .pdf; its table is written beside it."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
     as_json: Json = False,
@@ -291,7 +315,7 @@ def plan(
     first, last, count = radii or (0.1 * depth, 3.0 * depth, 30)
     if not (0.0 < first <= last and 1 <= count <= 1000):
         raise LocateError(
-            f"--radii {first:g} {last:g} {count}: needs 0 < FROM <= TO and a COUNT of 1 to 1000"
+            f"--radii is {first:g} {last:g} {count}; it must be FROM TO COUNT with 0 < FROM <= TO and COUNT 1 to 1000"
         )
     survey = PlanOptions(
         depth,
@@ -324,7 +348,7 @@ def plan(
 
 
 def _seconds(option: str, text: str) -> float:
-    """A time such as ``13 ms``, ``70 us`` or ``10 min``, or a number of seconds."""
+    """Parse a time such as ``13 ms``, ``70 us`` or ``10 min``, or a number of seconds."""
     for unit, size in _SHORT.items():
         if text.strip().endswith(unit):
             try:
@@ -397,7 +421,7 @@ def _modes(paths: list[Path] | None) -> "VerticalModes | None":
 def _water(
     source: AnySourceOptions, options: WaterOptions, survey: "Survey"
 ) -> "tuple[Survey, Medium, dict[str, Any], list[str]]":
-    """Medium that the options or the survey's own files ask for, the survey in its frame, how it was made, and notes."""
+    """Medium from the options or the survey's own files, the survey in its frame, a description of the water, and notes."""
     from pymantaray.acoustics import Medium
     from pymantaray.cli.water import water_notes
 
@@ -405,10 +429,10 @@ def _water(
     notes, frame = list(survey.notes), survey.frame
     if not source.given:
         if survey.profile is None:
-            raise LocateError("no water given; --profile, --ocean or --run is needed")
+            raise LocateError("no water; give --profile, --ocean or --run")
         depth, speed = survey.profile
         given = options.keys
-        bottom = given.get("bathymetry", max(float(depth[-1]), _DEEPER * deepest))
+        bottom = given.get("bathymetry", max(float(depth[-1]), _BED_FACTOR * deepest))
         interpolation = given.get("interpolation", "linear")
         medium = Medium.from_profile(
             depth, speed, bottom_depth=bottom, interpolation=interpolation, ice_draft=given.get("ice", 0.0)
@@ -423,13 +447,13 @@ def _water(
 
 
 def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":
-    """Water of the source; the sea bed of a profile is below it and the deepest node unless it is given."""
+    """Water of the source; the default sea bed of a profile is below the profile and the deepest node."""
     from pymantaray.acoustics import read_profiles
     from pymantaray.cli.water import load_water
     from pymantaray.ocean import holds_casts
 
     if not source.given:
-        raise LocateError("no water given; --profile, --ocean or --run is needed")
+        raise LocateError("no water; give --profile, --ocean or --run")
     first = Path(source.words[0]) if source.words else None
     if (
         options.sea_floor is None
@@ -439,12 +463,12 @@ def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float)
         and holds_casts(first)
     ):
         last = float(read_profiles(first, options.centre or options.position)[0].depth[-1])
-        options = replace(options, sea_floor=str(max(last, _DEEPER * deepest)))
+        options = replace(options, sea_floor=str(max(last, _BED_FACTOR * deepest)))
     return load_water(source, options, default="linear")
 
 
 def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
-    """Print what was found."""
+    """Print the results."""
     from pymantaray.locate.write import summary
 
     for note in notes:
@@ -455,10 +479,10 @@ def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
         f"{values['n_used']} of {values['n_all']} pings used, residuals {1e6 * values['rms_s']:.1f} us rms; sound speed:"
         f" {values['hyperparameters']['sound_speed']}"
     )
-    for row in left[:_MOST_LISTED]:
-        out.line(f"  left out: line {row['line']}, {row['node']}: {row['reason']}")
-    if len(left) > _MOST_LISTED:
-        out.line(f"  and {len(left) - _MOST_LISTED} more")
+    for row in left[:_MAX_LISTED]:
+        out.line(f"  not used: line {row['line']}, {row['node']}: {row['reason']}")
+    if len(left) > _MAX_LISTED:
+        out.line(f"  and {len(left) - _MAX_LISTED} more")
     tables = located.tables
     out.table(tables["nodes"])
     for row in values["nodes"].to_dict("records"):
@@ -468,12 +492,12 @@ def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
     some = (budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)
     out.table(replace(tables["budget"], frame=budget[some]))
     if "candidates" in tables:
-        out.table(tables["candidates"].first(_MOST_CANDIDATES))
+        out.table(tables["candidates"].first(_MAX_CANDIDATES))
     for mirror in located.mirrors:
-        verdict = "the pings do not decide" if mirror.undecided else "the pings exclude it"
+        verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
         out.line(
-            f"{mirror.node}: the pings lie along a line; mirror solution at north {mirror.north:.1f}, east {mirror.east:.1f},"
-            f" depth {mirror.depth:.1f} m, chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
+            f"{mirror.node}: the pings are along a line; mirror solution at north {mirror.north:.1f}, east {mirror.east:.1f},"
+            f" depth {mirror.depth:.1f} m with a chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
         )
     for test in located.tests:
         verdict = "passed" if test.passed else "FAILED"

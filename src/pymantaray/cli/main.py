@@ -106,7 +106,7 @@ def _memory_line() -> str:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY:
         return "not enough memory; close other programs, or give fewer --workers or a smaller study"
-    return f"not enough memory: this process may have {limit / 2**20:.0f} MiB (ulimit -v); allow 4096 or more"
+    return f"not enough memory: the limit of this process is {limit / 2**20:.0f} MiB (ulimit -v); set it to 4096 MiB or more"
 
 
 def _refuse(error: Any) -> NoReturn:

@@ -1,4 +1,4 @@
-"""Commands of `mantaray ocean`: check, show, plot and make; `fetch` is a group of its own. What they need is imported when they run."""
+"""Commands of `mantaray ocean`: check, show, plot and make oceans. They import modules when they run. `fetch` is a separate group."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -35,9 +35,14 @@ if TYPE_CHECKING:
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
 _S_PER_DAY = 86_400.0
-_MAKING = ("cast ", "corrected by ", "sound speed perturbed ", "replaced by ")  # lines of a history begin so
+_MAKING = (
+    "cast ",
+    "corrected with ",
+    "sound speed perturbed ",
+    "replaced by ",
+)  # first words of lines in a history
 
-app = Commands(help="Fetch, make, check, show and plot the water.")
+app = Commands(help="Fetch, make, check, show and plot oceans.")
 app.add_typer(ocean_fetch.app, name="fetch")
 
 Files = Annotated[
@@ -47,15 +52,16 @@ Files = Annotated[
         help="Files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a TOML file.",
     ),
 ]
-Ocean = Annotated[str, typer.Argument(metavar="OCEAN", help="As for show.")]
+Ocean = Annotated[str, typer.Argument(metavar="OCEAN", help="As in mantaray ocean show.")]
 Cast = Annotated[
-    Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo or CF profiles.")
+    Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo profiles or CF profiles.")
 ]
 Casts = Annotated[
-    list[Path], typer.Argument(metavar="CASTS...", help="Tables, instruments' files, Argo or CF profiles.")
+    list[Path],
+    typer.Argument(metavar="CASTS...", help="Tables, instruments' files, Argo profiles or CF profiles."),
 ]
 Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
-CastTime = Annotated[str | None, typer.Option("--time", help="Instant (UTC), as 2014-07-24T19:20.")]
+CastTime = Annotated[str | None, typer.Option("--time", help="Instant (UTC), such as 2014-07-24T19:20.")]
 Equation = Annotated[
     Literal["teos-10", "del-grosso", "unesco"], typer.Option("--equation", help="Equation of sound speed.")
 ]
@@ -68,23 +74,26 @@ def check(
     files: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="OCEAN...", help="As for show; may be left out with --study, whose ocean is then checked."
+            metavar="OCEAN...",
+            help="As in mantaray ocean show. Default with --study: the ocean of the study.",
         ),
     ] = None,
     study: Annotated[
         str | None,
         typer.Option(
-            "--study", metavar="NAME|FILE", help="Preset or TOML file whose domain and fleet must fit."
+            "--study",
+            metavar="NAME|FILE",
+            help="Preset or TOML file; the ocean must cover its domain and fleet.",
         ),
     ] = None,
     changes: Set = None,
     as_json: Json = False,
 ) -> None:
-    """List what is wrong (exit 2) or doubtful (exit 0) about an ocean."""
+    """List the errors (exit 2) and doubts (exit 0) about an ocean."""
     from pymantaray.ocean.check import Findings
 
     if study is None and not files:
-        raise OceanError("no ocean is given; name one, or a study with --study")
+        raise OceanError("no ocean; name one, or give a study with --study")
     if study is None:
         findings = _checked(_configured(files or [], water))
     else:
@@ -93,12 +102,12 @@ def check(
         from pymantaray.study.assemble import fleet_findings, fleet_plan
         from pymantaray.study.tracks import with_tracks
 
-        # files given here take the place of the study's ocean as those of `study run --ocean` do
+        # these files replace the study's ocean, as in `study run --ocean`
         config = with_tracks(
             load_study(study, ocean=files or None, **dotted_keys(water.keys), **changes_of(changes))
         )
         moved = bool(config.fleet.trajectories)
-        findings = _checked(config, fleet=fleet_plan(config), moved_elsewhere=moved)
+        findings = _checked(config, fleet=fleet_plan(config), existing_trajectories=moved)
         if findings.ok and not moved:
             from pymantaray.water.ocean import open_geographic
 
@@ -117,14 +126,14 @@ def check(
 
 
 def _configured(words: list[str], options: WaterOptions) -> "SoundConfig":
-    """Configuration of an ocean, which must have currents unless an option says that it is at rest."""
+    """Configuration of an ocean, which must have currents unless an option sets them to rest."""
     from pymantaray.water.water import configuration_of
 
     return configuration_of(words, {"currents": "required"} | options.keys)
 
 
 def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
-    """Findings about the ocean of a configuration, over its domain and sea floor."""
+    """Check the ocean of a configuration, with its domain and sea floor."""
     from pymantaray.ocean import check_ocean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
@@ -160,7 +169,7 @@ def show(files: Files, water: WaterOptions, as_json: Json = False, to: To = "tex
             out.add(times=[str(t)[:16] for t in times])
             if section.time is None and len(times) > 1:
                 listed = " ".join(str(t)[:16] for t in times)
-                out.line(f"times       {len(times)}, the first is shown; --time chooses another\n{listed}\n")
+                out.line(f"times       {len(times)}; this is the first, --time selects another\n{listed}\n")
                 section = config.with_(**{"ocean.time": times[0].astype("datetime64[us]").item()}).ocean
         ocean = open_start(section)
         facts = ocean_facts(ocean)
@@ -189,12 +198,12 @@ def plot(
         typer.Option(
             "--depth",
             parser=quantity("m"),
-            help="Level of the map in metres. Default: 100, or half-way down.",
+            help="Depth of the map in metres. Default: 100 m, or half the water depth.",
         ),
     ] = None,
     at: Annotated[
         str | None,
-        typer.Option("--at", metavar="LAT,LON", help="Where the sections cross. Default: the middle."),
+        typer.Option("--at", metavar="LAT,LON", help="Intersection of the sections. Default: the middle."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
@@ -219,7 +228,7 @@ def from_cast(
         typer.Option(
             "--bottom",
             parser=quantity("m"),
-            help="Depth of the sea bed, in m. Default: what the file tells.",
+            help="Depth of the sea bed, in m. Default: from the file.",
         ),
     ] = None,
     half_extent: Annotated[
@@ -227,15 +236,18 @@ def from_cast(
     ] = (60.0, 60.0),
     below: Annotated[
         Literal["refuse", "constant"],
-        typer.Option("--below", help="Below the deepest sample: an error, or its water."),
+        typer.Option(
+            "--below", help="Water below the deepest sample: refuse (an error), or constant (its values)."
+        ),
     ] = "refuse",
     below_cast: Annotated[
-        Path | None, typer.Option("--below-cast", help="A deeper cast for below the deepest sample.")
+        Path | None,
+        typer.Option("--below-cast", help="A deeper cast for the water below the deepest sample."),
     ] = None,
     lat: Annotated[
         float | None,
         typer.Option(
-            "--lat", parser=quantity("deg"), help="The cast's latitude, if its file has none, in degrees."
+            "--lat", parser=quantity("deg"), help="Latitude of a cast whose file has none, in degrees."
         ),
     ] = None,
     lon: Annotated[
@@ -243,12 +255,12 @@ def from_cast(
         typer.Option(
             "--lon",
             parser=quantity("deg"),
-            help="The cast's longitude, if its file has none, in degrees.",
+            help="Longitude of a cast whose file has none, in degrees.",
         ),
     ] = None,
     time: CastTime = None,
     name: Annotated[
-        str | None, typer.Option("--name", help="The cast to take, if the file holds several.")
+        str | None, typer.Option("--name", help="Name of the cast, if the file contains several.")
     ] = None,
     equation: Equation = "teos-10",
     force: Force = False,
@@ -258,7 +270,7 @@ def from_cast(
     from pymantaray.ocean import cast_ocean, read_cast
 
     if below_cast is not None and below != "refuse":
-        raise OceanError("--below and --below-cast exclude each other; give one")
+        raise OceanError("--below and --below-cast cannot be combined; give one of them")
     ocean = cast_ocean(
         read_cast(cast, lat=lat, lon=lon, time=time, name=name),
         bottom_depth=bottom,
@@ -276,19 +288,19 @@ def convert_cast(
         Path, typer.Argument(metavar="OUT", help="A Kongsberg .asvp, or a CF data set of profiles (.nc).")
     ],
     lat: Annotated[
-        float | None, typer.Option("--lat", help="The cast's latitude, if its file has none, in degrees.")
+        float | None, typer.Option("--lat", help="Latitude of a cast whose file has none, in degrees.")
     ] = None,
     lon: Annotated[
-        float | None, typer.Option("--lon", help="The cast's longitude, if its file has none, in degrees.")
+        float | None, typer.Option("--lon", help="Longitude of a cast whose file has none, in degrees.")
     ] = None,
     time: CastTime = None,
     name: Annotated[
-        str | None, typer.Option("--name", help="The cast to take, if the file holds several.")
+        str | None, typer.Option("--name", help="Name of the cast, if the file contains several.")
     ] = None,
     thin: Annotated[
         float | None,
         typer.Option(
-            "--thin", metavar="M/S", help="Leave out levels of which straight lines keep within this."
+            "--thin", metavar="M/S", help="Remove levels if linear interpolation stays within this error."
         ),
     ] = None,
     force: Force = False,
@@ -299,14 +311,14 @@ def convert_cast(
     from pymantaray.ocean.convert import parse_instant
 
     if (lat is None) != (lon is None):
-        raise OceanError("--lat and --lon: the one needs the other")
+        raise OceanError("--lat and --lon must be used together; give both")
     profiles = read_profiles(cast, None if lat is None or lon is None else (lat, lon))
     names = ", ".join(p.name for p in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
     if name is not None:
         profiles = [p for p in profiles if p.name == name]
     if not profiles or (out.suffix == ".asvp" and len(profiles) > 1):
-        wanted = f"no cast {name!r}" if not profiles else f"{len(profiles)} casts, of which .asvp takes one"
-        raise OceanError(f"{cast}: {wanted}; there is {names}: choose one by --name")
+        cause = f"no cast {name!r}" if not profiles else f"{len(profiles)} casts, but .asvp allows only one"
+        raise OceanError(f"{cast}: {cause}; available: {names}; select one with --name")
     if time is not None:
         profiles = [p._replace(time=parse_instant(time)) for p in profiles]
     if thin is not None:
@@ -321,7 +333,7 @@ def convert_cast(
 
 
 def _thinned(profile: "Profile", tolerance: float) -> "Profile":
-    """Levels that straight lines need to stay within a tolerance of all. [m/s]"""
+    """Keep the levels that linear interpolation needs to stay within a tolerance. [m/s]"""
     from pymantaray.acoustics import thin_profile
 
     few = thin_profile(profile.depth, profile.sound_speed, tolerance=tolerance, interpolation="linear")
@@ -342,23 +354,28 @@ def correct(
         ),
     ] = 50.0,
     noise_ratio: Annotated[
-        float, typer.Option("--noise-ratio", help="Variance of the casts' errors over the background's.")
+        float,
+        typer.Option("--noise-ratio", help="Error variance of the casts over that of the background."),
     ] = 0.1,
     vertical_scale: Annotated[
         float,
-        typer.Option("--vertical-scale", parser=quantity("m"), help="Decay below the deepest sample, in m."),
+        typer.Option(
+            "--vertical-scale",
+            parser=quantity("m"),
+            help="Scale of the decay below the deepest sample, in m.",
+        ),
     ] = 100.0,
     time_scale: Annotated[
         str | None,
         typer.Option(
             "--time-scale",
             metavar="DURATION",
-            help="Scale in time: days, or such as '36 h'. Default: casts count in full.",
+            help="Scale in time: days, or text such as '36 h'. Default: all casts have full weight.",
         ),
     ] = None,
     force: Force = False,
 ) -> None:
-    """Correct a gridded ocean by casts (optimal interpolation)."""
+    """Correct a gridded ocean with casts (optimal interpolation)."""
     check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
     from pymantaray.ocean import correct_with_casts, read_casts
     from pymantaray.water.ocean import open_start
@@ -384,18 +401,20 @@ def perturb(
     water: WaterOptions,
     method: Annotated[
         Literal["eof", "mean", "column"],
-        typer.Option("--method", help="Random in vertical modes, the horizontal mean, or one column."),
+        typer.Option(
+            "--method", help="eof: random, in vertical modes; mean: horizontal mean; column: one column."
+        ),
     ] = "eof",
     rms: Annotated[
         float | None,
-        typer.Option("--rms", parser=quantity("m/s"), help="For eof: of sound speed, in m/s."),
+        typer.Option("--rms", parser=quantity("m/s"), help="For eof: rms of the sound-speed error, in m/s."),
     ] = None,
     scale: Annotated[
         float | None,
         typer.Option(
             "--scale",
             parser=quantity("km"),
-            help="For eof: horizontal scale, in km; inf for the same everywhere.",
+            help="For eof: horizontal scale, in km; inf for a uniform error.",
         ),
     ] = None,
     down_to: Annotated[
@@ -403,19 +422,20 @@ def perturb(
         typer.Option(
             "--down-to",
             parser=quantity("m"),
-            help="For eof: depth down to which rms is meant, in m. Default: all.",
+            help="For eof: depth limit of the water for --rms, in m. Default: the sea bed.",
         ),
     ] = None,
     mode_cast: Annotated[
-        list[Path] | None, typer.Option("--mode-cast", help="For eof: casts whose modes are taken.")
+        list[Path] | None, typer.Option("--mode-cast", help="For eof: casts for the vertical modes.")
     ] = None,
     place: Annotated[
-        tuple[float, float] | None, typer.Option("--place", help="For column: latitude and longitude.")
+        tuple[float, float] | None,
+        typer.Option("--place", help="For column: its latitude and longitude, in degrees."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="For eof: one member for each seed.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="For eof: seed of the member.")] = 0,
     force: Force = False,
 ) -> None:
-    """Make an ocean that is believed instead of the true one."""
+    """Write a perturbed ocean for an estimator."""
     options = {"rms": rms, "scale": scale, "down-to": down_to, "mode-cast": mode_cast, "place": place}
     _check_options(method, {name for name, value in options.items() if value not in (None, [])})
     check_output(out, [".nc"], inputs=[Path(ocean), *(mode_cast or [])], force=force)
@@ -456,13 +476,13 @@ def _check_options(method: str, options: set[str]) -> None:
         "column": ({"place"}, set[str]()),
     }[method]
     if missing := sorted(needed - options):
-        raise OceanError(f"--method {method}: --{' and --'.join(missing)} needed")
+        raise OceanError(f"--method {method} needs --{' and --'.join(missing)}")
     if extra := sorted(options - needed - further):
-        raise OceanError(f"--method {method}: takes no --{' and no --'.join(extra)}")
+        raise OceanError(f"--method {method} does not use --{' and --'.join(extra)}; remove the option")
 
 
 def _write(ocean: "xr.Dataset", out: Path) -> None:
-    """Whole or not at all, and one line for people on what was done last."""
+    """Write an ocean atomically, and print one line about its last change."""
     import numpy as np
 
     from pymantaray.records import write_netcdf

@@ -1,4 +1,4 @@
-"""Command `mantaray ranges`: arrivals, ranges, dropouts and range errors of trajectories that were made elsewhere."""
+"""Command `mantaray ranges`: arrivals, ranges, dropouts and range errors of existing trajectories."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,36 +28,38 @@ def ranges(
         list[str],
         typer.Argument(
             metavar="TRAJECTORIES...",
-            help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF), ROS bags; see the how-to.",
+            help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF) or ROS bags; see the how-to.",
             show_default=False,
         ),
     ],
     source: OceanOptions,
     water: WaterOptions,
     arrivals: ArrivalOptions,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the results; must be new or empty.")],
+    out: Annotated[Path, typer.Option("--out", help="New or empty folder for the results.")],
     interval: Annotated[
         str | None,
         typer.Option(
             "--interval",
             metavar="DURATION",
-            help="All vehicles ping at every multiple: seconds, or such as '5 min'.",
+            help="Interval of pings of all vehicles: seconds, or text such as '5 min'.",
         ),
     ] = None,
     slots: Annotated[
         str | None,
-        typer.Option("--slots", metavar="A,B,...", help="Vehicles that ping in turn (TDMA); needs --slot."),
+        typer.Option("--slots", metavar="A,B,...", help="Vehicles that ping in turn (TDMA). Needs --slot."),
     ] = None,
     slot: Annotated[
         str | None,
-        typer.Option("--slot", metavar="DURATION", help="Length of a slot, as --interval; needs --slots."),
+        typer.Option(
+            "--slot", metavar="DURATION", help="Length of a slot, as for --interval. Needs --slots."
+        ),
     ] = None,
     pings: Annotated[
         Path | None,
         typer.Option(
             "--pings",
             metavar="CSV",
-            help="Pings one by one: columns time, transmitter and, maybe, receivers.",
+            help="Table of pings: columns time, transmitter and optional receivers.",
         ),
     ] = None,
     sampling: Annotated[
@@ -65,11 +67,14 @@ def ranges(
         typer.Option(
             "--sampling",
             metavar="DURATION",
-            help="Time between poses, as --interval, besides those at pings.",
+            help="Time between poses, as for --interval, in addition to poses at pings.",
         ),
     ] = "200 s",
     enu: Annotated[
-        bool, typer.Option("--enu", help="TUM files have ROS's axes: east, north, up; forward, left, up.")
+        bool,
+        typer.Option(
+            "--enu", help="TUM files use ROS's axes: world east, north, up; body forward, left, up."
+        ),
     ] = False,
     changes: Set = None,
     formats: Formats = "",
@@ -77,14 +82,14 @@ def ranges(
     to: To = "text",
     quiet: Quiet = False,
 ) -> None:
-    """Ranges between vehicles that moved elsewhere, through an ocean: data, tables, figures and a page in one folder."""
+    """Compute ranges between existing trajectories through an ocean: data, tables, figures and a page in one folder."""
     from pymantaray.cli.study import run_and_report
     from pymantaray.exchange.read import files_of
     from pymantaray.study.ranges import ranges_config
 
     files = files_of(trajectories)
     if not source.words:
-        raise SensingError("no ocean given; --ocean or --profile is needed")
+        raise SensingError("no ocean; give --ocean or --profile")
     config = ranges_config(
         files,
         source.words,
@@ -103,11 +108,13 @@ def ranges(
 def _schedule(
     interval: str | None, slots: str | None, slot: str | None, pings: Path | None
 ) -> dict[str, Any]:
-    """Keys of a study's mission that say who pings when, by the one option that is given."""
+    """Keys of a study's mission for the schedule of pings, from one of the options."""
     if [interval, slots, pings].count(None) != 2:
-        raise SensingError("who pings when: give one of --interval, --slots with --slot, and --pings")
+        raise SensingError(
+            "schedule of pings: give exactly one of --interval, --slots with --slot, or --pings"
+        )
     if (slots is None) != (slot is None):
-        raise SensingError("--slots and --slot: the one needs the other")
+        raise SensingError("--slots and --slot must be used together; give both")
     if interval is not None:
         return {"ping_interval_h": parse_duration("--interval", interval) / 3600.0}
     if slots is not None and slot is not None:

@@ -1,4 +1,4 @@
-"""Commands of `mantaray rays`: travel times, eigenrays and paths between the positions of a table."""
+"""Commands of `mantaray rays`: travel times, eigenrays and paths between positions in a table."""
 
 import math
 from collections import Counter
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Status = NDArray[np.int8]
 
-app = Commands(help="Travel times and rays between your own positions.")
+app = Commands(help="Compute travel times and rays between positions.")
 app.command("plot")(plot)
 app.command("compare-bellhop")(compare_bellhop)
 app.command("write-bellhop")(write_bellhop)
 
-_MANY = 4096  # links that are worth a progress bar
+_MIN_LINKS_FOR_BAR = 4096  # fewer links have no progress bar
 
 In = Annotated[Path, LINKS]
 Out = Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
@@ -64,7 +64,7 @@ def times(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Travel time of the earliest arrival of each link, and why there is none."""
+    """Compute the travel time of the earliest arrival of each link, or the reason for its absence."""
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
@@ -91,7 +91,7 @@ def eigen(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Every arrival of each link: time, bounces, angles, spreading and slowness."""
+    """Compute every arrival of each link: time, bounces, angles, spreading and slowness."""
     from pymantaray.cli.rays_tables import arrivals_table
 
     job = _begin("eigen", links, out, (source, water, search), force=force, as_json=as_json, quiet=quiet)
@@ -129,14 +129,14 @@ def trace(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Path of each eigenray, or of a fan of rays from each source, node by node."""
+    """Compute the path of each eigenray, or of a fan of rays from each source, node by node."""
     from pymantaray.cli.rays_tables import paths_dataset, paths_table
     from pymantaray.errors import AcousticsError
 
     if fan is None and (azimuth is not None or distance is not None):
-        raise AcousticsError("--azimuth and --distance go with --fan FROM TO COUNT")
+        raise AcousticsError("--azimuth and --distance need --fan FROM TO COUNT")
     if fan is not None and search.cutoff_db is not None:
-        raise AcousticsError("--cutoff-db: a fan is traced whole, without a cut-off; leave one of them out")
+        raise AcousticsError("--cutoff-db does not apply to --fan; remove one of them")
     angles = None if fan is None else fan_angles(*fan)
     aimed = fan is None or azimuth is None or distance is None
     job = _begin(
@@ -161,7 +161,7 @@ def trace(
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One call of a command: what it works on, read and checked, what it computes, and how it ends."""
+    """One call of a command: its checked input, computation and output."""
 
     out: Path
     as_json: bool
@@ -180,19 +180,19 @@ class Job:
 
     @property
     def notes(self) -> list[str]:
-        """What to tell the user of the water."""
+        """Notes about the water for the user."""
         from pymantaray.cli.water import water_notes
 
         return water_notes(self.water)
 
     def solve(self, cutoff_db: float | None = None) -> "Arrivals":
-        """Arrivals of all links, by the cut-off of the search unless another is given [dB]; currents may carry them."""
+        """Arrivals of all links, with the cut-off [dB] of the search or another one, and with currents if there are any."""
         from pymantaray.acoustics import find_eigenrays
         from pymantaray.acoustics.currents import carried
         from pymantaray.cli.output import progress_bars
 
         heard = self.water.reception
-        with progress_bars(quiet=self.quiet or len(self.source) < _MANY) as report:
+        with progress_bars(quiet=self.quiet or len(self.source) < _MIN_LINKS_FOR_BAR) as report:
             arrivals = find_eigenrays(
                 self.medium,
                 self.source,
@@ -220,7 +220,7 @@ class Job:
         return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals.status
 
     def trace_fans(self, angles: "Array", azimuth: float | None, distance: float | None) -> "TracedRays":
-        """A fan from the source of every row, by its azimuth [degrees] and length [m] or else towards the receiver."""
+        """Fan from the source of every row, with an azimuth [degrees] and length [m], by default towards the receiver."""
         import numpy as np
 
         from pymantaray.acoustics import trace_fan
@@ -252,7 +252,7 @@ class Job:
         )
 
     def finish(self, result: "pd.DataFrame | xr.Dataset", status: "Status | None", **also: int) -> None:
-        """Write the result, and print the outcomes of the links, if they have any, and the output's name."""
+        """Write the result, and print the outcomes of the links and the name of the output."""
         from pymantaray.cli.rays_tables import status_words, write_result
 
         outcomes = Counter([] if status is None else status_words(status))
@@ -281,7 +281,7 @@ def _begin(
     quiet: bool,
     receivers: bool = True,
 ) -> Job:
-    """Read and check everything that a command is told, before it computes."""
+    """Read and check all input of a command before its computation."""
     import numpy as np
 
     import pymantaray

@@ -29,15 +29,13 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-Refine = Annotated[
-    int, typer.Option("--refine", min=1, help="Parts that each cell of a smooth ocean is cut into.")
-]
+Refine = Annotated[int, typer.Option("--refine", min=1, help="Subdivision of each cell of a smooth ocean.")]
 StepLength = Annotated[
     float,
     typer.Option(
         "--step",
         parser=quantity("m"),
-        help="Step along Bellhop's rays in metres; 0 leaves it to Bellhop.",
+        help="Step along Bellhop's rays in metres; 0 for Bellhop's default.",
     ),
 ]
 
@@ -52,7 +50,8 @@ def compare_bellhop(
     program: Annotated[
         str | None,
         typer.Option(
-            "--program", help="bellhopcxx or bellhop3d, on PATH or by its path; default: the first found."
+            "--program",
+            help="bellhopcxx or bellhop3d, on PATH or as a path. Default: the first on PATH.",
         ),
     ] = None,
     step: StepLength = 50.0,
@@ -61,14 +60,14 @@ def compare_bellhop(
         typer.Option(
             "--timeout",
             metavar="DURATION",
-            help="Time that one run of Bellhop may take: seconds, or such as '5 min'.",
+            help="Time limit of one run of Bellhop: seconds, or text such as '5 min'.",
         ),
     ] = "10 min",
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run Bellhop on every link and set its first direct travel times beside ours."""
+    """Run Bellhop on every link and compare its first direct travel times with those of MantaRay."""
     from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop
     from pymantaray.cli.output import check_output, progress_bars
     from pymantaray.cli.rays_tables import read_links, write_table
@@ -100,18 +99,18 @@ def write_bellhop(
     water: WaterOptions,
     links: Annotated[Path | None, LINKS] = None,
     link: Annotated[
-        list[int] | None, typer.Option("--link", help="Row of the run's links.nc; may be repeated.")
+        list[int] | None, typer.Option("--link", help="Row of the run's links.nc. May be repeated.")
     ] = None,
     refine: Refine = 4,
     output: Annotated[
         Literal["arrivals", "arrivals-binary", "rays", "eigenrays"],
-        typer.Option("--write", help="What Bellhop is to compute."),
+        typer.Option("--write", help="Output of Bellhop."),
     ] = "arrivals",
     beams: Annotated[
-        int, typer.Option("--beams", min=2, help="Beams in declination and again in bearing.")
+        int, typer.Option("--beams", min=2, help="Number of beams in declination, and in bearing.")
     ] = 100,
     sea_bed: Annotated[
-        Literal["rigid", "vacuum", "matching"], typer.Option("--sea-bed", help="What the sea bed is made of.")
+        Literal["rigid", "vacuum", "matching"], typer.Option("--sea-bed", help="Type of the sea bed.")
     ] = "rigid",
     step: StepLength = 50.0,
     force: Force = False,
@@ -122,12 +121,10 @@ def write_bellhop(
     from pymantaray.cli.rays_tables import read_links
 
     if (links is None) == (link is None):
-        raise AcousticsError(
-            "write-bellhop: give LINKS.csv, or --run with --link ROW, for the ends of the links"
-        )
+        raise AcousticsError("write-bellhop: no links; give LINKS.csv, or --run with --link ROW")
     there = sorted(out.glob("link*.env"))
     if there and not force:
-        raise AcousticsError(f"{there[0]}: exists already; give another folder or --force")
+        raise AcousticsError(f"{there[0]}: already exists; give another folder or --force")
     options = BellhopOptions(run=output, beams=beams, bottom=sea_bed, step=step)
     straight, frame = _straight_medium(source, water, refine)
     if links is not None:
@@ -141,7 +138,7 @@ def write_bellhop(
 def _straight_medium(
     source: SourceOptions, options: WaterOptions, refine: int
 ) -> "tuple[Medium, LocalFrame | None]":
-    """Medium with straight lines between its grid points, linear, or a smooth one sampled on finer cells; and its frame."""
+    """Linear medium, or a smooth medium sampled on finer cells, and its frame."""
     from pymantaray.acoustics.bellhop import linear_medium
     from pymantaray.cli.water import load_water
 
@@ -153,18 +150,18 @@ def _straight_medium(
 
 
 def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
-    """True places of both ends of links of a study's run."""
+    """True positions of both ends of links in a study's run."""
     import numpy as np
 
     from pymantaray.study import open_run
 
     if run is None:
-        raise AcousticsError("--link: a row of which run? name it with --run FOLDER")
+        raise AcousticsError("--link needs a run; name it with --run FOLDER")
     results = open_run(run)
     links, still = results.links, results.measurements.landmark_position
     wrong = [row for row in rows if not 0 <= row < links.sample.size]
     if wrong:
-        raise AcousticsError(f"--link {wrong[0]}: the run has links 0 to {links.sample.size - 1}")
+        raise AcousticsError(f"--link is {wrong[0]}; the run has links 0 to {links.sample.size - 1}")
     places = [np.concatenate([results.truth.position[:, links.sample[row]], still]) for row in rows]
     source, receiver = (
         np.array([place[who[row]] for place, row in zip(places, rows, strict=True)])
@@ -177,7 +174,7 @@ def _summarize(out: Printer, table: "pd.DataFrame") -> None:
     both = table["difference_us"].dropna()
     ours, theirs = (int(table[name].notna().sum()) for name in ("travel_time_s", "bellhop_travel_time_s"))
     out.line(
-        f"{len(table)} links: {ours} with a direct arrival, {theirs} of Bellhop's",
+        f"{len(table)} links: {ours} with a direct arrival of MantaRay, {theirs} of Bellhop",
         links=len(table),
         direct_arrivals=ours,
         bellhop_direct_arrivals=theirs,
@@ -190,11 +187,11 @@ def _summarize(out: Printer, table: "pd.DataFrame") -> None:
             "greatest": both.max(),
         }
         out.line(
-            "Bellhop minus ours [us]: median {median:+.2f}, rms {rms:.2f},"
+            "Bellhop minus MantaRay [us]: median {median:+.2f}, rms {rms:.2f},"
             " extremes {least:+.2f} to {greatest:+.2f}".format(**spread),
             bellhop_minus_ours_us=spread,
         )
     cpu = {"cpu_ms": table["cpu_ms"].mean(), "bellhop_cpu_ms": table["bellhop_cpu_ms"].median()}
     out.line(
-        "CPU per link [ms]: {cpu_ms:.3f} ours, {bellhop_cpu_ms:.0f} Bellhop (median)".format(**cpu), **cpu
+        "CPU per link [ms]: {cpu_ms:.3f} MantaRay, {bellhop_cpu_ms:.0f} Bellhop (median)".format(**cpu), **cpu
     )

@@ -1,4 +1,4 @@
-"""Command `mantaray rays plot`: rays of one or some links over the sound speed that they run through."""
+"""Command `mantaray rays plot`: rays of one or several links over sound speed."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,25 +27,30 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_MOST = 6  # links that one figure can show
+_MAX_LINKS = 6  # per figure
 
 
 @dataclass(frozen=True)
 class EndOptions:
-    """Between which places rays are drawn."""
+    """Ends of the links."""
 
     source: Annotated[
         str | None,
-        typer.Option(metavar="N,E,D", help="Where sound starts: north, east and depth in metres, as 0,0,20."),
+        typer.Option(
+            metavar="N,E,D", help="Position of the source: north, east and depth in metres, such as 0,0,20."
+        ),
     ] = None
     receiver: Annotated[
         list[str] | None,
-        typer.Option(metavar="N,E,D", help="Where it is heard; may be repeated, a panel each."),
+        typer.Option(
+            metavar="N,E,D", help="Position of the receiver. May be repeated; each has its own panel."
+        ),
     ] = None
     links: Annotated[
         Path | None,
         typer.Option(
-            metavar="LINKS.csv", help="A table of links instead, as for times, eigen and trace; a panel each."
+            metavar="LINKS.csv",
+            help="Table of links, as for times, eigen and trace, instead of --source and --receiver.",
         ),
     ] = None
 
@@ -61,7 +66,7 @@ def plot(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Draw the rays of one link, or of some, over sound speed and sea bed."""
+    """Draw the rays of one or several links over sound speed and sea bed."""
     from pymantaray.acoustics import ray_picture
     from pymantaray.cli.output import check_output
     from pymantaray.cli.water import load_water, water_notes
@@ -107,11 +112,11 @@ def plot(
 def _check_ends(ends: EndOptions) -> None:
     direct = ends.source is not None or bool(ends.receiver)
     if direct == (ends.links is not None) or (direct and (ends.source is None or not ends.receiver)):
-        raise AcousticsError("give --source and --receiver, or --links with a table of them")
+        raise AcousticsError("ends of the links: give either --source and --receiver, or --links")
 
 
 def _links(ends: EndOptions, frame: "LocalFrame | None") -> "list[tuple[str, Array, Array]]":
-    """What each link is called, and its ends. [m]"""
+    """Name and ends of each link. [m]"""
     import numpy as np
 
     from pymantaray.cli.rays_tables import read_links
@@ -125,8 +130,8 @@ def _links(ends: EndOptions, frame: "LocalFrame | None") -> "list[tuple[str, Arr
         frame_of = content.table.frame
         names = [f"{name}: " for name in frame_of["name"]] if "name" in frame_of else [""] * len(frame_of)
         links, where = list(zip(names, *content.places(frame), strict=True)), str(ends.links)
-    if not 1 <= len(links) <= _MOST:
-        raise AcousticsError(f"{where}: {len(links)} links; a figure shows 1 to {_MOST} of them")
+    if not 1 <= len(links) <= _MAX_LINKS:
+        raise AcousticsError(f"{where}: {len(links)} links; a figure can show 1 to {_MAX_LINKS}")
     return links
 
 

@@ -1,4 +1,4 @@
-"""Tables of `mantaray rays`: links in; travel times, arrivals and paths out, whole or not at all."""
+"""Tables of `mantaray rays`: input of links, and output of travel times, arrivals and paths."""
 
 import json
 from dataclasses import dataclass, fields
@@ -28,7 +28,7 @@ _WORDS = {int(status): status.name.lower() for status in RayStatus}
 
 
 class TracedRays(NamedTuple):
-    """Paths of rays; the row of the links and the number within it that each ray has; of a fan, its launch angle."""
+    """Paths of rays; for each ray the row of its link and its number in this row, and for fans its launch angle."""
 
     paths: RayPaths
     row: NDArray[np.int64]
@@ -38,27 +38,28 @@ class TracedRays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LinkTable:
-    """A table of links, and its ends as it has them: north, east or latitude, longitude, and depth (n_links, 3)."""
+    """A table of links, and its ends: north, east or latitude, longitude, and depth (n_links, 3)."""
 
     table: TextTable
     ends: tuple[Array, ...]
     geographic: bool
 
     def places(self, frame: LocalFrame | None) -> tuple[Array, ...]:
-        """North, east, down of the sources and, where they were read, the receivers, in a frame. [m]"""
+        """North, east, down in a frame of the sources and, if the table has them, of the receivers. [m]"""
         if not self.geographic:
             return self.ends
         if frame is None:
             raise AcousticsError(
-                f"{self.table.path}: has latitudes and longitudes, but a profile has no place; give north and east"
+                f"{self.table.path}: latitudes and longitudes need a place of the profile; give --centre (in Python: centre), or"
+                " use north and east"
             )
         if max(np.abs(end[:, 0]).max(initial=0.0) for end in self.ends) > 90.0:
-            raise AcousticsError(f"{self.table.path}: a latitude is beyond 90 degrees")
+            raise AcousticsError(f"{self.table.path}: a latitude is not in -90 to 90 degrees; correct it")
         return tuple(np.column_stack([*frame.to_local(end[:, 0], end[:, 1]), end[:, 2]]) for end in self.ends)
 
 
 def read_links(path: Path, *, receivers: bool = True) -> LinkTable:
-    """Links of a table, or their sources alone."""
+    """Read links from a table, or only their sources."""
     table = read_text_table(path)
     geographic = GEOGRAPHIC[0] in table.frame
     names = GEOGRAPHIC if geographic else LOCAL
@@ -69,7 +70,7 @@ def read_links(path: Path, *, receivers: bool = True) -> LinkTable:
 
 
 def sidecar(out: Path) -> Path:
-    """File beside a table that says how it was made."""
+    """File beside a table that records its origin."""
     return out.with_name(out.name + ".json")
 
 
@@ -80,7 +81,7 @@ def write_table(table: pd.DataFrame, out: Path) -> None:
 
 
 def write_result(result: pd.DataFrame | xr.Dataset, out: Path, record: dict[str, Any]) -> None:
-    """Write a table as CSV and how it was made as JSON beside it, or NetCDF with that in the attribute ``made_by``."""
+    """Write a table as CSV with a JSON record of its origin, or NetCDF with this record in the attribute ``made_by``."""
     if isinstance(result, xr.Dataset):
         write_netcdf(result.assign_attrs(made_by=json.dumps(record)), out)
         return
@@ -96,7 +97,7 @@ def times_table(
     arrivals: Arrivals,
     near_cutoff: NDArray[np.bool_] | None = None,
 ) -> pd.DataFrame:
-    """One row a link: the columns it came with and its earliest arrival, and whether 1 dB of the cut-off decides which that is."""
+    """One row per link: its input columns, its earliest arrival, and a flag if 1 dB of the cut-off changes this arrival."""
     link, row = choose_arrivals(arrivals, "first")
 
     def of_first(values: NDArray[Any], kind: str = "float64") -> "pd.Series[Any]":
@@ -123,19 +124,19 @@ def times_table(
 
 
 def _flag(near: NDArray[np.bool_] | None, arrives: "pd.Series[bool]") -> "pd.Series[Any]":
-    """1 where near, 0 where not but something arrives, else nothing."""
+    """1 if near the cut-off, 0 if not, empty without an arrival."""
     flag = arrives.astype("Int64") * 0 if near is None else pd.Series(near.astype(int), dtype="Int64")
     return flag.where(arrives | (flag == 1))
 
 
 def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
-    """One row an arrival, with the columns beyond the coordinates that its link came with."""
+    """One row per arrival, with the input columns of its link except coordinates."""
     own = links.drop(columns=[*LOCAL, *GEOGRAPHIC], errors="ignore").iloc[arrivals.link]
     return _beside(own, arrivals.to_dataframe().rename(columns={"link": "row"}))
 
 
 def paths_table(rays: TracedRays) -> pd.DataFrame:
-    """One row a node."""
+    """One row per node."""
     paths, ray = rays.paths, rays.paths.arrival
     first = np.searchsorted(ray, np.arange(rays.row.size))
     step = paths.position[:, :2] - paths.position[first[ray], :2]
@@ -158,7 +159,7 @@ def paths_table(rays: TracedRays) -> pd.DataFrame:
 
 
 def paths_dataset(rays: TracedRays) -> xr.Dataset:
-    """Record of the paths, with the row of the links and the number within it of each ray."""
+    """Record of the paths, with each ray's link row and number in this row."""
     dataset = rays.paths.to_dataset()
     dataset["row"] = ("ray", rays.row, {"long_name": "row of the links, from 0"})
     dataset["number"] = ("ray", rays.number, {"long_name": "number of the ray within the row, from 0"})
@@ -169,7 +170,7 @@ def paths_dataset(rays: TracedRays) -> xr.Dataset:
 
 
 def joined(fans: list[RayPaths], rays: int) -> RayPaths:
-    """Paths of fans of so many rays each, one after the other."""
+    """Concatenate paths of fans with equal numbers of rays."""
     columns = {
         f.name: np.concatenate([getattr(fan, f.name) for fan in fans])
         for f in fields(RayPaths)
@@ -185,12 +186,12 @@ def number_within(group: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def status_words(status: NDArray[np.int8]) -> list[str]:
-    """Outcomes in words."""
+    """Outcomes as text."""
     return [_WORDS[int(code)] for code in status]
 
 
 def _beside(links: pd.DataFrame, added: pd.DataFrame) -> pd.DataFrame:
-    """Put added columns behind those of the links, after the numbers; one of the same name becomes given_..."""
+    """Append columns to those of the links; an input column of the same name is renamed to given_..."""
     names: list[str] = []
     for name in links.columns:
         while name in added.columns or name in names:

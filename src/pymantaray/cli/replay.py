@@ -1,4 +1,4 @@
-"""Command `mantaray replay`: measured travel times beside predicted ones."""
+"""Command `mantaray replay`: compare measured with predicted travel times."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,8 +35,8 @@ def replay(
         Path,
         typer.Argument(
             metavar="EVENTS.csv",
-            help="Columns time, source, receiver, source_lat, source_lon, source_depth and those of the receiver (or"
-            " _north, _east in metres), travel_time in seconds; if there, sigma and cast.",
+            help="Columns time, source, receiver, source_lat, source_lon, source_depth (or _north, _east in metres), the same"
+            " for the receiver, travel_time in seconds; optional sigma and cast.",
             show_default=False,
         ),
     ],
@@ -45,37 +45,36 @@ def replay(
     search: ArrivalOptions,
     rule: Annotated[
         str,
-        typer.Option(
-            metavar="RULE", help="Which arrival is detected: first, strongest, within:DB or threshold."
-        ),
+        typer.Option(metavar="RULE", help="Rule of detection: first, strongest, within:DB or threshold."),
     ] = DEFAULT_RULE,
     detection: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.toml",
-            help="A file with the section detection of a study, for levels, and losses in acoustics.",
+            help="TOML file with a study's section detection, for levels, and losses in its section acoustics.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of the results, new or empty. Default: runs/replay-..."),
+        typer.Option(metavar="FOLDER", help="New or empty folder for the results. Default: runs/replay-..."),
     ] = None,
     window: Annotated[
         str,
         typer.Option(
             metavar="DURATION",
-            help="Events so near in time are compared: both directions, and one after the other. Seconds, or such as"
+            help="Maximum time between paired events (both directions, and successive ones): seconds, or text such as"
             " '5 min'.",
         ),
     ] = "60 s",
     reference: Annotated[
-        str | None, typer.Option(metavar="NODE", help="Node whose clock is right. Default: their mean is.")
+        str | None,
+        typer.Option(metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."),
     ] = None,
     nodes: Annotated[
         Path | None,
         typer.Option(
             metavar="CSV",
-            help="Positions of fixed nodes by name, as mantaray locate writes them in tables/nodes.csv.",
+            help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate.",
         ),
     ] = None,
     changes: Set = None,
@@ -84,7 +83,7 @@ def replay(
     to: To = "text",
     quiet: Quiet = False,
 ) -> None:
-    """Set measured one-way travel times beside those predicted: residuals, coverage, clocks, switching."""
+    """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
     import pymantaray
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import load_waters, search_record, water_notes

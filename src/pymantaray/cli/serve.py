@@ -1,4 +1,4 @@
-"""`mantaray serve`: ranges over HTTP until it is told to stop."""
+"""Command `mantaray serve`: ranging service over HTTP."""
 
 import signal
 from ipaddress import ip_address
@@ -26,24 +26,23 @@ def serve(
     ],
     water: WaterOptions,
     arrivals: ArrivalOptions,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0 takes one that is free.")] = 8642,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 selects a free port.")] = 8642,
     host: Annotated[
-        str, typer.Option(help="Address to listen at; by default only this machine reaches it.")
+        str, typer.Option(help="Address to listen at. The default is accessible from this machine only.")
     ] = "127.0.0.1",
     workers: Annotated[
-        int, typer.Option(min=0, help="Processes that pings are handed to; 0 works in the server's threads.")
+        int, typer.Option(min=0, help="Number of worker processes; 0 for the server's threads.")
     ] = 0,
     water_interval: Annotated[
         str,
         typer.Option(
             metavar="DURATION",
-            help="Of an ocean that varies: how long its water is kept, in seconds or such as '5 min'; 0 for each ping's"
-            " own.",
+            help="Update interval of a time-varying ocean: seconds, or text such as '5 min'; 0 to update for each ping.",
         ),
     ] = "0",
     changes: Set = None,
 ) -> None:
-    """Answer pings by JSON over HTTP: who hears what when. End it with Ctrl-C."""
+    """Answer pings with receptions as JSON over HTTP. Ctrl-C stops the server."""
     from pymantaray.service import RangingService, make_server
 
     kept_s = parse_duration("--water-interval", water_interval, positive=False)
@@ -52,7 +51,8 @@ def serve(
         server = make_server(service, host, port)
         if not ip_address(server.effective_host).is_loopback:
             LOG.warning(
-                "listening at %s: whoever reaches it can use it, there is no password", server.effective_host
+                "listening at %s without a password: anyone who can access it can use it",
+                server.effective_host,
             )
         typer.echo(_title(service))
         typer.echo(f"listening on http://{server.effective_host}:{server.effective_port}")
@@ -61,16 +61,16 @@ def serve(
 
 
 def _title(service: "RangingService") -> str:
-    """Name of the water, and where it is."""
+    """Name and place of the water."""
     local, frame = service.water.local, service.water.frame
     title = "medium" if local is None else str(local.attrs.get("title", "local ocean"))
     if frame is None:
         return title
-    return f"{title}, about {frame.latitude_deg:g} N {frame.longitude_deg:g} E"
+    return f"{title}, around {frame.latitude_deg:g} N {frame.longitude_deg:g} E"
 
 
 def _run(server: Any) -> int:
-    """Serve until a signal to stop, and tell which; the server takes in the exception that it becomes."""
+    """Serve until a signal stops the server; return the signal. The server catches the exception of the signal."""
     stopped_by: list[int] = []
 
     def stop(number: int, _frame: FrameType | None) -> None:

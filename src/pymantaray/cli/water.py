@@ -1,4 +1,4 @@
-"""The water that options of a command ask for: from files, a profile or cast, a configuration or a run."""
+"""Water for commands from their options: files, a profile or cast, a configuration or a run."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ OF_THE_SOURCE = {
     "half_extent": "--half-extent",
     **{name: f"--{name}" for name in ("ice", "equation", "centre", "time")},
 }
-"""Options of water, and what they are on the command line, that a run's ocean has already."""
+"""Options of water that a run's ocean defines already, with their names on the command line."""
 
 
 def load_water(
@@ -32,15 +32,17 @@ def load_water(
     changes: dict[str, Any] | None = None,
 ) -> "Water":
     """
-    Water of the one source that is given, its record naming the source.
+    Open the water of exactly one source; its record contains the source.
 
-    The interpolation, if none is asked for, is ``default``, or else that of a run or configuration, or else smooth.
-    ``sections`` are keys of a file, which options override; ``changes`` are values by dotted key, which override these.
+    Without an option, the interpolation is ``default``, or that of a run or configuration, or smooth. Options override
+    ``sections``, which are keys of a file. ``changes`` are values by dotted key, which override both.
     """
     waters = load_waters(source, options, search, default=default, sections=sections, changes=changes)
     if len(waters) > 1:
         names = ", ".join(water.name for water in waters[:4]) + (", ..." if len(waters) > 4 else "")
-        raise WaterError(f"{source.words[0]}: holds {len(waters)} casts ({names}); one is needed: keep one")
+        raise WaterError(
+            f"{source.words[0]}: contains {len(waters)} casts ({names}); only one is allowed; keep one"
+        )
     return waters[0]
 
 
@@ -53,7 +55,7 @@ def load_waters(
     sections: dict[str, Any] | None = None,
     changes: dict[str, Any] | None = None,
 ) -> "list[Water]":
-    """Waters of a source that may hold several casts, one each; otherwise as `load_water`."""
+    """Open one water per cast of a source; otherwise as `load_water`."""
     from pymantaray.water import open_waters
 
     arrivals = {} if search is None else search.keys
@@ -66,12 +68,14 @@ def load_waters(
 
 
 def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None") -> "Water":
-    """Water of a finished study at its start."""
+    """Open the water of a finished study at its start."""
     from dataclasses import replace
 
     fixed = [key for key in keys if key in OF_THE_SOURCE]
     if fixed:
-        raise WaterError(f"{OF_THE_SOURCE[fixed[0]]}: goes with --ocean and --profile; a run has its own")
+        raise WaterError(
+            f"{OF_THE_SOURCE[fixed[0]]} does not apply to --run; remove it, or use --ocean or --profile"
+        )
     from pymantaray.study import open_run
     from pymantaray.water.ocean import open_start
     from pymantaray.water.water import open_local
@@ -84,7 +88,7 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
 
 
 def search_record(water: "Water") -> dict[str, Any]:
-    """Which eigenrays count as arrivals in a water, for files."""
+    """Search options of eigenrays in a water, for files."""
     heard = water.reception
     return {
         "max_surface_bounces": heard.max_surface_bounces,
@@ -94,14 +98,14 @@ def search_record(water: "Water") -> dict[str, Any]:
 
 
 def water_notes(water: "Water") -> list[str]:
-    """What to tell the user of a water: its domain if it has sides, and what is doubtful about it."""
+    """Notes about a water for the user: its domain if it has sides, and doubts."""
     if water.uniform or water.local is None or water.frame is None:
         return list(water.notes)
     medium, _ = water.at_start
     named = " ".join(water.record.get("ocean") or [water.record.get("run", "")])
     bed = medium.bed.depth
     domain = (
-        f"{named}: north +-{medium.north[-1]:.0f} m, east +-{medium.east[-1]:.0f} m about {water.frame.latitude_deg:g} N"
+        f"{named}: north +-{medium.north[-1]:.0f} m, east +-{medium.east[-1]:.0f} m around {water.frame.latitude_deg:g} N"
         f" {water.frame.longitude_deg:g} E, sea bed {bed.min():.0f} to {bed.max():.0f} m"
     )
     return [domain, *water.notes]

@@ -1,4 +1,4 @@
-"""Other programs' formats: one module a format, which reads and writes it where both make sense."""
+"""Readers and writers of other programs' formats, one module per format."""
 
 from pymantaray.exchange.read import read_trajectories
 from pymantaray.exchange.tracks import Poses, Tracks

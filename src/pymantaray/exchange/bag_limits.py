@@ -1,8 +1,8 @@
 """
-How much a bag may unpack to: the library rosbags unpacks whatever a file holds.
+Limits for unpacking bags: the library rosbags itself has no limits.
 
-While a bag is read, the functions by which its modules unpack are replaced by ones that stop at a limit. Bags are
-read one after another meanwhile.
+While a bag is read, functions with a limit replace the unpacking functions of the library. Bags are therefore read one after
+another.
 """
 
 import bz2
@@ -17,18 +17,18 @@ from typing import IO, Any, Self
 
 from pymantaray.errors import ExchangeError
 
-MOST_CHUNK_BYTES = 256 * 2**20
-"""Of one chunk or message; programs write chunks of 1 to 4 MB."""
-MOST_POSES = 5_000_000
-"""Of all topics of a bag; 58 h at 24 Hz. They take 4 GB."""
-_SHARE = 0.5  # of the room in the temporary folder
+MAX_CHUNK_BYTES = 256 * 2**20
+"""Maximum size of one chunk or message; programs write chunks of 1 to 4 MB."""
+MAX_POSES = 5_000_000
+"""Maximum number over all topics of a bag: 58 h at 24 Hz. They need 4 GB of memory."""
+_MAX_DISK_FRACTION = 0.5  # of the free space in the temporary folder
 _PIECE = 2**20
 _ONE_AT_A_TIME = threading.Lock()
 
 
 @contextmanager
 def limited_unpacking() -> Iterator[None]:
-    """Have rosbags refuse, in the block, a chunk or message that is too large unpacked, and a file for which there is no room."""
+    """Make rosbags raise an error, within the block, for chunks and messages that are too large and files without enough disk space."""
     from lz4 import frame as lz4
     from rosbags.rosbag1 import reader as reader1
     from rosbags.rosbag2 import reader as reader2
@@ -60,30 +60,30 @@ def limited_unpacking() -> Iterator[None]:
 
 
 def check_count(count: int) -> None:
-    """Refuse more poses than fit into memory."""
-    if count > MOST_POSES:
-        raise ExchangeError(f"has more than {MOST_POSES:,} poses; leave out topics or write fewer a second")
+    """Raise an error for more poses than fit into memory."""
+    if count > MAX_POSES:
+        raise ExchangeError(f"more than {MAX_POSES:,} poses; remove topics, or reduce the sampling rate")
 
 
 def _unpacked(opened: Callable[..., IO[bytes]], packed: bytes) -> bytes:
-    """Content of a chunk or message, unpacked no further than to the limit."""
+    """Unpack a chunk or message up to the limit."""
     with opened(io.BytesIO(packed), "rb") as file:
-        content = file.read(MOST_CHUNK_BYTES + 1)
-    if len(content) > MOST_CHUNK_BYTES:
+        content = file.read(MAX_CHUNK_BYTES + 1)
+    if len(content) > MAX_CHUNK_BYTES:
         raise ExchangeError(
-            f"one of its chunks or messages takes more than {MOST_CHUNK_BYTES / 2**20:.0f} MiB unpacked; write the bag with"
-            " smaller chunks, or leave out what holds no poses"
+            f"a chunk or message unpacks to more than {MAX_CHUNK_BYTES / 2**20:.0f} MiB; write the bag with"
+            " smaller chunks, or remove topics without poses"
         )
     return content
 
 
 class _Limited:
-    """A packed file that is read no further than there is room for it in the temporary folder."""
+    """A packed file that is read only as far as it fits into the temporary folder."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
         self._place = tempfile.gettempdir()
-        self._room = self._most = int(_SHARE * shutil.disk_usage(self._place).free)
+        self._room = self._limit = int(_MAX_DISK_FRACTION * shutil.disk_usage(self._place).free)
 
     def __enter__(self) -> Self:
         return self
@@ -97,7 +97,7 @@ class _Limited:
         self._room -= len(content)
         if self._room < 0:
             raise ExchangeError(
-                f"its files take more than {self._most / 1e9:.3g} GB unpacked, half of what is free in {self._place}; set"
+                f"its files unpack to more than {self._limit / 1e9:.3g} GB, half of the free space in {self._place}; set"
                 " TMPDIR to a larger folder, or unpack them first"
             )
         return content

@@ -1,8 +1,8 @@
 """
-Centre of the local frame of exported positions, so that a reader puts them back into the same water.
+Centre of the local frame of exported positions, so that a reader can restore their geographic position.
 
-Text files that allow comments name it in comment lines, as ``# centre_latitude_deg = 74.5``. A file ``frame.json`` in the same
-folder names it for all other formats.
+Text files with comments contain it in comment lines, such as ``# centre_latitude_deg = 74.5``. For all other formats, a file
+``frame.json`` in the same folder contains it.
 """
 
 import json
@@ -22,12 +22,12 @@ _COMMENT = re.compile(rf"^\s*#\s*({'|'.join(_KEYS)})\s*[=:]\s*(\S+)\s*$")
 
 
 def centre_attributes(centre: Centre | None) -> dict[str, float]:
-    """Latitude and longitude of a centre by their keys; nothing for None."""
+    """Latitude and longitude of a centre by key; empty for None."""
     return {} if centre is None else dict(zip(_KEYS, map(float, centre), strict=True))
 
 
 def centre_of_names(named: Mapping[Any, Any], path: Path) -> Centre | None:
-    """Centre that keys of a file name, None if there are none of them; both must be numbers on Earth."""
+    """Centre from keys of a file, or None if there are none; both must be valid numbers."""
     if not named.keys() & set(_KEYS):
         return None
     try:
@@ -35,26 +35,26 @@ def centre_of_names(named: Mapping[Any, Any], path: Path) -> Centre | None:
     except (KeyError, ValueError):
         lat = lon = float("nan")
     if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 360.0):
-        found = ", ".join(f"{key} {named[key]!r}" for key in _KEYS if key in named)
+        values = ", ".join(f"{key} {named[key]!r}" for key in _KEYS if key in named)
         raise ExchangeError(
-            f"{path}: found {found}; {_KEYS[0]} (-90 to 90) and {_KEYS[1]} (-180 to 360) must both be given in degrees"
+            f"{path}: the centre is {values}; {_KEYS[0]} must be -90 to 90 and {_KEYS[1]} -180 to 360 degrees"
         )
     return lat, lon
 
 
 def centre_comments(centre: Centre | None) -> list[str]:
-    """Comment lines, without their ``#``, that name a centre; none for None."""
+    """Comment lines with a centre, without ``#``; empty for None."""
     return [f"{key} = {value!r}" for key, value in centre_attributes(centre).items()]
 
 
 def centre_in_comments(lines: Iterable[str], path: Path) -> Centre | None:
-    """Centre that comment lines name, None if they do not."""
+    """Centre from comment lines, or None."""
     matches = (_COMMENT.match(line) for line in lines)
     return centre_of_names({match[1]: match[2] for match in matches if match}, path)
 
 
 def write_sidecar(folder: Path, centre: Centre | None) -> None:
-    """Write ``frame.json`` into a folder of exported files; nothing without a centre."""
+    """Write ``frame.json`` into a folder of exported files; do nothing without a centre."""
     if centre is None:
         return
     tree = {"axes": "north, east, down [m]", **centre_attributes(centre)}
@@ -63,7 +63,7 @@ def write_sidecar(folder: Path, centre: Centre | None) -> None:
 
 
 def centre_beside(path: Path) -> Centre | None:
-    """Centre that ``frame.json`` in the folder of a file names, None without such a file."""
+    """Centre from ``frame.json`` in the folder of a file, or None without this file."""
     sidecar = path.parent / SIDECAR
     try:
         tree = json.loads(sidecar.read_text(encoding="utf-8"))
@@ -71,6 +71,8 @@ def centre_beside(path: Path) -> Centre | None:
         return None
     except (OSError, ValueError) as error:
         raise ExchangeError(
-            f"{sidecar}: cannot be read ({' '.join(str(error).split())[:80]}); correct it or remove it"
+            f"{sidecar}: cannot be read ({' '.join(str(error).split())[:80]}); correct or remove it"
         ) from None
-    return centre_of_names(tree, sidecar) if isinstance(tree, dict) else None  # else another program's
+    return (
+        centre_of_names(tree, sidecar) if isinstance(tree, dict) else None
+    )  # other content: not from this package

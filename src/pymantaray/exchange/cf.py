@@ -1,9 +1,9 @@
 """
-Trajectories of CF data sets with discrete sampling geometry: gliders, floats, drifters.
+Reader and writer of CF trajectories (discrete sampling geometry) of gliders, floats and drifters.
 
-Layouts: CF conventions 1.11, chapter 9 and appendix H.4: one trajectory, contiguous and indexed ragged arrays, incomplete and
-orthogonal multidimensional arrays. OceanGliders' OG1, IMOS's and EGO's glider files are single trajectories; Argo's
-trajectory files (user's manual, doi:10.13155/29825) too, with places at the surface and pressures between.
+Layouts follow CF conventions 1.11, chapter 9 and appendix H.4: one trajectory, contiguous and indexed ragged arrays, incomplete
+and orthogonal multidimensional arrays. Glider files of OceanGliders (OG1), IMOS and EGO are single trajectories. So are
+Argo's trajectory files (user's manual, doi:10.13155/29825), with positions at the surface and pressures between.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ from pymantaray.ocean.files import numbers, open_file, text, unreadable
 from pymantaray.records import NETCDF_LOCK, write_netcdf
 
 Array = NDArray[np.float64]
-_BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing: of OceanGliders, IMOS, Argo and QARTOD alike
+_BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing; the same in OceanGliders, IMOS, Argo and QARTOD
 _QUANTITIES = {
     "time": ("time",),
     "latitude": ("latitude",),
@@ -37,19 +37,19 @@ _QUANTITIES = {
     "roll": ("platform_roll_starboard_down", "platform_roll"),
 }
 _PERIODS = (None, 360.0, None, 2.0 * np.pi, 2.0 * np.pi, 2.0 * np.pi)
-"""Of latitude, longitude, depth, heading, pitch and roll."""
-_FILL = 99_999.0  # Argo's, also where it is not declared
+"""Decimals of latitude, longitude, depth, heading, pitch and roll."""
+_FILL = 99_999.0  # fill value of Argo, also if it is not declared
 
 
 def read_cf(path: Path) -> tuple[list[Poses], list[str]]:
-    """Trajectories of a CF data set, and what was left out; places between known ones are linear in time."""
+    """Read the trajectories of a CF data set, and notes about omitted data; missing positions are interpolated in time."""
     try:
         with open_file(path) as data, NETCDF_LOCK:
             try:
                 return _Reader(data, path).read()
             except (OceanError, ExchangeError):
                 raise
-            except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
+            except Exception as error:  # noqa: BLE001  the library raises many types
                 raise unreadable(path, error) from None
     except OceanError as error:
         raise ExchangeError(
@@ -58,7 +58,7 @@ def read_cf(path: Path) -> tuple[list[Poses], list[str]]:
 
 
 class _Reader:
-    """One file, its variables found by their meaning."""
+    """Reader of one file, which identifies variables by their meaning."""
 
     def __init__(self, data: xr.Dataset, path: Path) -> None:
         self._data, self._path, self._notes = data, path, list[str]()
@@ -67,11 +67,11 @@ class _Reader:
         for needed in ("time", "latitude", "longitude"):
             if not self._names[needed]:
                 raise ExchangeError(
-                    f"{path}: no variable with the standard_name {needed}; a trajectory needs time, latitude and longitude"
+                    f"{path}: no variable with standard_name {needed}; a trajectory needs time, latitude and longitude"
                 )
 
     def read(self) -> tuple[list[Poses], list[str]]:
-        """All trajectories of the file."""
+        """Read all trajectories of the file."""
         names = self._chosen()
         time, lat, lon = (self._values(names[q]) for q in ("time", "latitude", "longitude"))
         shape = np.broadcast_shapes(time.shape, lat.shape)
@@ -86,11 +86,11 @@ class _Reader:
                 p.place[:, 2] = -gsw.z_from_p(p.place[:, 2], p.place[:, 0])
             poses.append(p)
         if not poses:
-            raise ExchangeError(f"{self._path}: no trajectory has two known places and times")
+            raise ExchangeError(f"{self._path}: no trajectory with two valid positions and times")
         return poses, self._notes
 
     def _candidates(self, quantity: str) -> list[str]:
-        """Variables of a quantity: by standard name, or as cf-xarray tells coordinates by unit, axis and direction."""
+        """Variables of a quantity by standard name, or by unit, axis and direction as in cf-xarray."""
         import cf_xarray  # noqa: F401  registers the accessor
 
         data = self._data.set_coords([str(n) for n, v in self._data.variables.items() if v.ndim < 3])
@@ -101,7 +101,7 @@ class _Reader:
         return [n for n in dict.fromkeys(names) if self._data.variables[n].dtype.kind in "biuf"]
 
     def _chosen(self) -> dict[str, str]:
-        """The variable of each quantity: those on the longest common dimension, where several are, of the shortest name."""
+        """Variable of each quantity: on the longest common dimension, and with the shortest name among several."""
         sizes = self._data.sizes
 
         def on(dim: str) -> dict[str, str]:
@@ -116,11 +116,11 @@ class _Reader:
             if {"time", "latitude", "longitude"} <= set(names):
                 return names
         raise ExchangeError(
-            f"{self._path}: time, latitude and longitude share no dimension; needs a trajectory's"
+            f"{self._path}: time, latitude and longitude have no common dimension; a trajectory needs one"
         )
 
     def _values(self, name: str) -> Array:
-        """Numbers of a variable, NaN where missing or flagged as bad."""
+        """Numbers of a variable; NaN if missing or flagged as bad."""
         values = numbers(self._data, name)
         variable = self._data.variables[name]
         linked = text(variable, "ancillary_variables").split()
@@ -136,15 +136,15 @@ class _Reader:
                 flags.lower().endswith(("_qc", "_quality_control", "flag"))
                 or "flag" in text(known, "standard_name")
             ):
-                continue  # an uncertainty
+                continue  # not flags but an uncertainty
             bad = np.isin(raw, _BAD_FLAGS) & np.isfinite(values)
             if bad.any():
-                self._notes.append(f"{self._path}: {bad.sum()} values of {name} left out for their flags")
+                self._notes.append(f"{self._path}: {bad.sum()} values of {name} rejected by quality flags")
             return np.where(bad, np.nan, values)
         return values
 
     def _down(self, names: dict[str, str], shape: tuple[int, ...]) -> tuple[Array, bool]:
-        """Depths, positive down [m], or pressures [dbar], and whether they are; 0 where the file has neither."""
+        """Depths, positive down [m], or pressures [dbar], and True for pressures; 0 if the file has neither."""
         for quantity, kind, unit in (("depth", "length", "m"), ("pressure", "pressure", "dbar")):
             if quantity not in names:
                 continue
@@ -156,11 +156,11 @@ class _Reader:
                 if quantity == "pressure":
                     self._notes.append(f"{self._path}: depth from {names[quantity]} by TEOS-10")
                 return (-down if text(variable, "positive").lower() == "up" else down), quantity == "pressure"
-        self._notes.append(f"{self._path}: no depth and no pressure: at the surface")
+        self._notes.append(f"{self._path}: no depth and no pressure; depth set to the surface")
         return np.zeros(shape), False
 
     def _angles(self, names: dict[str, str], shape: tuple[int, ...]) -> list[Array]:
-        """Heading, pitch and roll, level where the file does not tell; nothing without a heading. [rad]"""
+        """Heading, pitch and roll, with missing pitch and roll set to 0; empty without a heading. [rad]"""
         if "heading" not in names:
             return []
         angles = [np.zeros(shape)] * 3
@@ -174,14 +174,14 @@ class _Reader:
         return angles
 
     def _trajectories(self, lat: str, shape: tuple[int, ...]) -> list[tuple[str, Any]]:
-        """Name and elements of each trajectory."""
+        """Name and indices of each trajectory."""
         dims = tuple(map(str, self._data.variables[lat].dims))
         ids = self._identifiers()
         if len(shape) == 2:
             return [(self._name(ids, k), (k, slice(None))) for k in range(shape[0])]
         of_row = instance_of_rows(self._data, dims[0], self._path)
         if of_row is None:
-            if ids is not None and ids.shape == shape and shape[0] > 1:  # every row says whose it is
+            if ids is not None and ids.shape == shape and shape[0] > 1:  # one identifier per row
                 return [(str(one), np.flatnonzero(ids == one)) for one in dict.fromkeys(ids.tolist())]
             return [(self._name(ids, 0), slice(None))]
         return [
@@ -189,7 +189,7 @@ class _Reader:
         ]
 
     def _identifiers(self) -> NDArray[Any] | None:
-        """Names that the file gives its trajectories."""
+        """Names of the trajectories in the file."""
         name = next(
             (n for n, v in self._data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"), None
         )
@@ -208,7 +208,7 @@ class _Reader:
         return str(ids[k])
 
     def _poses(self, name: str, time: str, instants: Array, *columns: Array) -> Poses | None:
-        """One trajectory of its place and angles, rows without a time left out, gaps filled."""
+        """Make one trajectory from positions and angles; drop rows without a time and interpolate gaps."""
         timed = np.isfinite(instants) & (np.abs(instants) < 1e15)
         order = np.flatnonzero(timed)[np.argsort(instants[timed], kind="stable")]
         seconds, within = instants[order], np.ones(order.size, dtype=bool)
@@ -220,20 +220,20 @@ class _Reader:
                 return None
             at, own = seconds[known], column[known]
             whole.append(np.interp(seconds, at, own if period is None else np.unwrap(own, period=period)))
-            if len(whole) <= 3:  # of a place
+            if len(whole) <= 3:  # position, not angles
                 within &= (seconds >= at[0]) & (seconds <= at[-1])
         if np.count_nonzero(within) < 2:
             return None
         left = instants.size - np.count_nonzero(within)
         if left:
             self._notes.append(
-                f"{self._path}: {name}: {left} of {instants.size} rows without a time or outside the known places left out"
+                f"{self._path}: {name}: {left} of {instants.size} rows dropped: no time, or outside the valid positions"
             )
         variable = self._data.variables[time]
         unit = text(variable, "units")
         if " since " not in unit:
             raise ExchangeError(
-                f"{self._path}: {time} has units {unit!r}; needs such as 'seconds since 1970-01-01'"
+                f"{self._path}: {time} has units {unit!r}; it needs units such as 'seconds since 1970-01-01'"
             )
         dates = decoded_times(
             seconds[within],
@@ -255,25 +255,25 @@ _VARIABLES = {
     "pitch": "platform_pitch_fore_up",
     "roll": "platform_roll_starboard_down",
 }
-"""Variables of our files, and their standard names."""
+"""Variables in exported files, and their standard names."""
 _UNITS = {"latitude": "degrees_north", "longitude": "degrees_east", "depth": "m"}
 
 
 def write_cf(recording: Recording, folder: Path) -> None:
     """
-    Write the poses of each condition as a CF data set of trajectories (incomplete multidimensional arrays), a file each.
+    Write the poses of each condition as a CF data set of trajectories (incomplete multidimensional arrays), one file each.
 
-    Attitudes are those against true north. Where a vehicle is not there, its trajectory is shorter.
+    Attitudes are relative to true north. The trajectory of a vehicle that is not present all the time is shorter.
 
     Raises
     ------
     ExchangeError
-        If the mission has no date, or its frame no place on Earth.
+        If the mission has no date, or its frame no geographic position.
     """
     truth = recording.truth
     if np.isnat(truth.start) or truth.frame is None:
         raise ExchangeError(
-            f"{recording.name}: CF trajectories need a date and a place on Earth; the run has none"
+            f"{recording.name}: the run has no date or no geographic position, which CF trajectories need"
         )
     units = {**_UNITS, "time": f"seconds since {np.datetime_as_string(truth.start)}"}
     files: dict[str, list[VehiclePoses]] = {}
@@ -302,6 +302,6 @@ def write_cf(recording: Recording, folder: Path) -> None:
 
 
 def _columns(p: Poses) -> Array:
-    """Time, latitude, longitude, depth, heading, pitch and roll of poses, shape (7, n). [s, degrees, m]"""
+    """Time, latitude, longitude, depth, heading, pitch and roll of poses (7, n). [s, degrees, m]"""
     turn = Rotation.from_quat(np.asarray(p.quaternion), scalar_first=True).as_euler("ZYX", degrees=True)
     return np.column_stack([p.time, p.place, turn[:, 0] % 360.0, turn[:, 1:]]).T

@@ -1,4 +1,4 @@
-"""Centre of a local frame from satellite fixes (latitude and longitude) of vehicles whose local positions are known."""
+"""Centre of a local frame from satellite fixes (latitude and longitude) of vehicles with known local positions."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,13 +10,13 @@ from pymantaray.exchange.centre import Centre
 from pymantaray.geometry import LocalFrame
 
 Array = NDArray[np.float64]
-_AT_ONE_PLACE = 10.0  # m; fixes of a frame's origin spread less
+_MAX_ORIGIN_SPREAD = 10.0  # m; fixes of a frame's origin have a smaller spread
 _MOST_PAIRS = 500
 _ITERATIONS = 10
 
 
 class Fixes(NamedTuple):
-    """Satellite fixes of one topic or file, those without a solution left out."""
+    """Satellite fixes with a solution, from one topic or file."""
 
     time: NDArray[np.int64]
     """[ns]"""
@@ -25,34 +25,34 @@ class Fixes(NamedTuple):
     longitude: Array
     """[degrees]"""
     frame: str
-    """Name of the frame whose origin the fixes locate."""
+    """Name of the frame whose origin has these positions."""
 
 
-class Centred(NamedTuple):
-    """Centre of a local frame, and how far single fixes put it from there."""
+class FrameCentre(NamedTuple):
+    """Centre of a local frame, and its spread over single fixes."""
 
     centre: Centre
     fixes: int
     spread: float
-    """Greatest distance of a single fix's centre. [m]"""
+    """Greatest distance between the centre and the centre from a single fix. [m]"""
 
 
-def origin_of_frame(fixes: Sequence[Fixes]) -> Centred | None:
-    """Centre that fixes of the frame's own origin name; None without any, or if they move."""
+def origin_of_frame(fixes: Sequence[Fixes]) -> FrameCentre | None:
+    """Centre from fixes of the frame's own origin; None if there are none, or if they move."""
     if not fixes:
         return None
     latitude = np.concatenate([f.latitude for f in fixes])
     longitude = np.concatenate([f.longitude for f in fixes])
     found = _middle(latitude, longitude)
-    return found if found.spread < _AT_ONE_PLACE else None
+    return found if found.spread < _MAX_ORIGIN_SPREAD else None
 
 
-def centre_from_fixes(pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]]) -> Centred | None:
+def centre_from_fixes(pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]]) -> FrameCentre | None:
     """
-    Centre of the frame in which vehicles have local positions, from their fixes.
+    Centre of the frame of local positions, from the fixes of vehicles.
 
-    Each entry has the times [ns] and positions (n, 3), north, east, down [m], of one vehicle, and its fixes. Only fixes between
-    its first and last position count; positions are interpolated to their times.
+    Each entry has the times [ns] and positions (n, 3), north, east, down [m], of one vehicle, and its fixes. Positions are
+    interpolated to the times of the fixes. Only fixes between the first and last position are used.
     """
     rows = [_at_fixes(*pair) for pair in pairs]
     north, east, latitude, longitude = (
@@ -75,7 +75,7 @@ def _at_fixes(time: NDArray[np.int64], place: Array, fixes: Fixes) -> tuple[Arra
 
 
 def _centre_of(north: float, east: float, latitude: float, longitude: float) -> Centre:
-    """Centre of the frame in which a place on Earth has these local coordinates."""
+    """Centre of the frame in which a geographic position has these local coordinates."""
     frame = LocalFrame(latitude, longitude)
     step = -north, -east
     for _ in range(_ITERATIONS):
@@ -86,13 +86,13 @@ def _centre_of(north: float, east: float, latitude: float, longitude: float) -> 
     return frame.latitude_deg, frame.longitude_deg
 
 
-def _middle(latitude: Array, longitude: Array) -> Centred:
-    """Median of places near each other, and the greatest distance from it."""
+def _middle(latitude: Array, longitude: Array) -> FrameCentre:
+    """Median of adjacent positions, and the greatest distance from it."""
     about = LocalFrame(float(latitude[0]), float(longitude[0]))
     places = np.stack(about.to_local(latitude, longitude), axis=-1)
     middle = np.median(places, axis=0)
     spread = float(np.linalg.norm(places - middle, axis=-1).max())
     if spread == 0.0:
-        return Centred((float(latitude[0]), float(longitude[0])), latitude.size, 0.0)
+        return FrameCentre((float(latitude[0]), float(longitude[0])), latitude.size, 0.0)
     lat, lon = about.to_geodetic(*middle)
-    return Centred((float(lat), float(lon)), latitude.size, spread)
+    return FrameCentre((float(lat), float(lon)), latitude.size, spread)

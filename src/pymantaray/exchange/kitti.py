@@ -1,4 +1,4 @@
-"""Trajectories in the text format of the KITTI odometry benchmark, which evo and others read."""
+"""Writer of the text format of the KITTI odometry benchmark, which evo and other programs read."""
 
 from pathlib import Path
 
@@ -11,9 +11,9 @@ from pymantaray.records import whole_file
 
 def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
     """
-    Write one vehicle's poses: a line each, the first three rows of the matrix from body to north, east, down.
+    Write one vehicle's poses, one per line: the first three rows of the matrix from body to north, east, down.
 
-    The format knows no times and no frame; KITTI's own files have a camera's axes.
+    The format has no times and no frame. KITTI's own files use the axes of a camera.
     """
     poses = np.concatenate([matrix_from_quaternion(quaternion), position[:, :, None]], axis=2)
     with whole_file(path) as temporary:

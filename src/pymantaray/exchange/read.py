@@ -1,4 +1,4 @@
-"""Trajectories of any format that is read, by the ending of the file."""
+"""Reader of trajectories, which selects the format by the suffix of the file."""
 
 import glob
 from collections.abc import Callable, Sequence
@@ -19,26 +19,26 @@ Source = str | Path | Sequence[str | Path]
 
 def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     """
-    Trajectories that another program made, from one or more files.
+    Read trajectories from one or more files of any supported format.
 
     Parameters
     ----------
     source : str, pathlib.Path or sequence of them
-        Files or patterns with ``*``. By their endings: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM files of a
-        vehicle each (``.tum``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``, ``.mcap``,
-        ``.db3`` or their folder).
+        Files or patterns with ``*``. The suffix selects the format: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM
+        files with one vehicle each (``.tum``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
+        ``.mcap``, ``.db3`` or their folder).
     enu : bool
-        Whether TUM files have ROS's axes: east, north, up; forward, left, up.
+        True if TUM files use ROS's axes: world east, north, up; body forward, left, up.
 
     Returns
     -------
     Tracks
-        Names, spans, dates, notes; `Tracks.at` gives poses at common times.
+        Names, time spans, dates and notes; `Tracks.at` gives poses at common times.
 
     Raises
     ------
     ExchangeError
-        If a file is unreadable, lacks what a trajectory needs, or does not fit the others; one line.
+        If a file is unreadable, lacks data of a trajectory, or does not match the other files.
     """
     paths = files_of(source)
     poses: list[Poses] = []
@@ -51,17 +51,17 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
 
 
 def files_of(source: Source) -> list[Path]:
-    """Files that a source names, those of a pattern sorted."""
+    """Files of a source; those of a pattern are sorted."""
     paths: list[Path] = []
     for one in [source] if isinstance(source, str | Path) else source:
         names = sorted(glob.glob(str(one))) if "*" in str(one) else [str(one)]  # noqa: PTH207  patterns may be absolute
         if not names:
-            raise ExchangeError(f"{one}: no file of that name")
+            raise ExchangeError(f"{one}: no file matches this pattern")
         if missing := [name for name in names if not Path(name).exists()]:
-            raise ExchangeError(f"{missing[0]}: there is no such file")
+            raise ExchangeError(f"{missing[0]}: no such file")
         paths += map(Path, names)
     if not paths:
-        raise ExchangeError("trajectories: no file given; name at least one")
+        raise ExchangeError("trajectories: no file; name at least one")
     return paths
 
 
@@ -70,7 +70,9 @@ def _reader(path: Path) -> Callable[[Path], tuple[list[Poses], list[str]]]:
         return read_bag
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
-        raise ExchangeError(f"{path}: trajectories are read from {', '.join(sorted(_READERS))} and .tum")
+        raise ExchangeError(
+            f"{path}: unknown format of trajectories; allowed: {', '.join(sorted(_READERS))} and .tum"
+        )
     return reader
 
 

@@ -1,4 +1,4 @@
-"""What other programs get of a run: poses of the truth and of estimates, and ranges, of one realization."""
+"""Data of a run for export: true and estimated poses and ranges of one realization."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ class FleetPoses(NamedTuple):
     position: Array
     """North, east, down (vehicle, time, 3). [m]"""
     quaternion: Array
-    """Body to world (w, x, y, z), of length 1 (vehicle, time, 4)."""
+    """Unit quaternions from body to world (w, x, y, z), (vehicle, time, 4)."""
 
 
 class VehiclePoses(NamedTuple):
-    """One vehicle's poses under one condition, where it is there at all."""
+    """Poses of one vehicle under one condition, at the times when it is present."""
 
     condition: str
     vehicle: str
@@ -37,33 +37,33 @@ class VehiclePoses(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One realization of a run; estimates by condition, those of failed solves left out."""
+    """One realization of a run; estimates by condition, without failed solves."""
 
     name: str
     truth: Trajectories
     estimates: Mapping[str, FleetPoses]
     measurements: Measurements
     landmarks: Array
-    """True places of the landmarks, (landmark, 3). [m]"""
+    """True positions of the landmarks, (landmark, 3). [m]"""
 
     @property
     def poses(self) -> Iterator[VehiclePoses]:
-        """Poses of every vehicle, the true ones first."""
+        """Poses of every vehicle, true poses first."""
         truth = self.truth
-        there = [np.flatnonzero(status != VehicleStatus.ABSENT) for status in truth.status]
+        present = [np.flatnonzero(status != VehicleStatus.ABSENT) for status in truth.status]
         fleets = {TRUTH: FleetPoses(truth.position, truth.quaternion), **self.estimates}
         for condition, fleet in fleets.items():
-            for vehicle, rows, position, quaternion in zip(truth.name.tolist(), there, *fleet, strict=True):
+            for vehicle, rows, position, quaternion in zip(truth.name.tolist(), present, *fleet, strict=True):
                 yield VehiclePoses(condition, vehicle, rows, position[rows], quaternion[rows])
 
     @property
     def participants(self) -> list[str]:
-        """Names of vehicles, then of landmarks, as the range attempts count them."""
+        """Names of vehicles, then of landmarks, in the order of participants of range attempts."""
         return [*self.measurements.name.tolist(), *self.measurements.landmark_name.tolist()]
 
     @property
-    def heard(self) -> NDArray[np.intp]:
-        """Rows of the range attempts that were heard, by time."""
+    def received(self) -> NDArray[np.intp]:
+        """Rows of received range attempts in order of time."""
         m = self.measurements
         rows = np.flatnonzero(m.range_status == RayStatus.OK)
         return rows[np.argsort(m.range_sample[rows], kind="stable")]

@@ -1,4 +1,4 @@
-"""A recording for the viewer Rerun, in its axes: east, north, up."""
+"""Writer of files for the viewer Rerun, in its axes: east, north, up."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,10 +17,10 @@ def write_rrd(recording: Recording, path: Path) -> None:
     """
     Write a recording as a Rerun file.
 
-    ``map`` has axes east, north, up [m]: moving bodies (forward, left, up) under ``map/<condition>/<vehicle>``, their paths
-    under ``map/path``, ``map/landmarks``, and ``map/ranges``, the pairs that hear each other at a ping. ``earth/<vehicle>`` are true
-    paths as latitudes and longitudes, ``error/<condition>/<vehicle>`` distances from the truth [m],
-    ``range_error/<transmitter>/<receiver>`` refracted less true range [m].
+    ``map`` has axes east, north, up [m]. It contains moving bodies (forward, left, up) under ``map/<condition>/<vehicle>``, their
+    paths under ``map/path``, ``map/landmarks``, and ``map/ranges``, the pairs with a received ping. ``earth/<vehicle>`` has
+    true paths as latitudes and longitudes, ``error/<condition>/<vehicle>`` distances from the truth [m], and
+    ``range_error/<transmitter>/<receiver>`` refracted minus true range [m].
 
     Raises
     ------
@@ -30,7 +30,7 @@ def write_rrd(recording: Recording, path: Path) -> None:
     try:
         import rerun as rr
     except ImportError:
-        raise ExchangeError('rrd needs the extra rerun; pip install "pymantaray[rerun]"') from None
+        raise ExchangeError('rrd: rerun-sdk is not installed; pip install "pymantaray[rerun]"') from None
     stream = rr.RecordingStream("mantaray", recording_id=recording.name)
     stream.save(path)
     stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -43,7 +43,7 @@ def write_rrd(recording: Recording, path: Path) -> None:
 
 
 def _times(rr: Any, recording: Recording, samples: Any) -> Any:
-    """Instants of samples, as dates where the mission has one."""
+    """Instants of samples, as dates if the mission has a date."""
     truth = recording.truth
     time = truth.time[samples]
     if np.isnat(truth.start):
@@ -65,8 +65,8 @@ def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
 
 
 def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
-    """Entities, the samples at which they have values, and these."""
-    truth, m, heard = recording.truth, recording.measurements, recording.heard
+    """Entities with their samples and values."""
+    truth, m, received = recording.truth, recording.measurements, recording.received
     true = dict(zip(truth.name.tolist(), truth.position, strict=True))
     for p in recording.poses:
         xyzw = swap_enu_attitude(p.quaternion)[:, [1, 2, 3, 0]]
@@ -78,18 +78,18 @@ def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
         if p.condition != TRUTH:
             error = np.linalg.norm(p.position - true[p.vehicle][p.samples], axis=1)
             yield f"error/{p.condition}/{p.vehicle}", p.samples, rr.Scalars.columns(scalars=error)
-    ends = np.stack([m.range_transmitter, m.range_receiver], axis=1)[heard]
-    samples, count = np.unique(m.range_sample[heard], return_counts=True)
+    ends = np.stack([m.range_transmitter, m.range_receiver], axis=1)[received]
+    samples, count = np.unique(m.range_sample[received], return_counts=True)
     places = np.array(
         [
             [recording.place(int(end), int(k)) for end in pair]
-            for pair, k in zip(ends, m.range_sample[heard], strict=True)
+            for pair, k in zip(ends, m.range_sample[received], strict=True)
         ]
     ).reshape(-1, 2, 3)
-    if heard.size:
+    if received.size:
         yield "map/ranges", samples, rr.LineStrips3D.columns(strips=list(swap_enu(places))).partition(count)
-    error = m.refracted_range[heard] - np.linalg.norm(places[:, 0] - places[:, 1], axis=1)
+    error = m.refracted_range[received] - np.linalg.norm(places[:, 0] - places[:, 1], axis=1)
     for pair in np.unique(ends, axis=0):
         rows = (ends == pair).all(axis=1)
         names = "/".join(recording.participants[end] for end in pair)
-        yield f"range_error/{names}", m.range_sample[heard][rows], rr.Scalars.columns(scalars=error[rows])
+        yield f"range_error/{names}", m.range_sample[received][rows], rr.Scalars.columns(scalars=error[rows])

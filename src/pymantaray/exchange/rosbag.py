@@ -1,7 +1,7 @@
 """
-Bags of ROS, by the library rosbags: poses are read (ROS 1 and 2), recordings written (ROS 2, as a bag or an MCAP file).
+Reader of poses from ROS 1 and ROS 2 bags, and writer of recordings as ROS 2 bags or MCAP files, with the library rosbags.
 
-World and body have the axes of REP 103, `swap_enu` turning them both ways, frames the names of REP 105.
+World and body have the axes of REP 103, which `swap_enu` converts. Frames have the names of REP 105.
 """
 
 import re
@@ -26,24 +26,23 @@ _POSES = {"nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
 _FIX = "sensor_msgs/msg/NavSatFix"
 _ORIGIN = f"/{MAP}/fix"
 _TRUE = re.compile(f"/{TRUTH}/[^/]+/pose")
-_UNIX = 1e8  # s; later stamps are dates, earlier ones a simulation's clock
+_MIN_DATE = 1e8  # s; later stamps are dates, earlier stamps are from the clock of a simulation
 
 
 def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     """
-    Trajectory of each topic of poses or odometry in a bag, and what was left out.
+    Read a trajectory from each topic of poses or odometry in a bag, and notes about omitted data.
 
-    A vehicle is called as the first part of its topic that tells topics apart, or as all of them (``/fleet/A/odom`` and
-    ``/fleet/B/odom`` are A and B). Places are
-    east, north, up about the local frame's centre, bodies forward, left, up (REP-103); a frame whose name ends in ``ned`` is
-    north, east, down, a child frame's in ``frd`` forward, right, down. Times are those of the headers. Of a run that
-    `write_bag` wrote the true poses are read.
+    The name of a vehicle is the first part that differs between topics, or all parts (``/fleet/A/odom`` and ``/fleet/B/odom``
+    are A and B). Positions are east, north, up from the centre of the local frame; bodies are forward, left, up (REP-103). A
+    frame whose name ends in ``ned`` is north, east, down, and a child frame whose name ends in ``frd`` is forward, right,
+    down. Times are from the headers. From a run of `write_bag`, only the true poses are read.
 
-    Satellite fixes (``NavSatFix``) give the centre of the frame: those in the frame of the poses are its origin, those of a
+    Satellite fixes (``NavSatFix``) give the centre of the frame. Fixes in the frame of the poses are at its origin; fixes of a
     vehicle are compared with its poses. A fix belongs to the vehicle whose name is a part of its topic.
     """
     files = [path]
-    if path.is_dir() and path.suffix == ".bag":  # which the library takes for a file of ROS 1
+    if path.is_dir() and path.suffix == ".bag":  # the library expects a file of ROS 1
         files = sorted(file for kind in ("*.db3", "*.mcap") for file in path.glob(kind))
     if (
         path.is_dir()
@@ -51,14 +50,12 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         and not any(path.glob("*.db3"))
         and not any(path.glob("*.mcap"))
     ):
-        raise ExchangeError(
-            f"{path}: a folder, but no bag; name files, or the folder that has a bag's metadata.yaml"
-        )
+        raise ExchangeError(f"{path}: this folder is not a bag; name files, or a folder with metadata.yaml")
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise ExchangeError(f'{path}: reading bags needs the extra; pip install "pymantaray[ros]"') from None
+        raise ExchangeError(f'{path}: rosbags is not installed; pip install "pymantaray[ros]"') from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     rows: dict[str, list[tuple[Any, ...]]] = {}
     located: dict[str, list[tuple[Any, ...]]] = {}
@@ -76,16 +73,16 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
             others = sorted({c.msgtype for c in bag.connections})
     except ExchangeError as error:
         raise ExchangeError(f"{path}: {error}") from None
-    except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
+    except Exception as error:  # noqa: BLE001  the library raises many types
         raise ExchangeError(f"{path}: not a readable bag: {' '.join(str(error).split())[:120]}") from None
     if not rows:
         raise ExchangeError(
-            f"{path}: no topic of {', '.join(sorted(_POSES))}; found {', '.join(others) or 'no messages'}"
+            f"{path}: no topic of type {', '.join(sorted(_POSES))}; it contains {', '.join(others) or 'no messages'}"
         )
     true = {topic: values for topic, values in rows.items() if _TRUE.fullmatch(topic)}
-    if true:  # an exported run, whose estimates are none
+    if true:  # an exported run: ignore its estimates
         left = len(rows) - len(true)
-        notes = [f"{path}: topics of poses beside /{TRUTH} left out: {left}"] if left else []
+        notes = [f"{path}: topics of poses other than /{TRUTH} ignored: {left}"] if left else []
         names, rows = [topic.split("/")[2] for topic in true], true
     else:
         names, notes = _names(list(rows)), []
@@ -99,7 +96,7 @@ def _with_centres(
     located: dict[str, list[tuple[Any, ...]]],
     notes: list[str],
 ) -> tuple[list[Poses], list[str]]:
-    """Tracks whose frames have the centres that satellite fixes give, and notes."""
+    """Add centres of frames from satellite fixes to tracks; return them with notes."""
     fixes = {topic: _fixes(values) for topic, values in located.items()}
     frames = [values[0][3] for values in rows]
     out = list(tracks)
@@ -145,7 +142,7 @@ def _fixes(rows: list[tuple[Any, ...]]) -> Fixes:
 
 
 def _names(topics: list[str]) -> list[str]:
-    """What tells topics apart."""
+    """Parts of topics that differ."""
     parts = [topic.strip("/").split("/") for topic in topics]
     while len(parts) > 1 and min(map(len, parts)) > 1 and len({p[0] for p in parts}) == 1:
         parts = [p[1:] for p in parts]
@@ -169,17 +166,22 @@ def _poses(name: str, rows: list[tuple[Any, ...]], path: Path) -> Poses:
     nanoseconds, place, quaternion, frames, children = zip(*rows, strict=True)
     if len({*frames}) > 1:
         raise ExchangeError(
-            f"{path}: {name} has poses in frames {', '.join(sorted({*frames}))}; one is needed"
+            f"{path}: {name} has poses in frames {', '.join(sorted({*frames}))}; all must be in one frame"
         )
     time = np.array(nanoseconds, dtype=np.int64)
     p, q = np.array(place, dtype=float), np.array(quaternion, dtype=float)
     if not frames[0].lower().endswith("ned"):
         if children[0].lower().endswith("frd"):
-            q = q[:, [1, 0, 3, 2]] * [-1.0, 1.0, 1.0, -1.0]  # half a turn about forward: of forward, left, up
+            q = q[:, [1, 0, 3, 2]] * [
+                -1.0,
+                1.0,
+                1.0,
+                -1.0,
+            ]  # rotation by pi about forward, from forward, left, up
         p, q = swap_enu(p), swap_enu_attitude(q)
     return Poses(
         name,
-        time.astype("datetime64[ns]") if time[0] > _UNIX * 1e9 else time * 1e-9,
+        time.astype("datetime64[ns]") if time[0] > _MIN_DATE * 1e9 else time * 1e-9,
         p,
         q,
         False,
@@ -188,7 +190,7 @@ def _poses(name: str, rows: list[tuple[Any, ...]], path: Path) -> Poses:
 
 
 class _Track(NamedTuple):
-    """One vehicle under one condition: what it is called, and by sample poses and geodetic places."""
+    """One vehicle under one condition: its names, and poses and geodetic positions by sample."""
 
     topic: str
     frame: str
@@ -206,29 +208,29 @@ class _Message(NamedTuple):
 
 def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None:
     """
-    Write a recording as files of a ROS 2 bag, SQLite's or MCAP's, into an empty folder.
+    Write a recording as a ROS 2 bag, SQLite or MCAP, into an empty folder.
 
-    ``/<condition>/<vehicle>/pose`` and ``path`` hold the truth's and the estimates' poses in the frame ``map`` (east, north, up;
-    body forward, left, up), ``/truth/<vehicle>/fix`` latitudes and longitudes, ``/map/fix`` those of the frame's centre, ``/tf`` true poses of ``<vehicle>/base_link``,
-    ``/tf_static`` landmarks, ``/ranges/<transmitter>/<receiver>`` refracted ranges as measured. Times are dates, or
-    seconds since the start where the mission has no date.
+    ``/<condition>/<vehicle>/pose`` and ``path`` contain true and estimated poses in the frame ``map`` (east, north, up; body
+    forward, left, up), ``/truth/<vehicle>/fix`` latitudes and longitudes, ``/map/fix`` those of the frame's centre, ``/tf`` true
+    poses of ``<vehicle>/base_link``, ``/tf_static`` landmarks, and ``/ranges/<transmitter>/<receiver>`` measured refracted
+    ranges. Times are dates, or seconds since the start if the mission has no date.
 
     Raises
     ------
     ExchangeError
-        If rosbags is not installed, or two names are one in ROS.
+        If rosbags is not installed, or two names are equal in ROS.
     """
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise ExchangeError('bag and mcap need the extra ros; pip install "pymantaray[ros]"') from None
+        raise ExchangeError('bag and mcap: rosbags is not installed; pip install "pymantaray[ros]"') from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
-    with TemporaryDirectory(dir=folder) as temporary:  # the writer makes its folder itself
+    with TemporaryDirectory(dir=folder) as temporary:  # the writer creates its own folder
         bag = Path(temporary, recording.name)
         connections: dict[str, Any] = {}
-        # version 8 of the format, which ROS 2 Humble and all after it read
+        # version 8 of the format, for ROS 2 Humble and later
         with Writer(bag, version=8, storage_plugin=plugin) as writer:
             for topic, kind, nanoseconds, content in _Messages(recording, store.types):
                 if topic not in connections:
@@ -243,7 +245,7 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
 
 
 def _latched() -> Any:
-    """Quality of service of a topic of which late subscribers get the last message."""
+    """Quality of service of a topic whose last message late subscribers receive."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     forever = QosTime(2147483647, 4294967295)
@@ -261,7 +263,7 @@ def _latched() -> Any:
 
 
 class _Messages:
-    """All messages of a recording, by time."""
+    """All messages of a recording in order of time."""
 
     def __init__(self, recording: Recording, types: Any) -> None:
         self._recording, self._types = recording, types
@@ -271,11 +273,11 @@ class _Messages:
         self._names = _ros_names([*recording.participants, TRUTH, *recording.estimates])
 
     def __iter__(self) -> Iterator[_Message]:
-        """Give what does not change, then sample by sample poses and ranges."""
-        m, heard = self._recording.measurements, self._recording.heard
+        """Yield static messages, then poses and ranges sample by sample."""
+        m, received = self._recording.measurements, self._recording.received
         tracks = [self._track(p) for p in self._recording.poses]
         yield from self._static(tracks)
-        first = np.searchsorted(m.range_sample[heard], np.arange(len(self._nanoseconds) + 1))
+        first = np.searchsorted(m.range_sample[received], np.arange(len(self._nanoseconds) + 1))
         for k in range(len(self._nanoseconds)):
             there = [track for track in tracks if k in track.poses]
             yield self._tf("/tf", k, [(t.frame, *t.poses[k]) for t in there if t.true])
@@ -284,11 +286,11 @@ class _Messages:
                 yield self._message(f"{track.topic}/pose", _POSE, k, MAP, pose=pose)
                 if k in track.fixes:
                     yield self._fix(f"{track.topic}/fix", track.frame, k, track.fixes[k].tolist())
-            for row in heard[first[k] : first[k + 1]]:
+            for row in received[first[k] : first[k + 1]]:
                 yield self._range(int(row), k)
 
     def _track(self, p: VehiclePoses) -> _Track:
-        """Poses of a vehicle in ROS's axes, and fixes of its true ones."""
+        """Poses of a vehicle in ROS's axes, and fixes of its true poses."""
         names, frame = self._names, self._recording.truth.frame
         poses = zip(swap_enu(p.position), swap_enu_attitude(p.quaternion), strict=True)
         fixes = np.empty((0, 3))
@@ -345,7 +347,7 @@ class _Messages:
             "sensor_msgs/msg/Range",
             k,
             f"{ends[1]}/base_link" if receiver < r.truth.name.size else ends[1],
-            radiation_type=0,  # ultrasound, the message's only word for sound
+            radiation_type=0,  # ultrasound, the only acoustic type of the message
             field_of_view=2.0 * np.pi,
             min_range=0.0,
             max_range=np.inf,
@@ -397,12 +399,12 @@ class _Messages:
 
 
 def _ros_names(names: list[str]) -> dict[str, str]:
-    """Names as ROS allows them in topics: letters, digits and single _, no digit first."""
+    """Names that ROS allows in topics: letters, digits and single _, without a leading digit."""
     ros = {name: re.sub(r"^(?=\d)", "_", re.sub("[^A-Za-z0-9]+", "_", name)) for name in names}
     for name, word in ros.items():
         other = next((o for o, w in ros.items() if w == word and o != name), None)
         if other is not None:
             raise ExchangeError(
-                f"{name} and {other} are both {word} in ROS, which has neither - nor . in names; rename one"
+                f"{name} and {other} are both {word} in ROS, which allows neither - nor . in names; rename one"
             )
     return ros

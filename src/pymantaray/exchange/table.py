@@ -1,4 +1,4 @@
-"""Tables of trajectories, one pose a row: CSV and its kin, Parquet."""
+"""Reader of tables of trajectories with one pose per row: CSV and similar text, and Parquet."""
 
 import re
 from pathlib import Path
@@ -13,7 +13,7 @@ from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, about_down, level
 from pymantaray.records.text_table import TextTable, read_text_table
-from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
+from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList
 
 Array = NDArray[np.float64]
@@ -21,7 +21,7 @@ _METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
 _DEGREES = {"": 1.0, "deg": 1.0, "degrees": 1.0}
 _ANGLE = {"": 1.0, "rad": 1.0, "radians": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0}
 _NO_UNIT = {"": 1.0}
-# by what a column is: its names, and its units behind them, as in depth_m, "depth [m]" or heading_deg
+# by quantity: names of columns, and units behind them, as in depth_m, "depth [m]" or heading_deg
 _COLUMNS: dict[str, tuple[str, dict[str, float]]] = {
     "time": ("time timestamp datetime", {"": 1.0, "s": 1.0}),
     "vehicle": ("vehicle name agent platform", _NO_UNIT),
@@ -53,20 +53,20 @@ _UNITS = {
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
 _OF_PINGS = "time", "transmitter", "receivers"
-_MOST_RADIANS = 6.5  # a little more than a turn
+_MAX_RADIANS = 6.5  # slightly more than 2 pi
 
 
 def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     """
-    Trajectories of a table with a header, and which of its columns were not read.
+    Read the trajectories of a table with a header, and a note about unused columns.
 
-    Each name of a vehicle is one; without such a column there is one by the file's name.
+    There is one trajectory per name of a vehicle. Without a column of names, there is one with the name of the file.
     """
     table, factors = _known_columns(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
     conditions = table.frame.get("condition")
     there = set(factors)
     unread = [title for title in table.frame.columns if title not in there]
-    if conditions is not None and (conditions == TRUTH).any():  # an exported run, whose estimates are none
+    if conditions is not None and (conditions == TRUTH).any():  # an exported run: ignore its estimates
         table, unread = TextTable(path, table.frame[conditions == TRUTH], table.comments), []
     place = ["north", "east"]
     if {"lat", "lon"} <= there or ({"lat", "lon"} & there and not {"north", "east"} & there):
@@ -75,12 +75,12 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
         table.require(["time", *place, "depth", *({"vehicle"} & there)])
     except RecordError as error:
         raise ExchangeError(
-            f"{error}; a trajectory needs time, lat and lon or north and east, and depth, and may have vehicle,"
+            f"{error}; a trajectory needs time, lat and lon or north and east, and depth; optional are vehicle and either"
             " qw, qx, qy, qz or heading_deg, pitch_deg, roll_deg"
         ) from None
     place_of = _numbers(table, factors, [*place, "depth"])
     time, quaternion = _times(table), _attitude(table, factors)
-    if place[0] == "lat" and "convergence" in there:  # attitudes are to a frame's north
+    if place[0] == "lat" and "convergence" in there:  # attitudes are relative to a frame's north
         quaternion = about_down(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
     names = _vehicles(table) if "vehicle" in there else np.full(time.size, path.stem)
     poses, centre = [], centre_in_comments(table.comments, path)
@@ -88,33 +88,32 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]
         poses.append(Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path), centre))
-    return poses, [f"{path}: columns that were not read: {', '.join(unread)}"] if unread else []
+    return poses, [f"{path}: unused columns: {', '.join(unread)}"] if unread else []
 
 
 def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
     """
-    Pings of a table with columns time, transmitter and, if not everybody listens, receivers (names with blanks between).
+    Read pings from a table with columns time, transmitter and optional receivers (names separated by spaces; default: all).
 
-    Times are seconds since the mission's start, or dates, which need the instant of that start.
+    Times are seconds since the start of the mission, or dates, which need the instant of that start.
     """
     table, _ = _known_columns(_text(path))
     try:
         table.require(["time", "transmitter", *({"receivers"} & set(table.frame.columns))])
     except RecordError as error:
         raise ExchangeError(
-            f"{error}; a list of pings needs time and transmitter, and may have receivers"
+            f"{error}; a list of pings needs time and transmitter; optional is receivers"
         ) from None
     unknown = [title for title in table.frame.columns if title not in _OF_PINGS]
-    if unknown:  # one that is mistyped would let everybody listen
+    if unknown:  # with a misspelt column of receivers, all participants would listen
         raise ExchangeError(
-            f"{path}: unknown column {unknown[0]!r}; a list of pings has {', '.join(_OF_PINGS)} and no other: rename it or leave"
-            " it out"
+            f"{path}: unknown column {unknown[0]!r}; allowed: {', '.join(_OF_PINGS)}; rename or remove it"
         )
     time = _times(table)
     if np.issubdtype(time.dtype, np.datetime64):
         if start is None:
             raise ExchangeError(
-                f"{path}: times are dates, but the mission's start has none; give seconds since it"
+                f"{path}: times are dates, but the start of the mission has no date; give seconds since the start"
             )
         time = (time - start) / np.timedelta64(1_000_000_000, "ns")
     receivers: list[list[str]] = []
@@ -138,27 +137,25 @@ def _text(path: Path) -> TextTable:
 
 
 def _parquet(path: Path) -> TextTable:
-    """Table whose cells have types of their own; the line of a row is its number, from 1."""
+    """Table with typed cells; the line of a row is its number, from 1."""
     try:
         frame = _parquet_frame(path)
     except ImportError:
-        raise ExchangeError(
-            f'{path}: reading Parquet needs the extra; pip install "pymantaray[parquet]"'
-        ) from None
+        raise ExchangeError(f'{path}: pyarrow is not installed; pip install "pymantaray[parquet]"') from None
     except ExchangeError:
         raise
-    except Exception as error:  # noqa: BLE001  pyarrow raises whatever it stumbles over
+    except Exception as error:  # noqa: BLE001  pyarrow raises many types
         raise ExchangeError(
             f"{path}: not a readable Parquet file: {' '.join(str(error).split())[:100]}"
         ) from None
     if frame.empty:
-        raise ExchangeError(f"{path}: has no rows; a trajectory needs two or more")
+        raise ExchangeError(f"{path}: no rows; a trajectory needs at least two")
     frame = frame.reset_index() if frame.index.name else frame
     return TextTable(path, frame.set_axis(range(1, len(frame) + 1)).rename(columns=str), [])
 
 
 def _parquet_frame(path: Path) -> pd.DataFrame:
-    """Content of a Parquet file without its nested columns; one that would fill the memory is refused by the sizes that it declares."""
+    """Content of a Parquet file without nested columns; its declared sizes must not exceed the limit."""
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -167,19 +164,19 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
         about, schema = file.metadata, file.schema_arrow
         packed = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
         size = max(8 * about.num_rows * about.num_columns, packed)
-    _check_size(path, size, f"{about.num_rows:,} rows of {about.num_columns} columns take")
+    _check_size(path, size, f"{about.num_rows:,} rows of {about.num_columns} columns need")
     flat = [field for field in schema if not pa.types.is_nested(field.type)]
     text = [
         field.name for field in flat if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
     ]
     text += [field.name for field in flat if pa.types.is_binary(field.type)]
-    with pq.ParquetFile(path, read_dictionary=text) as file:  # text that is repeated is in memory once
+    with pq.ParquetFile(path, read_dictionary=text) as file:  # repeated text is in memory once
         table = file.read(columns=[field.name for field in flat])
     for name in text:
         pieces = table[name].chunks
         lengths = (pc.take(pc.binary_length(piece.dictionary), piece.indices) for piece in pieces)
         _check_size(
-            path, sum(pc.sum(pc.cast(one, "int64")).as_py() or 0 for one in lengths), f"text of {name} takes"
+            path, sum(pc.sum(pc.cast(one, "int64")).as_py() or 0 for one in lengths), f"text of {name} needs"
         )
         table = table.set_column(
             table.schema.get_field_index(name), name, table[name].cast(schema.field(name).type)
@@ -189,15 +186,15 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
 
 
 def _check_size(path: Path, size: int, what: str) -> None:
-    if size > MOST_UNPACKED_BYTES:
+    if size > MAX_UNPACKED_BYTES:
         raise ExchangeError(
-            f"{path}: {what} {size / 1e9:.3g} GB unpacked; at most {MOST_UNPACKED_BYTES / 1e9:g} GB are read: leave out columns,"
-            " or write fewer rows a second"
+            f"{path}: {what} {size / 1e9:.3g} GB unpacked; the limit is {MAX_UNPACKED_BYTES / 1e9:g} GB; remove columns,"
+            " or reduce the sampling rate"
         )
 
 
 def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
-    """Table whose known columns have our names, and the unit of each in ours; an unknown unit of one is refused."""
+    """Rename known columns, and return the factor of each column to the unit of this package; an unknown unit raises an error."""
     titles, factors = [], {}
     for title in table.frame.columns:
         key = re.sub(r"[\s_.\[\]()]+", "_", title.lower()).strip("_")
@@ -205,7 +202,7 @@ def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
         named = _IN_BRACKETS.fullmatch(title.lower().strip())
         if named and key not in _TITLES and _UNITS.get(named[1]):
             raise ExchangeError(
-                f"{table.path}: column {title!r}: the unit is {named[2]!r}; allowed are {', '.join(_UNITS[named[1]])}"
+                f"{table.path}: column {title!r} has unit {named[2]!r}; allowed: {', '.join(_UNITS[named[1]])}"
             )
         titles.append(column)
         if key in _TITLES:
@@ -228,7 +225,7 @@ def _vehicles(table: TextTable) -> NDArray[Any]:
     if nameless.any():
         line = table.frame.index[int(np.argmax(nameless))]
         raise ExchangeError(
-            f"{table.path}, line {line}: no name of a vehicle; each row needs one, or leave out the column"
+            f"{table.path}, line {line}: no vehicle name; give one in each row, or remove the column"
         )
     return np.asarray(cells.astype(str).to_numpy())
 
@@ -242,25 +239,27 @@ def _times(table: TextTable) -> NDArray[Any]:
 
 
 def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:
-    """Quaternions of those or of headings, pitches and rolls; None where the table has neither."""
+    """Quaternions from quaternion columns or from heading, pitch and roll; None if the table has neither."""
     if set(_QUATERNION) <= set(factors):
         return _numbers(table, factors, _QUATERNION)
     angles = [name for name in factors if name in ("heading", "pitch", "roll")]
     quaternion = [name for name in _QUATERNION if name in factors]
     if not angles and quaternion:
-        raise ExchangeError(f"{table.path}: has {', '.join(quaternion)}; a quaternion is qw, qx, qy, qz")
+        raise ExchangeError(
+            f"{table.path}: only {', '.join(quaternion)} of a quaternion; give all of qw, qx, qy, qz"
+        )
     if not angles:
         return None
     if "heading" not in angles:
         raise ExchangeError(
-            f"{table.path}: has {' and '.join(angles)}, but no heading; leave them out or add it"
+            f"{table.path}: {' and '.join(angles)} without heading; add heading, or remove these columns"
         )
     values = _numbers(table, factors, angles)
     for k, name in enumerate(angles):
-        if factors[name] == 1.0 and np.abs(values[:, k]).max() > _MOST_RADIANS:
+        if factors[name] == 1.0 and np.abs(values[:, k]).max() > _MAX_RADIANS:
             raise ExchangeError(
-                f"{table.path}: {name} reaches {np.abs(values[:, k]).max():g}, more than a turn in radians; if it is in"
-                f" degrees call the column {name}_deg"
+                f"{table.path}: {name} has values up to {np.abs(values[:, k]).max():g}, more than 2 pi radians; if it is in"
+                f" degrees, rename the column to {name}_deg"
             )
     of = dict(zip(angles, values.T, strict=True))
     return level(of["heading"], of.get("pitch", 0.0), of.get("roll", 0.0))

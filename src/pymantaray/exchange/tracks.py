@@ -1,4 +1,4 @@
-"""Trajectories that another program made: each vehicle at times of its own, brought to common times in the local frame."""
+"""Imported trajectories: poses of each vehicle at its own times, and their interpolation to common times in a local frame."""
 
 import re
 from collections.abc import Sequence
@@ -15,40 +15,40 @@ from pymantaray.records import Trajectories, VehicleStatus
 
 Array = NDArray[np.float64]
 SAME_TIME = 1e-6
-"""Times less than this apart are one. [s]"""
-_ABOVE_SURFACE = 5.0  # m; a depth sensor's error at the surface, and not an axis that points up
-_STILL = 1e-3  # m; shorter steps have no course
+"""Times that differ by less count as one. [s]"""
+_ABOVE_SURFACE = 5.0  # m; up to this an error of a depth sensor, beyond it an axis that points up
+_MIN_STEP = 1e-3  # m; shorter steps do not define a course
 _LONGEST_NAME = 64
 
 
 class Poses(NamedTuple):
-    """One vehicle as a file has it: times as dates or in seconds, lat, lon [deg] or north, east [m], depth [m]."""
+    """Poses of one vehicle in a file: times as dates or in seconds, lat, lon [deg] or north, east [m], depth [m]."""
 
     name: str
     time: NDArray[Any]
     place: Array
     """Shape (n, 3)."""
     quaternion: Array | None
-    """Body (forward, right, down) to true north, east, down, (w, x, y, z); None where the file has none."""
+    """Rotation from body (forward, right, down) to true north, east, down, (w, x, y, z); None if the file has none."""
     geodetic: bool
     file: str
     centre: tuple[float, float] | None = None
-    """Latitude and longitude of the local frame's centre, None if the file does not name it. [degrees]"""
+    """Latitude and longitude of the local frame's centre; None if the file does not contain it. [degrees]"""
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """
-    Trajectories from a file, before a frame and common times are chosen; `read_trajectories` reads them.
+    Imported trajectories before the selection of a frame and common times; `read_trajectories` reads them.
 
     Parameters
     ----------
     poses : sequence of Poses
-        Each vehicle's own, times rising, in seconds since the first pose of all.
+        Poses of each vehicle at increasing times, in seconds since the earliest pose.
     start : numpy.datetime64 or None
-        Instant (UTC) of that pose; None where the file tells no dates.
+        Instant (UTC) of the earliest pose; None if the file has no dates.
     notes : sequence of str
-        What was changed or left out in reading.
+        Changes and omissions by the reader.
     """
 
     poses: tuple[Poses, ...]
@@ -57,7 +57,20 @@ class Tracks:
 
     @classmethod
     def of(cls, poses: Sequence[Poses], notes: Sequence[str] = ()) -> Self:
-        """Tracks of poses as readers give them, at least one: sorted, on one clock, checked."""
+        """
+        Sort and check poses, and convert them to one clock.
+
+        Parameters
+        ----------
+        poses : sequence of Poses
+            At least one vehicle, in the form of a reader.
+        notes : sequence of str
+            Notes of the reader.
+
+        Returns
+        -------
+        Tracks
+        """
         for kind, unlike in (
             ("dates", [np.issubdtype(p.time.dtype, np.datetime64) for p in poses]),
             ("latitude and longitude", [p.geodetic for p in poses]),
@@ -65,23 +78,34 @@ class Tracks:
             if len(set(unlike)) > 1:
                 one, other = poses[unlike.index(True)], poses[unlike.index(False)]
                 raise ExchangeError(
-                    f"{one.file}: {one.name} has {kind}, {other.name} of {other.file} has not; all must, or none"
+                    f"{one.file}: {one.name} has {kind}, but {other.name} of {other.file} does not; either all or none must"
                 )
-        told = list(notes)
-        clean = [_clean(p, told) for p in poses]
+        notes = list(notes)
+        clean = [_clean(p, notes) for p in poses]
         names = [p.name for p in clean]
         double = next((p for p in clean if names.count(p.name) > 1), None)
         if double is not None:
-            raise ExchangeError(f"{double.file}: two vehicles are called {double.name}; names must differ")
+            raise ExchangeError(f"{double.file}: two vehicles have the name {double.name}; rename one")
         start = min(p.time[0] for p in clean)
         if not np.issubdtype(clean[0].time.dtype, np.datetime64):
-            return cls(tuple(p._replace(time=p.time - start) for p in clean), None, tuple(told))
+            return cls(tuple(p._replace(time=p.time - start) for p in clean), None, tuple(notes))
         second = np.timedelta64(1_000_000_000, "ns")
-        return cls(tuple(p._replace(time=(p.time - start) / second) for p in clean), start, tuple(told))
+        return cls(tuple(p._replace(time=(p.time - start) / second) for p in clean), start, tuple(notes))
 
     @classmethod
     def of_record(cls, truth: Trajectories) -> Self:
-        """Tracks of a record in the local frame; where a vehicle is not active, it is not there."""
+        """
+        Convert a record in the local frame to tracks, without the times when a vehicle is not active.
+
+        Parameters
+        ----------
+        truth : Trajectories
+            Record.
+
+        Returns
+        -------
+        Tracks
+        """
         return cls.of(poses_of_record(truth, "trajectories"))
 
     @property
@@ -91,17 +115,17 @@ class Tracks:
 
     @property
     def duration(self) -> float:
-        """Time from the first pose of all to the last. [s]"""
+        """Time from the earliest to the latest pose. [s]"""
         return float(max(p.time[-1] for p in self.poses))
 
     @property
     def geodetic(self) -> bool:
-        """Whether places are latitudes and longitudes."""
+        """True if positions are latitudes and longitudes."""
         return self.poses[0].geodetic
 
     @property
     def centre(self) -> tuple[float, float] | None:
-        """Centre of the local frame that a file names, else the middle of latitudes and longitudes, else None. [degrees]"""
+        """Centre of the local frame in a file, else the middle of latitudes and longitudes, else None. [degrees]"""
         named = next((p.centre for p in self.poses if p.centre is not None), None)
         if named is not None or not self.geodetic:
             return named
@@ -112,22 +136,21 @@ class Tracks:
 
     def at(self, time: ArrayLike, frame: LocalFrame) -> Trajectories:
         """
-        Poses at common times in a local frame.
+        Interpolate poses to common times in a local frame.
 
         Parameters
         ----------
         time : array_like, shape (n_times,)
-            Since the first pose of all, rising. [s]
+            Increasing times since the earliest pose. [s]
         frame : LocalFrame
-            What latitudes and longitudes are brought to, and places about another centre. Local places of no known centre
-            are taken to be in it.
+            Frame of the result. Local positions without a known centre count as positions in this frame.
 
         Returns
         -------
         Trajectories
-            Role ``track``. At a time of its own (to a microsecond) a vehicle has the pose of the file. Between two, places
-            are linear in time and attitudes turn at a constant rate (slerp). Before its first pose and after its last
-            a vehicle is ABSENT, at that pose. Without attitudes it heads where it goes, level.
+            Role ``track``. At its own times (within a microsecond), a vehicle has the pose of the file. Between two poses,
+            positions are linear in time and attitudes rotate at a constant rate (slerp). Before its first and after its last
+            pose, a vehicle is ABSENT at that pose. Without attitudes, it is level and heads along its course.
         """
         times, local = np.asarray(time, dtype=float), self.in_frame(frame)
         sampled = [_at(p, times) for p in local]
@@ -143,12 +166,23 @@ class Tracks:
         )
 
     def in_frame(self, frame: LocalFrame) -> list[Poses]:
-        """Each vehicle's own poses as north, east, down of a frame."""
+        """
+        Convert the poses of each vehicle to north, east, down of a frame.
+
+        Parameters
+        ----------
+        frame : LocalFrame
+            Frame of the result.
+
+        Returns
+        -------
+        list of Poses
+        """
         return [_local(p, frame) for p in self.poses]
 
 
 def poses_of_record(truth: Trajectories, file: str) -> list[Poses]:
-    """Each vehicle of a record while it is active, with dates where the record has one."""
+    """Poses of each vehicle of a record while it is active, with dates if the record has a date."""
     time = truth.time
     if not np.isnat(truth.start):
         time = truth.start.astype("M8[ns]") + np.round(time * 1e9).astype("m8[ns]")
@@ -160,7 +194,7 @@ def poses_of_record(truth: Trajectories, file: str) -> list[Poses]:
 
 
 def with_times(truth: Trajectories, time: Array) -> Trajectories:
-    """Record with further times among its own, by the rule of `Tracks.at`; a vehicle's status is that of the sample before."""
+    """Add times to a record, interpolated as in `Tracks.at`; the status is that of the preceding sample."""
     times = union_of_times(truth.time, time)
     if times.size == truth.time.size:
         return truth
@@ -179,7 +213,7 @@ def with_times(truth: Trajectories, time: Array) -> Trajectories:
 
 
 def union_of_times(first: Array, more: Array) -> Array:
-    """Rising times of both, those of the first where they differ by less than a microsecond."""
+    """Sorted union of times; the first array has priority for times that differ by less than a microsecond."""
     place = np.clip(np.searchsorted(first, more), 1, max(first.size - 1, 1))
     near = np.minimum(
         np.abs(first[place - 1] - more), np.abs(first[np.minimum(place, first.size - 1)] - more)
@@ -190,45 +224,45 @@ def union_of_times(first: Array, more: Array) -> Array:
 
 
 def level(heading: ArrayLike, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> Array:
-    """Quaternions (w, x, y, z) of headings, pitches (nose up) and rolls (right side down), body to north, east, down. [rad]"""
+    """Quaternions (w, x, y, z), body to north, east, down, from headings, pitches (nose up) and rolls (right side down). [rad]"""
     angles = np.stack(np.broadcast_arrays(heading, pitch, roll), axis=-1)
     return np.asarray(Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True))
 
 
-def _clean(p: Poses, told: list[str]) -> Poses:
-    """Poses sorted by time, each time once, checked; what was changed is told."""
+def _clean(p: Poses, notes: list[str]) -> Poses:
+    """Check poses, sort them by time and drop repeated times; changes are appended to the notes."""
     who = f"{p.file}: {p.name}"
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", p.name).strip("_")[:_LONGEST_NAME] or "vehicle"
     if name != p.name:
-        told.append(f"{who} is called {name} here")
+        notes.append(f"{who}: renamed to {name}")
     order = np.argsort(p.time, kind="stable")
     time, place = p.time[order], np.array(p.place[order], dtype=float)
     least = np.timedelta64(1, "us") if np.issubdtype(time.dtype, np.datetime64) else SAME_TIME
     first = np.ones(time.size, dtype=bool)
     first[1:] = np.diff(time) > least
     if not first.all():
-        told.append(f"{who}: {np.count_nonzero(~first)} poses at times that it has already were left out")
+        notes.append(f"{who}: {np.count_nonzero(~first)} poses at repeated times dropped")
     order, time, place = order[first], time[first], place[first]
     if time.size < 2:
         raise ExchangeError(
-            f"{who} has {time.size} pose{'s' * (time.size != 1)}; a trajectory needs two or more"
+            f"{who}: {time.size} pose{'s' * (time.size != 1)}; a trajectory needs at least two"
         )
     if not np.isfinite(place).all():
         raise ExchangeError(
-            f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a place that is not finite"
+            f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is not finite; correct or remove it"
         )
     if p.geodetic:
         far = np.abs(place[:, 0]) > 90.0
         if far.any():
-            raise ExchangeError(f"{who}: latitude {place[far][0, 0]:g}; latitudes lie in -90 to 90 degrees")
+            raise ExchangeError(f"{who}: latitude is {place[far][0, 0]:g}; it must be -90 to 90 degrees")
     top = float(place[:, 2].min())
     if top < -_ABOVE_SURFACE:
         raise ExchangeError(
-            f"{who}: depth {top:g} m is above the surface; depth is positive down: change the sign if yours is up"
+            f"{who}: depth {top:g} m is above the surface; depth must be positive down; change the sign"
         )
     if top < 0.0:
         above = place[:, 2] < 0.0
-        told.append(f"{who}: {above.sum()} poses up to {-top:.2g} m above the surface were put on it")
+        notes.append(f"{who}: {above.sum()} poses up to {-top:.2g} m above the surface moved to the surface")
         place[above, 2] = 0.0
     quaternion = None
     if p.quaternion is not None:
@@ -244,7 +278,7 @@ def _clean(p: Poses, told: list[str]) -> Poses:
 
 
 def _local(p: Poses, frame: LocalFrame) -> Poses:
-    """Poses brought from latitude, longitude and true north, or from another frame, to a frame."""
+    """Convert poses from latitude, longitude and true north, or from another frame, to a frame."""
     if not p.geodetic:
         if p.centre in (None, (frame.latitude_deg, frame.longitude_deg)):
             return p
@@ -258,7 +292,7 @@ def _local(p: Poses, frame: LocalFrame) -> Poses:
 
 
 def geodetic(p: Poses, frame: LocalFrame) -> Poses:
-    """Local poses of a frame as latitudes, longitudes and attitudes to true north."""
+    """Convert local poses of a frame to latitudes, longitudes and attitudes relative to true north."""
     lat, lon = frame.to_geodetic(p.place[:, 0], p.place[:, 1])
     turn = -frame.convergence(lat, lon)
     place = np.column_stack([lat, lon, p.place[:, 2]])
@@ -266,7 +300,7 @@ def geodetic(p: Poses, frame: LocalFrame) -> Poses:
 
 
 def about_down(quaternion: Array | None, angle: Array) -> Array | None:
-    """Attitudes after turns about down. [rad]"""
+    """Rotate attitudes about down by angles. [rad]"""
     if quaternion is None:
         return None
     own = Rotation.from_quat(quaternion, scalar_first=True)
@@ -274,7 +308,7 @@ def about_down(quaternion: Array | None, angle: Array) -> Array | None:
 
 
 def _at(p: Poses, times: Array) -> tuple[Array, Array, NDArray[np.int8]]:
-    """Places, attitudes and status of local poses at times."""
+    """Positions, attitudes and status of local poses at times."""
     there = (times >= p.time[0] - SAME_TIME) & (times <= p.time[-1] + SAME_TIME)
     inside = np.clip(times, p.time[0], p.time[-1])
     quaternion = _course(p.place) if p.quaternion is None else p.quaternion
@@ -290,9 +324,9 @@ def _at(p: Poses, times: Array) -> tuple[Array, Array, NDArray[np.int8]]:
 
 
 def _course(place: Array) -> Array:
-    """Attitudes that point where places go on to, level; at rest as before."""
+    """Level attitudes along the course; at rest, as before."""
     step = np.diff(place[:, :2], axis=0)
-    moves = np.hypot(*step.T) > _STILL
+    moves = np.hypot(*step.T) > _MIN_STEP
     if not moves.any():
         return level(np.zeros(len(place)))
     last = np.maximum.accumulate(np.where(moves, np.arange(len(step)), -1))

@@ -1,4 +1,4 @@
-"""Trajectories in the text format of the TUM RGB-D benchmark, which evo and others read."""
+"""Reader and writer of the text format of the TUM RGB-D benchmark, which evo and other programs read."""
 
 import warnings
 from pathlib import Path
@@ -23,19 +23,19 @@ def write_tum(
     centre: Centre | None = None,
 ) -> None:
     """
-    Write one vehicle's trajectory as TUM text, whole or not at all.
+    Write one vehicle's trajectory as TUM text, atomically.
 
-    Each line is ``time x y z qx qy qz qw`` with 17 significant digits: x, y, z are our north, east and
-    down, and the rotation is body to that frame. Comment lines before them name the frame's centre.
+    Each line is ``time x y z qx qy qz qw`` with 17 significant digits. x, y, z are north, east and down, and the rotation is
+    from body to that frame. Comment lines at the top contain the frame's centre.
 
     Parameters
     ----------
     path : pathlib.Path or str
-        File to make or replace; its folder must exist.
+        File to create or replace; its folder must exist.
     time : array_like, shape (n_times,)
-        [s]
+        Times. [s]
     position : array_like, shape (n_times, 3)
-        North, east, down in the local frame. [m]
+        Positions north, east, down in the local frame. [m]
     quaternion : array_like, shape (n_times, 4)
         Rotation body to world, (w, x, y, z).
     centre : tuple of float, optional
@@ -45,12 +45,13 @@ def write_tum(
     t, p, q = (np.asarray(a, dtype=float) for a in (time, position, quaternion))
     if t.ndim != 1 or p.shape != (t.size, 3) or q.shape != (t.size, 4):
         raise MantaRayError(
-            f"{path}: time {t.shape}, position {p.shape}, quaternion {q.shape}; needs (n,), (n, 3) and (n, 4)"
+            f"{path}: shapes of time, position and quaternion are {t.shape}, {p.shape} and {q.shape}; they must be (n,), (n, 3)"
+            " and (n, 4)"
         )
     table = np.concatenate([t[:, None], p, q[:, [1, 2, 3, 0]]], axis=1)
     if not np.isfinite(table).all():
         row = int(np.argmin(np.isfinite(table).all(axis=1)))
-        raise MantaRayError(f"{path}: pose {row} is not finite; a failed solve has no trajectory to export")
+        raise MantaRayError(f"{path}: pose {row} is not finite; a failed solve has no trajectory")
     with whole_file(path) as temporary:
         np.savetxt(temporary, table, fmt="%.17g", header="\n".join(centre_comments(centre)))
 
@@ -62,16 +63,17 @@ def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -
     Parameters
     ----------
     path : pathlib.Path or str
-        File for a graph of one vehicle. With several, each vehicle's name stands before the ending:
+        File for a graph with one vehicle. With several, the file of each vehicle has its name before the suffix:
         ``run.tum`` becomes ``run-A.tum``, ``run-B.tum`` and so on.
     graph : FactorGraph
-        Gives vehicles, the order of their poses (by number) and times.
+        Graph with vehicles, order of poses (by number) and times.
     values : GraphValues
+        Poses.
 
     Returns
     -------
     list of pathlib.Path
-        Files made or replaced.
+        Files written.
     """
     files = graph_tum_files(path, graph)
     for vehicle, file in enumerate(files):
@@ -83,12 +85,14 @@ def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -
 
 def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
     """
-    Files that `write_graph_tum` makes of a graph.
+    Files that `write_graph_tum` writes for a graph.
 
     Parameters
     ----------
     path : pathlib.Path or str
+        As in `write_graph_tum`.
     graph : FactorGraph
+        Graph with vehicles.
 
     Returns
     -------
@@ -102,9 +106,9 @@ def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
 
 def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
     """
-    Trajectory of a TUM file, one vehicle called as the file is.
+    Read the trajectory of a TUM file; the name of the file is the name of the vehicle.
 
-    ``enu``: x, y, z are east, north, up and the body's axes forward, left, up (ROS, REP-103), not as `write_tum` has them.
+    With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up (ROS, REP-103), unlike in `write_tum`.
     """
     try:
         with warnings.catch_warnings():
@@ -117,11 +121,13 @@ def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
         raise ExchangeError(f"{path}: not a readable TUM file: {cause}") from None
     if table.shape[-1] != 8 or not len(table):
         raise ExchangeError(
-            f"{path}: {len(table)} rows of {table.shape[-1]} numbers; a TUM file has 8 a row, time x y z qx qy qz qw"
+            f"{path}: {len(table)} rows of {table.shape[-1]} numbers; a TUM file has 8 per row, time x y z qx qy qz qw"
         )
     finite = np.isfinite(table).all(axis=1)
     if not finite.all():
-        raise ExchangeError(f"{path}: pose {int(np.argmin(finite))} has a number that is not finite")
+        raise ExchangeError(
+            f"{path}: pose {int(np.argmin(finite))} has a number that is not finite; correct or remove it"
+        )
     place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
     if enu:
         place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)

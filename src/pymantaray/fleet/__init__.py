@@ -1,4 +1,4 @@
-"""Vehicles: what they do, and where the ocean and their own motion take them."""
+"""Vehicles, their behaviours and the simulation of their trajectories."""
 
 from pymantaray.fleet.behaviours import (
     Behaviour,

@@ -1,4 +1,4 @@
-"""What a vehicle does, each behaviour a frozen, checked set of parameters, and whether it can be done where it starts."""
+"""Behaviours of vehicles as frozen, checked parameter sets, and checks of start positions and steps."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
 from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, Water, bed_depth, place
-from pymantaray.geometry.checks import check_fields, checked_array, told_apart
+from pymantaray.geometry.checks import check_fields, checked_array, distinct_digits
 
 Array = NDArray[np.float64]
 
@@ -18,28 +18,28 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class FloatCycle:
     """
-    Argo cycle: hold at the surface, descend, hold at depth, ascend, and again.
+    Argo cycle: hold at the surface, descend, hold at depth, ascend, repeat.
 
-    The vehicle starts in the surface hold, which lasts until `start_delay`. Its depth is kept by a
-    proportional controller, its horizontal motion is the current at its place and nothing else.
+    The vehicle starts in the surface hold, which lasts until `start_delay`. A proportional controller keeps its depth. Its
+    horizontal motion is the current at its position.
 
     Parameters
     ----------
     target_depth : float
-        Depth of the hold below. Must exceed `surface_depth`. [m]
+        Depth of the deep hold. Must be greater than `surface_depth`. [m]
     start_delay : float
         Time of the first descent. [s]
     hold_depth_time, hold_surface_time : float
-        Length of the holds, counted from the arrival. [s]
+        Length of the holds, from the arrival. [s]
     vertical_speed : float
-        Limit of the vertical speed, up and down. [m/s]
+        Maximum vertical speed, up and down. [m/s]
     surface_depth : float
-        Depth that counts as surfaced. [m]
+        Depth of the surface hold. [m]
     depth_gain : float
-        Vertical speed commanded per metre from the depth aimed at. [1/s]
+        Commanded vertical speed per metre of distance from the target depth. [1/s]
     arrival_tolerance : float
-        Distance from the depth aimed at at which a hold begins: the controller's approach is
-        exponential and never ends. [m]
+        Distance from the target depth at which a hold begins. The approach of the controller is exponential and never
+        ends. [m]
     """
 
     role: ClassVar[str] = "float"
@@ -62,14 +62,14 @@ class FloatCycle:
         check_fields(FleetError, self, "m", "arrival_tolerance", positive=True)
         if self.target_depth <= self.surface_depth:
             raise FleetError(
-                f"FloatCycle: target_depth is {self.target_depth:g} m; it must lie below surface_depth"
-                f" {self.surface_depth:g} m: give a deeper target"
+                f"FloatCycle: target_depth is {self.target_depth:g} m; it must be greater than surface_depth"
+                f" {self.surface_depth:g} m"
             )
 
 
 @dataclass(frozen=True)
 class StationKeeping:
-    """Stay at the start position, whatever the current; the depth that is kept [m] is the vehicle's at the start."""
+    """Stay at the start position in any current; ``depth`` [m] must equal the vehicle's start depth."""
 
     role: ClassVar[str] = "station"
 
@@ -83,14 +83,14 @@ class StationKeeping:
 @dataclass(frozen=True)
 class Drifting:
     """
-    Drift with the current at one depth: a buoy, on a drogue or without.
+    Drift with the current at a constant depth, as a buoy with or without a drogue.
 
     Parameters
     ----------
     depth : float
-        That is kept, the vehicle's at the start. [m]
+        Depth, which must equal the vehicle's start depth. [m]
     drogue_depth : float, optional
-        Depth of the water that carries it. Default: its own. [m]
+        Depth of the current that moves the vehicle. Default: ``depth``. [m]
     """
 
     role: ClassVar[str] = "drifting"
@@ -108,9 +108,9 @@ class Drifting:
 @dataclass(frozen=True, eq=False)
 class ConstantTwist:
     """
-    Move with one body twist ``[omega, v]`` [rad/s, m/s] for ever: a helix, over ground.
+    Move with a constant body twist ``[omega, v]`` [rad/s, m/s] over ground: a helix.
 
-    With ``current`` the twist is through the water, and the current carries the vehicle besides.
+    With ``current``, the twist is relative to the water, and the current moves the vehicle in addition.
     """
 
     role: ClassVar[str] = "twist"
@@ -126,28 +126,28 @@ class ConstantTwist:
 @dataclass(frozen=True, eq=False)
 class Waypoints:
     """
-    Swim from point to point at constant speed along body x, turning with a limited rate.
+    Swim from waypoint to waypoint at constant speed along body x, with a limited turn rate.
 
-    A point counts as reached within `capture_radius`; it may not be smaller than the turning radius, else the vehicle
-    could circle a point for ever. Body x is turned towards the point, whatever the current. Without `current` that does not
-    act, and the speed is over ground. With it the speed is through the water, and the current carries the vehicle: it comes
-    to its point on a bow from down-current, is carried off where the current is faster than it swims, and
-    drifts after its last point.
+    A waypoint counts as reached within `capture_radius`, which must be at least the turning radius; otherwise the vehicle
+    could circle a waypoint forever. The vehicle turns body x towards the waypoint and does not compensate for the current.
+    Without `current`, the speed is over ground. With `current`, the speed is relative to the water and the current moves the
+    vehicle in addition. It then approaches a waypoint on a curve from down-current, is carried away by a current that is
+    faster than its speed, and drifts after its last waypoint.
 
     Parameters
     ----------
     points : array_like, shape (n, 3)
-        Positions ``(north, east, down)``. [m]
+        Waypoints ``(north, east, down)``. [m]
     speed : float
         Forward speed. [m/s]
     turn_rate : float
-        Limit of the angular speed. [rad/s]
+        Maximum angular speed. [rad/s]
     capture_radius : float
-        Distance at which a point counts as reached. [m]
+        Distance at which a waypoint counts as reached. [m]
     loop : bool
-        After the last point go on to the first; otherwise stop there.
+        If True, continue with the first waypoint after the last; otherwise stop there.
     current : bool
-        Whether the current carries the vehicle.
+        If True, the current moves the vehicle.
     """
 
     role: ClassVar[str] = "waypoints"
@@ -169,32 +169,33 @@ class Waypoints:
         shallowest = float(self.points[:, 2].min())
         if shallowest < 0.0:
             raise FleetError(
-                f"Waypoints: a point has depth {shallowest:g} m; depth is positive down, 0 at the surface"
+                f"Waypoints: a waypoint has depth {shallowest:g} m; depth must be positive down, 0 at the surface"
             )
         radius = self.speed / self.turn_rate
         if self.capture_radius < radius:
             raise FleetError(
                 f"Waypoints: capture_radius is {self.capture_radius:g} m; it must be at least the turning"
-                f" radius speed / turn_rate = {radius:g} m: enlarge it, turn faster or swim slower"
+                f" radius speed / turn_rate = {radius:g} m; increase it or turn_rate, or reduce speed"
             )
 
 
 Behaviour = FloatCycle | StationKeeping | Drifting | ConstantTwist | Waypoints
-"""What a vehicle does."""
+"""Any behaviour of a vehicle."""
 
 
 @dataclass(frozen=True, eq=False)
 class Vehicle:
     """
-    One vehicle: who it is, where it starts and what it does.
+    A vehicle with its name, start position and behaviour.
 
     Parameters
     ----------
     name : str
-        Unique in the fleet.
+        Name, unique in the fleet.
     position : array_like, shape (3,)
-        Start ``(north, east, down)`` in the local frame. [m]
+        Start position ``(north, east, down)`` in the local frame. [m]
     behaviour : FloatCycle, StationKeeping, Drifting, ConstantTwist or Waypoints
+        Behaviour.
     heading : float
         Bearing of body x at the start, clockwise from grid north; pitch and roll are zero. [rad]
     """
@@ -207,38 +208,38 @@ class Vehicle:
     def __post_init__(self) -> None:
         """Check every value and freeze the position."""
         if not self.name:
-            raise FleetError("Vehicle: the name is empty; every vehicle needs its own name")
+            raise FleetError("Vehicle: the name is empty; give every vehicle a unique name")
         owner = f"vehicle {self.name!r}"
         position = checked_array(FleetError, f"{owner}: position", self.position, (3,))
         object.__setattr__(self, "position", position)
         depth = float(self.position[2])
         if depth < 0.0:
             raise FleetError(
-                f"{owner}: start depth is {depth:g} m; depth is positive down, 0 at the surface: start deeper"
+                f"{owner}: start depth is {depth:g} m; depth must be positive down, 0 at the surface"
             )
         if not math.isfinite(self.heading):
             raise FleetError(f"{owner}: heading is {self.heading:g} rad; it must be finite")
         if isinstance(self.behaviour, StationKeeping | Drifting) and depth != self.behaviour.depth:
-            start, keeps = told_apart(depth, self.behaviour.depth)
+            start, keeps = distinct_digits(depth, self.behaviour.depth)
             raise FleetError(
-                f"{owner}: start depth is {start} m, {type(self.behaviour).__name__} keeps {keeps} m;"
-                " they must be equal: it neither rises nor sinks"
+                f"{owner}: start depth is {start} m, and {type(self.behaviour).__name__} keeps {keeps} m;"
+                " they must be equal"
             )
 
 
 def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
-    """Names of a fleet, none of them twice."""
+    """Names of a fleet; raise an error if two vehicles have one name."""
     names = [vehicle.name for vehicle in vehicles]
     if not names:
-        raise FleetError("fleet: there are no vehicles; at least one is needed")
+        raise FleetError("fleet: no vehicles; give at least one")
     double = sorted({name for name in names if names.count(name) > 1})
     if double:
-        raise FleetError(f"vehicle {double[0]!r}: the name is used twice; names must be unique: rename one")
+        raise FleetError(f"vehicle {double[0]!r}: two vehicles have this name; rename one")
     return names
 
 
 def check_placement(vehicle: Vehicle, water: Water) -> None:
-    """Refuse a start, a target depth there, or a waypoint outside the ocean or below the sea floor."""
+    """Raise an error if the start, the target depth there, or a waypoint is outside the ocean or below the sea floor."""
     owner = f"vehicle {vehicle.name!r}"
     behaviour = vehicle.behaviour
     _check_point(owner, "the start position", vehicle.position, water)
@@ -260,33 +261,33 @@ def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
         far_north = water.north + (water.current_north.shape[1] - 1) / water.per_north
         far_east = water.east + (water.current_north.shape[2] - 1) / water.per_east
         (x, south, top), (y, west, right) = (
-            told_apart(*axis) for axis in ((north, water.north, far_north), (east, water.east, far_east))
+            distinct_digits(*axis) for axis in ((north, water.north, far_north), (east, water.east, far_east))
         )
         raise FleetError(
-            f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; north must lie in {south} to {top} and"
-            f" east in {west} to {right} m: move it or give a larger ocean"
+            f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; allowed: north {south} to {top} m,"
+            f" east {west} to {right} m; move it, or use a larger ocean"
         )
     if state == GROUNDED:
-        deep, floor = told_apart(depth, bed_depth(water, north, east))
+        deep, floor = distinct_digits(depth, bed_depth(water, north, east))
         raise FleetError(
-            f"{owner}: {what} is {deep} m deep; the sea floor at north {north:g}, east {east:g} m is at {floor} m:"
-            " choose a smaller depth or another place"
+            f"{owner}: {what} is {deep} m deep, below the sea floor at {floor} m (north {north:g}, east {east:g} m);"
+            " use a smaller depth or another place"
         )
 
 
 def check_step(vehicle: Vehicle, physics_step: float, water: Water) -> None:
-    """Refuse a step [s] by which a float's depth would overshoot, or a swimmer could jump over a waypoint."""
+    """Raise an error if a step [s] is so long that a float's depth would overshoot or a swimmer could miss a waypoint."""
     behaviour = vehicle.behaviour
     if isinstance(behaviour, FloatCycle):
-        limit, why = 1.0 / behaviour.depth_gain, "1 / depth_gain, else its depth would overshoot"
+        limit, why = 1.0 / behaviour.depth_gain, "1 / depth_gain, so that the depth does not overshoot"
     elif isinstance(behaviour, Waypoints):
         currents = np.hypot(water.current_north, water.current_east) if behaviour.current else np.zeros(1)
         limit = behaviour.capture_radius / (behaviour.speed + float(currents.max()))
-        why = "capture_radius / speed, a current added, else it could jump over a waypoint"
+        why = "capture_radius / speed (current included), so that the vehicle does not miss a waypoint"
     else:
         return
     if physics_step > limit:
         raise FleetError(
-            f"vehicle {vehicle.name!r}: physics_step is {physics_step:g} s; it may be at most {limit:g} s,"
-            f" {why}: shorten the step"
+            f"vehicle {vehicle.name!r}: physics_step is {physics_step:g} s; it must be at most {limit:g} s,"
+            f" {why}"
         )

@@ -1,4 +1,4 @@
-"""From vehicles and an ocean to their true trajectories."""
+"""Simulation of true trajectories of vehicles in an ocean."""
 
 import math
 import os
@@ -27,7 +27,7 @@ from pymantaray.records import Trajectories
 
 Array = NDArray[np.float64]
 _DIMS = ("north", "east", "depth")
-_POSE_BYTES = 114  # a pose and its status, twice: as they are made, and in the record
+_POSE_BYTES = 114  # a pose and its status, twice: during the simulation and in the record
 
 
 def simulate(
@@ -40,56 +40,55 @@ def simulate(
     start: np.datetime64 | None = None,
 ) -> Trajectories:
     """
-    True poses of a fleet, sampled at 0, T, 2T, ..., duration.
+    Simulate the true poses of a fleet, sampled at 0, T, 2T, ..., duration.
 
     Parameters
     ----------
     vehicles : sequence of Vehicle
-        Names must be unique.
+        Vehicles with unique names.
     ocean : xarray.Dataset
-        Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``,
-        ``current_east`` (north, east, depth) [m/s]; ``sea_floor_depth`` (north, east) or
-        (floor_north, floor_east) [m]. Currents with a further axis ``time``, seconds from the mission's
-        start, are linear between its instants, which must enclose the mission. ``sea_ice_draft``, if it is there, one
-        value or (north, east): no vehicle rises into the ice, one that would start in it starts at its underside, and a
-        float that surfaces holds there. [m]
+        Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``, ``current_east`` (north,
+        east, depth) [m/s]; ``sea_floor_depth`` (north, east) or (floor_north, floor_east) [m]. Currents may have an axis
+        ``time`` in seconds from the start of the mission. They are linear between its instants, which must enclose the mission.
+        Optional ``sea_ice_draft`` [m], a scalar or on (north, east): vehicles cannot rise into the ice. A vehicle that would
+        start in the ice starts at its underside, and a float that surfaces holds there.
     duration : float
-        Length of the mission, a whole number of sampling periods. [s]
+        Length of the mission, a multiple of the sampling period. [s]
     physics_step : float
         Step of the integration. [s]
     sampling_period : float
-        Time between samples, a whole number of steps. [s]
+        Time between samples, a multiple of the step. [s]
     start : numpy.datetime64, optional
-        Date of the mission's start, UTC; by default the ocean's, its attribute ``time``.
+        Date of the mission's start, UTC. Default: attribute ``time`` of the ocean.
 
     Returns
     -------
     Trajectories
-        One row per vehicle, in the order given, with the date of the start and the centre of the ocean's frame if it has
-        them. A vehicle that leaves the ocean or meets the sea floor
-        keeps its last pose inside, and its status says so from the next sample on.
+        One row per vehicle in the order of ``vehicles``, with the date of the start and the centre of the ocean's frame if
+        the ocean has them. A vehicle that leaves the ocean or reaches the sea floor keeps its last pose inside the ocean, and
+        its status changes at the next sample.
 
     Raises
     ------
     FleetError
-        If the times do not fit each other or the ocean's, a vehicle starts outside the ocean or below the sea floor,
-        has its target there, shares its name, or needs a shorter step, or memory cannot hold the samples; one line with the
-        remedy.
+        If the times do not match each other or the ocean, a vehicle starts or has its target outside the ocean or below the
+        sea floor, two vehicles have one name, a vehicle needs a shorter step, or the samples do not fit into memory. The
+        message is one line with the remedy.
 
     Notes
     -----
-    Every step a vehicle commands a body twist, which the exponential map carries over the step
-    exactly. A float commands the current at the middle of the step, in place and time, the place predicted
-    with the previous step's current: second order in the step. A swimmer that the current carries is moved besides by
-    the current at the middle of its step: second order too, and exact where the current is uniform. Hold times and delays are rounded to whole steps.
+    In every step, a vehicle commands a body twist, which the exponential map integrates exactly. A float commands the current
+    at the middle of the step in space and time. Its position there is predicted with the current of the previous step, so the
+    method is second order in the step. For a swimmer in a current, the current at the middle of its step adds a displacement.
+    This is also second order, and exact in a uniform current. Hold times and delays are rounded to whole steps.
     """
     steps, periods = _counts(duration, physics_step, sampling_period)
     names, water = unique_names(vehicles), _water(ocean)
     _check_memory(len(vehicles), periods + 1)
     if water.time.size > 1 and not (water.time[0] <= 0.0 and duration <= water.time[-1]):
         raise FleetError(
-            f"simulate: the currents are given from {water.time[0]:g} to {water.time[-1]:g} s; the mission takes 0 to"
-            f" {duration:g} s: give snapshots that enclose it"
+            f"simulate: the currents cover {water.time[0]:g} to {water.time[-1]:g} s, and the mission lasts from 0 to"
+            f" {duration:g} s; use snapshots that enclose it"
         )
     for refusal in _refusals(vehicles, water, physics_step):
         raise refusal
@@ -115,7 +114,7 @@ def simulate(
 
 
 def fleet_refusals(vehicles: Sequence[Vehicle], ocean: xr.Dataset, physics_step: float) -> list[FleetError]:
-    """Why `simulate` would refuse vehicles in an ocean: where they start or plan to go, or the step; the first of each vehicle."""
+    """Errors that `simulate` would raise for vehicles in an ocean: start, waypoints or step; the first of each vehicle."""
     return list(_refusals(vehicles, _water(ocean), physics_step))
 
 
@@ -129,14 +128,14 @@ def _refusals(vehicles: Sequence[Vehicle], water: kernel.Water, physics_step: fl
 
 
 def _centre(ocean: xr.Dataset) -> tuple[float, float] | None:
-    """Latitude and longitude of the centre of the ocean's frame, if it is anywhere on Earth. [degrees]"""
+    """Latitude and longitude of the centre of the ocean's frame; None without a geographic position. [degrees]"""
     if "centre_latitude_deg" not in ocean.attrs:
         return None
     return float(ocean.attrs["centre_latitude_deg"]), float(ocean.attrs["centre_longitude_deg"])
 
 
 def _counts(duration: float, physics_step: float, sampling_period: float) -> tuple[int, int]:
-    """Steps in a sampling period and sampling periods in the mission, exactly."""
+    """Exact numbers of steps per sampling period and sampling periods per mission."""
     named = {"duration": duration, "physics_step": physics_step, "sampling_period": sampling_period}
     for name, value in named.items():
         check_number(FleetError, f"simulate: {name}", value, "s", positive=True)
@@ -147,19 +146,19 @@ def _counts(duration: float, physics_step: float, sampling_period: float) -> tup
         if not math.isfinite(count) or round(count) < 1 or abs(value - round(count) * unit) > 1e-9 * value:
             raise FleetError(
                 f"simulate: {name} is {value:g} s, {count:.6g} times {unit_name} ({unit:g} s); it must be"
-                " a whole number of times, at least once: change one of them"
+                " an integer multiple, at least one; change one of them"
             )
         counts.append(round(count))
     return counts[0], counts[1]
 
 
 def _check_memory(n_vehicles: int, n_samples: int) -> None:
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if n_vehicles * n_samples * _POSE_BYTES > there:
+    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if n_vehicles * n_samples * _POSE_BYTES > installed:
         raise FleetError(
             f"simulate: {n_vehicles} vehicles x {n_samples:g} samples x {_POSE_BYTES} bytes are"
-            f" {n_vehicles * n_samples * _POSE_BYTES / 2**30:.3g} GiB of memory; this machine has {there / 2**30:.3g}:"
-            " sample less often"
+            f" {n_vehicles * n_samples * _POSE_BYTES / 2**30:.3g} GiB of memory; this machine has"
+            f" {installed / 2**30:.3g} GiB; increase sampling_period"
         )
 
 
@@ -172,7 +171,7 @@ def _run(
     quaternion: Array,
     status: NDArray[np.int8],
 ) -> None:
-    """Fill one vehicle's rows, which hold its start pose everywhere."""
+    """Fill the rows of one vehicle, which initially contain its start pose."""
     behaviour = vehicle.behaviour
     if isinstance(behaviour, FloatCycle):
         cycle = kernel.Cycle(
@@ -205,7 +204,7 @@ def _run(
 
 
 def _drift_cycle(behaviour: Drifting, step: float) -> kernel.Cycle:
-    """Cycle of a float that holds its first depth for ever, and comes back to it at once from under ice."""
+    """Cycle of a float that holds its first depth forever, and returns to it immediately from under ice."""
     return kernel.Cycle(
         target=float(behaviour.depth),
         surface=float(behaviour.depth),
@@ -220,12 +219,12 @@ def _drift_cycle(behaviour: Drifting, step: float) -> kernel.Cycle:
 
 
 def _water(ocean: xr.Dataset) -> kernel.Water:
-    """Arrays of a local ocean data set for the integrators, checked."""
+    """Checked arrays of a local ocean for the integrators."""
     needed = [*_DIMS, "current_north", "current_east", "sea_floor_depth"]
     absent = [name for name in needed if name not in ocean.variables]
     if absent:
         raise FleetError(
-            f"ocean: the data set lacks {', '.join(absent)}; a local data set has {', '.join(needed)}"
+            f"ocean: the data set has no {', '.join(absent)}; a local data set must have {', '.join(needed)}"
         )
     north, east = _axis(ocean, "north", uniform=True), _axis(ocean, "east", uniform=True)
     depth, time = _axis(ocean, "depth", uniform=False), _times(ocean)
@@ -254,41 +253,41 @@ def _water(ocean: xr.Dataset) -> kernel.Water:
 
 
 def _per_metre(axis: Array) -> float:
-    """Cells in a metre of a uniform axis."""
+    """Number of cells per metre of a uniform axis."""
     return float((axis.size - 1) / (axis[-1] - axis[0]))
 
 
 def _axis(ocean: xr.Dataset, name: str, *, uniform: bool) -> Array:
     axis = checked_array(FleetError, f"ocean: axis {name!r}", ocean[name].values, (None,), rising=True)
     if axis.size < 2:
-        raise FleetError(f"ocean: axis {name!r} has 1 value; it needs at least 2")
+        raise FleetError(f"ocean: axis {name!r} has 1 value; it must have at least 2")
     steps = np.diff(axis)
     if uniform and np.ptp(steps) > 1e-6 * steps.mean():
         raise FleetError(
-            f"ocean: axis {name!r} has steps from {steps.min():g} to {steps.max():g} m; they must be equal:"
-            " bring the data set to the local frame with pymantaray.ocean.to_local"
+            f"ocean: axis {name!r} has steps from {steps.min():g} to {steps.max():g} m; they must be equal;"
+            " interpolate the data set with pymantaray.ocean.to_local"
         )
-    return np.array(axis)  # for arrays that cannot be written to kernels would be compiled again
+    return np.array(axis)  # a copy: read-only arrays would need another compilation
 
 
 def _variable(ocean: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
     if set(ocean[name].dims) != set(dims):
-        raise FleetError(f"ocean: {name} has dimensions {ocean[name].dims}; it needs {dims}")
+        raise FleetError(f"ocean: {name} has dimensions {ocean[name].dims}; it must have {dims}")
     values = np.ascontiguousarray(ocean[name].transpose(*dims).values, dtype=float)
     if missing := np.count_nonzero(~np.isfinite(values)):
         raise FleetError(
-            f"ocean: {name} has {missing} missing values; none are allowed: fill it with pymantaray.ocean.to_local"
+            f"ocean: {name} has {missing} missing values; none are allowed; fill it with pymantaray.ocean.to_local"
         )
     return values
 
 
 def _times(ocean: xr.Dataset) -> Array:
-    """Instants of the currents, one where they do not vary. [s]"""
+    """Instants of the currents; one if they are constant. [s]"""
     if "time" not in ocean["current_north"].dims:
         return np.zeros(1)
     time = ocean["time"].values
     if not np.issubdtype(time.dtype, np.number):
         raise FleetError(
-            f"ocean: time is of type {time.dtype}; it must count seconds from the mission's start"
+            f"ocean: time has type {time.dtype}; it must be seconds from the start of the mission"
         )
     return _axis(ocean, "time", uniform=False)

@@ -1,4 +1,4 @@
-"""Frames, rotations and random streams: what every other folder stands on."""
+"""Frames, rotations and random streams, used by all other folders."""
 
 from pymantaray.geometry.frames import LocalFrame
 from pymantaray.geometry.streams import stream

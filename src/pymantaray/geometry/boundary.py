@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import GeometryError
-from pymantaray.geometry.checks import Error, checked_array, told_apart
+from pymantaray.geometry.checks import Error, checked_array, distinct_digits
 from pymantaray.geometry.grid import linear_interpolator
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class BoundarySurface:
         for along, own, water in (("north", self.north, north), ("east", self.east, east)):
             slack = _SLACK * max(np.ptp(water), 1.0)
             if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
-                first, last, low, high = told_apart(own[0], own[-1], water[0], water[-1])
+                first, last, low, high = distinct_digits(own[0], own[-1], water[0], water[-1])
                 raise error(
                     f"{name}: {along} {first} to {last} m; it must extend over the water, {low} to {high} m"
                 )

@@ -1,4 +1,4 @@
-"""Local NED frame on the ellipsoid: a conformal azimuthal projection about the study's centre."""
+"""Local NED frame on the ellipsoid: a conformal azimuthal projection around a centre."""
 
 import math
 from functools import cached_property
@@ -17,10 +17,10 @@ class LocalFrame:
     """
     Local frame with axes north and east at the centre, depth positive down.
 
-    The projection is the oblique stereographic one on WGS 84, by way of the conformal sphere that touches
-    the ellipsoid at the centre (PROJ's ``sterea``): there its scale is stationary, whereas ``stere`` has a
-    gradient of 3e-10 per metre in the Arctic. It is conformal: angles are kept, so a current vector is
-    carried over by one rotation, the meridian convergence, without shear.
+    The projection is the oblique stereographic projection on WGS 84 by way of the conformal sphere that touches
+    the ellipsoid at the centre (PROJ's ``sterea``). Its scale is stationary at the centre, whereas the scale of ``stere``
+    has a gradient of 3e-10 per metre in the Arctic. The projection preserves angles, so a rotation by the meridian
+    convergence converts current vectors.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ class LocalFrame:
     def __init__(self, latitude_deg: float, longitude_deg: float) -> None:
         if not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg)) or abs(latitude_deg) > 90.0:
             raise GeometryError(
-                f"frame centre: latitude {latitude_deg}, longitude {longitude_deg}; latitude must lie in -90 to 90"
-                " and both must be finite"
+                f"frame centre: latitude {latitude_deg}, longitude {longitude_deg}; both must be finite, and latitude must"
+                " be in -90 to 90"
             )
         self.latitude_deg = float(latitude_deg)
         self.longitude_deg = float(wrapped(longitude_deg))
@@ -57,7 +57,19 @@ class LocalFrame:
         return pyproj.Proj(self.proj_string)
 
     def to_local(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> tuple[Array, Array]:
-        """North and east [m] of positions [degrees] that broadcast, longitudes in any 360 degree window."""
+        """
+        Convert latitude and longitude to local coordinates.
+
+        Parameters
+        ----------
+        latitude_deg, longitude_deg : array_like, shape (...)
+            Positions; longitude in any 360 degree window. They broadcast. [degrees]
+
+        Returns
+        -------
+        north, east : ndarray, shape (...)
+            [m]
+        """
         longitude, latitude = np.broadcast_arrays(
             np.asarray(longitude_deg, dtype=float), np.asarray(latitude_deg, dtype=float)
         )
@@ -65,7 +77,19 @@ class LocalFrame:
         return np.asarray(y, dtype=float), np.asarray(x, dtype=float)
 
     def to_geodetic(self, north: ArrayLike, east: ArrayLike) -> tuple[Array, Array]:
-        """Latitudes and longitudes [degrees] of points north and east [m], longitudes within 180 degrees of the centre."""
+        """
+        Convert local coordinates to latitude and longitude.
+
+        Parameters
+        ----------
+        north, east : array_like, shape (...)
+            Local coordinates. They broadcast. [m]
+
+        Returns
+        -------
+        latitude_deg, longitude_deg : ndarray, shape (...)
+            Longitude is within 180 degrees of the centre. [degrees]
+        """
         n, e = np.broadcast_arrays(np.asarray(north, dtype=float), np.asarray(east, dtype=float))
         longitude, latitude = self._proj(e, n, inverse=True)
         offset = wrapped(np.asarray(longitude, dtype=float) - self.longitude_deg)
@@ -73,12 +97,23 @@ class LocalFrame:
 
     def convergence(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Array:
         """
-        Bearing of true north in the frame, clockwise from grid north, at positions [degrees]. [rad]
+        Meridian convergence: bearing of true north in the frame, clockwise from grid north.
 
+        Parameters
+        ----------
+        latitude_deg, longitude_deg : array_like, shape (...)
+            Positions. They broadcast. [degrees]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            [rad]
+
+        Notes
+        -----
         A vector with components ``(v_east, v_north)`` on the sphere has local components
-        ``north = v_north cos(g) - v_east sin(g)`` and ``east = v_north sin(g) + v_east cos(g)``.
-        Computed by central differences of the projection along the meridian; the step of 1e-4
-        degrees leaves an error below 1e-9 rad.
+        ``north = v_north cos(g) - v_east sin(g)`` and ``east = v_north sin(g) + v_east cos(g)``. The convergence is a
+        central difference of the projection along the meridian. With a step of 1e-4 degrees, its error is below 1e-9 rad.
         """
         latitude = np.asarray(latitude_deg, dtype=float)
         step = 1e-4
@@ -88,7 +123,19 @@ class LocalFrame:
         return np.asarray(np.arctan2(e1 - e0, n1 - n0))
 
     def scale_factor(self, north: ArrayLike, east: ArrayLike) -> Array:
-        """Local metres per metre on the ellipsoid at points north and east [m], 1 at the centre."""
+        """
+        Local metres per metre on the ellipsoid; 1 at the centre.
+
+        Parameters
+        ----------
+        north, east : array_like, shape (...)
+            Local coordinates. They broadcast. [m]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            [-]
+        """
         latitude, longitude = self.to_geodetic(north, east)
         factors = self._proj.get_factors(longitude, latitude, errcheck=False)
         return np.asarray(factors.meridional_scale, dtype=float)

@@ -1,4 +1,4 @@
-"""Linear interpolation on a rectilinear grid, the one rule for every field on a local or geographic grid."""
+"""Linear interpolation on a rectilinear grid, for all fields on local and geographic grids."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -11,9 +11,9 @@ Array = NDArray[np.float64]
 
 def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callable[[ArrayLike], Array]:
     """
-    Values (..., ...) at coordinates (..., d), of values (n_1, ..., n_d, ...) on d rising axes.
+    Multilinear interpolator of values (n_1, ..., n_d, ...) on d increasing axes, as a function of coordinates (..., d).
 
-    Multilinear; constant along an axis of one point and beyond the edges of the others. It can be pickled.
+    It is constant along an axis of one point and beyond the edges of the other axes. It can be pickled.
     """
     from scipy.interpolate import RegularGridInterpolator
 

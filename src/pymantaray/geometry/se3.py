@@ -1,6 +1,6 @@
 """Rotations and rigid motions: quaternions (w, x, y, z), SO(3) and SE(3) exponential and logarithm.
 
-Twists are ``[omega, v]`` in the body frame, as in GTSAM. All functions take any leading axes.
+Twists are ``[omega, v]`` in the body frame, as in GTSAM. All functions accept any leading axes.
 """
 
 import numpy as np
@@ -44,7 +44,7 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     """
     Unit quaternion (w, x, y, z) of a rotation matrix, with w >= 0.
 
-    Of the four equivalent formulas the one with the largest divisor is taken for each matrix.
+    For each matrix, the function uses the one of four equivalent formulas that has the largest divisor.
     """
     r = np.asarray(rotation, dtype=float)
     m = [[r[..., i, j] for j in range(3)] for i in range(3)]
@@ -73,11 +73,13 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
 
 
 def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
-    """Rotation matrix of a quaternion (w, x, y, z); the norm is divided out."""
+    """Rotation matrix of a quaternion (w, x, y, z), which is normalized first."""
     q = np.asarray(quaternion, dtype=float)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     if not np.all(norm > 0.0):
-        raise GeometryError("quaternion of length zero or NaN; a unit quaternion (w, x, y, z) is needed")
+        raise GeometryError(
+            "quaternion: its length is zero or NaN; it must be a unit quaternion (w, x, y, z)"
+        )
     w, x, y, z = np.moveaxis(q / norm, -1, 0)
     return np.stack(
         [
@@ -90,7 +92,7 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def so3_log(rotation: ArrayLike) -> Array:
-    """Rotation vector, axis times angle [rad], of a rotation matrix; of length at most pi."""
+    """Rotation vector, axis times angle [rad], of a rotation matrix; its length is at most pi."""
     q = quaternion_from_matrix(rotation)
     vector = q[..., 1:]
     s = np.linalg.norm(vector, axis=-1)

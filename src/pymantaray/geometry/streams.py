@@ -1,4 +1,4 @@
-"""Named random streams: each use of randomness has its own generator, found by name."""
+"""Named random streams: each use of random numbers has its own generator, selected by name."""
 
 import hashlib
 import json
@@ -10,23 +10,23 @@ from pymantaray.errors import GeometryError
 
 def stream(root_seed: int, realization: int, *names: str) -> np.random.Generator:
     """
-    Random generator of one named use in one realization.
+    Random generator for one named use in one realization.
 
-    The names are hashed into the seed, so that a new sensor or vehicle moves no other draw.
+    The seed includes a hash of the names, so a new sensor or vehicle does not change other draws.
 
     Parameters
     ----------
     root_seed : int
-        Seed of the whole study. Must not be negative.
+        Seed of the study. Must not be negative.
     realization : int
         Index of the Monte Carlo realization. Must not be negative.
     *names : str
-        The use, from coarse to fine, for example ``"sensing", "A", "odometry"``.
+        Name of the use, from coarse to fine, for example ``"sensing", "A", "odometry"``.
 
     Returns
     -------
     numpy.random.Generator
-        PCG64 generator; the same arguments always give the same draws.
+        PCG64 generator. The same arguments always give the same draws.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Text with a unit, such as ``10 min``, ``2 km`` or ``25 kHz``, as a number in another unit of the same quantity."""
+"""Conversion of text with a unit, such as ``10 min``, ``2 km`` or ``25 kHz``, to a number in a unit of the same quantity."""
 
 import math
 import re
@@ -21,7 +21,7 @@ _UNITS: dict[str, dict[str, Fraction]] = {
     },
     "25 kHz": {"Hz": Fraction(1), "kHz": Fraction(1000), "MHz": Fraction(1_000_000)},
 }  # fmt: skip
-"""Units of each quantity by an example, in a unit of its own."""
+"""Units of each quantity, by an example; values are factors to a base unit."""
 _WORDS = {
     "s": "seconds", "h": "hours", "d": "days", "m": "metres", "km": "kilometres", "m/s": "metres per second",
     "deg": "degrees", "rad": "radians", "deg/s": "degrees per second", "rad/s": "radians per second", "Hz": "hertz",
@@ -31,12 +31,12 @@ _NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 
 def quantity_of(text: str, unit: str) -> float:
     """
-    Number in a unit, of text with units of the same quantity.
+    Convert text with units of a quantity to a number in one unit of that quantity.
 
     Raises
     ------
     ValueError
-        If the text is something else; the message says what was found and what is allowed.
+        If the text is not such a quantity. The message gives the text and the allowed forms.
 
     Examples
     --------

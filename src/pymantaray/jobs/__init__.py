@@ -1,1 +1,1 @@
-"""Tasks with keys: their store, their folders, the processes that do them, and how far they are."""
+"""Tasks with keys: storage of results, folders, worker pools and progress."""

@@ -1,4 +1,4 @@
-"""Results of an interrupted job, kept beside its folder so that the same call resumes."""
+"""Checkpoint of an interrupted job beside its folder, from which the same call resumes."""
 
 import json
 import logging
@@ -17,8 +17,8 @@ from pymantaray.jobs.store import Store, read_valid
 from pymantaray.records import whole_file
 
 _LOG = logging.getLogger("pymantaray.jobs")
-_EVERY = 30.0  # between two times at which results are kept; shorter jobs leave nothing [s]
-_FIRST, _SUMS = "mission", "mission.json"  # names that earlier versions gave them
+_SAVE_INTERVAL = 30.0  # shorter jobs save nothing [s]
+_STAGE, _CHECKSUMS = "mission", "mission.json"  # names from earlier versions
 ResultT = TypeVar("ResultT")
 
 
@@ -26,9 +26,8 @@ class Checkpoint:
     """
     Folder ``NAME.unfinished`` beside the folder of a job's results.
 
-    Below it is a folder named by the job's key, which holds the files that the first stage of the job wrote, and a file for
-    each numbered task that is done. Nothing is kept of a job without a named folder, since a second call would not have the
-    same.
+    It has a subfolder named by the job's key, with the files from the first stage of the job and a file for each finished
+    numbered task. Jobs without a named folder have no checkpoint, because a second call would use another folder.
 
     Parameters
     ----------
@@ -45,7 +44,7 @@ class Checkpoint:
 
     @property
     def exists(self) -> bool:
-        """True if an earlier call left something."""
+        """True if an earlier call saved something."""
         return self._place is not None and self._place.is_dir()
 
     def use(self, key: str) -> None:
@@ -53,41 +52,47 @@ class Checkpoint:
         self._key = key
 
     def restore(self, stage: Path) -> bool:
-        """Put the files of the first stage into a folder; False if there are none, or damaged ones, which are removed."""
-        if not self.exists or not (self._own / _FIRST).is_dir():
+        """Copy the files of the first stage into a folder; False if there are none or they are damaged, then they are removed."""
+        if not self.exists or not (self._own / _STAGE).is_dir():
             return False
-        if not self._first_is_whole():
-            line = "damaged: files do not have their checksums; it is removed and computed again"
+        if not self._stage_is_complete():
+            line = "damaged: wrong checksums; removed and computed again"
             _LOG.warning("%s: %s", self._own, line)
             shutil.rmtree(self._own, ignore_errors=True)
             return False
-        _link(self._own / _FIRST, stage)
+        _link(self._own / _STAGE, stage)
         return True
 
     def results(self, count: int, parse: Callable[[bytes], ResultT]) -> dict[int, ResultT]:
-        """Results of the tasks 0 to count - 1 that an earlier call did."""
+        """Results of the tasks 0 to count - 1 that an earlier call finished."""
         if self._place is None:
             return {}
-        store, found = Store(str(self._own)), {}
+        store, results = Store(str(self._own)), {}
         for number in range(count):
             result = read_valid(store, f"{number}.nc", parse)
             if result is not None:
-                found[number] = result
-        self._kept = set(found)
-        if found:
-            _LOG.warning("resuming with %d %s of an interrupted run, %s", len(found), self._noun, self._place)
-        return found
+                results[number] = result
+        self._kept = set(results)
+        if results:
+            _LOG.warning(
+                "resuming with %d %s of an interrupted run, %s", len(results), self._noun, self._place
+            )
+        return results
 
     @contextmanager
-    def keeping(
+    def saving(
         self, stage: Path, results: Mapping[int, Any], content: Callable[[Any], bytes]
     ) -> Iterator[Callable[[], None]]:
-        """Keep the files in a stage and the results: now and then, when what is yielded is called, and if the block raises."""
+        """
+        Save the files in a stage and the results if the block raises, and on calls of the yielded function.
+
+        The function saves at most once per interval.
+        """
         names = sorted(path.name for path in stage.iterdir() if path.is_file())
 
         def look() -> None:
-            if self._place is not None and time.monotonic() - self._latest >= _EVERY:
-                self._keep(stage, names, results, content)
+            if self._place is not None and time.monotonic() - self._latest >= _SAVE_INTERVAL:
+                self._save(stage, names, results, content)
                 self._latest = time.monotonic()
 
         begun = self._latest
@@ -95,14 +100,14 @@ class Checkpoint:
             look()
             yield look
         except BaseException:
-            if self._place is not None and time.monotonic() - begun >= _EVERY:
+            if self._place is not None and time.monotonic() - begun >= _SAVE_INTERVAL:
                 try:
-                    self._keep(stage, names, results, content)
+                    self._save(stage, names, results, content)
                 except WriteError as error:
-                    _LOG.warning("not all results could be kept: %s", error)
+                    _LOG.warning("not all results could be saved: %s", error)
                 if self._kept:
                     _LOG.warning(
-                        "%d %s are kept in %s; the same call resumes",
+                        "%d %s are saved in %s; the same call resumes",
                         len(self._kept),
                         self._noun,
                         self._place,
@@ -110,7 +115,7 @@ class Checkpoint:
             raise
 
     def clear(self) -> None:
-        """Remove what was kept; other files in the folder stay."""
+        """Remove the checkpoint; other files in the folder stay."""
         if self._place is None or not self._place.is_dir():
             return
         for folder in self._place.iterdir():
@@ -121,21 +126,21 @@ class Checkpoint:
 
     @property
     def _own(self) -> Path:
-        assert self._place is not None  # asked only then
+        assert self._place is not None  # callers check this
         return self._place / self._key
 
-    def _keep(
+    def _save(
         self, stage: Path, names: list[str], results: Mapping[int, Any], content: Callable[[Any], bytes]
     ) -> None:
-        if not (self._own / _FIRST).is_dir():
-            self.clear()  # of another key
-            part = self._own / f"{_FIRST}.part"
+        if not (self._own / _STAGE).is_dir():
+            self.clear()  # checkpoint of another key
+            part = self._own / f"{_STAGE}.part"
             try:
                 part.mkdir(parents=True)
                 _link(stage, part, names)
-                with whole_file(self._own / _SUMS) as temporary:
-                    temporary.write_text(json.dumps(_sums(part)), encoding="utf-8")
-                part.rename(self._own / _FIRST)
+                with whole_file(self._own / _CHECKSUMS) as temporary:
+                    temporary.write_text(json.dumps(_checksums(part)), encoding="utf-8")
+                part.rename(self._own / _STAGE)
             except OSError as error:
                 raise WriteError(f"{self._own}: cannot be written: {error.strerror}") from None
         store = Store(str(self._own))
@@ -143,19 +148,19 @@ class Checkpoint:
             store.write(f"{number}.nc", content(results[number]))
             self._kept.add(number)
 
-    def _first_is_whole(self) -> bool:
+    def _stage_is_complete(self) -> bool:
         try:
-            return bool(json.loads((self._own / _SUMS).read_bytes()) == _sums(self._own / _FIRST))
+            return bool(json.loads((self._own / _CHECKSUMS).read_bytes()) == _checksums(self._own / _STAGE))
         except (OSError, ValueError, RecursionError):
             return False
 
 
-def _sums(folder: Path) -> dict[str, str]:
+def _checksums(folder: Path) -> dict[str, str]:
     return {path.name: sha256(path) for path in sorted(folder.iterdir())}
 
 
 def _link(source: Path, target: Path, names: list[str] | None = None) -> None:
-    """Put files into another folder, as links to the same content where the disk supports them."""
+    """Link files into another folder, or copy them if the disk does not support links."""
     for name in names or [path.name for path in source.iterdir()]:
         try:
             os.link(source / name, target / name)

@@ -1,8 +1,8 @@
 """
-Folders that results are written into, whole or not at all.
+Folders for results, which are written atomically.
 
-A stage is locked as long as the process that writes it lives, so that what a killed process has left behind
-is told from what is being written.
+A stage (temporary folder) is locked as long as its process runs. This distinguishes leftovers of killed processes from active
+stages.
 """
 
 import datetime as dt
@@ -19,6 +19,7 @@ from pymantaray.errors import JobError
 
 MANIFEST = "manifest.json"
 RUNS = Path("runs")
+_REMEDY = "select another folder with --out (in Python: out)"
 _PART = ".mantaray-part"
 
 
@@ -27,30 +28,31 @@ def staged_folder(
     out: str | Path | None, name: str = "", *, latest: bool = True
 ) -> Iterator[tuple[Path, Path]]:
     """
-    Folder to write results into, which take their final place only if the block ends well.
+    Create a temporary folder for results, which is moved to its final place if the block succeeds.
 
-    On any exception, Ctrl-C included, it is removed, and so are the parents made for it. What a process that
-    was killed has left behind is removed by the next one that writes there.
+    On any exception, including Ctrl-C, the folder and any created parents are removed. Leftovers of a killed process are
+    removed by the next process that writes there.
 
     Parameters
     ----------
     out : str or pathlib.Path, optional
-        Final place: new, or an empty folder, which may be a link or a mount point. By default
-        ``runs/<name>-<YYYYmmdd-HHMMSS>`` in the working folder, with a number where that is taken.
+        Final place: a new or empty folder, which may be a link or a mount point. Default:
+        ``runs/<name>-<YYYYmmdd-HHMMSS>`` in the working folder, with a number if that exists.
     name : str
+        Name for the default.
     latest : bool
-        Whether ``runs/latest`` then points to it.
+        If True, ``runs/latest`` then points to the folder.
 
     Yields
     ------
     stage, folder : pathlib.Path
-        Where to write, and the final place.
+        Temporary folder and final place.
 
     Raises
     ------
     JobError
-        If ``out`` is a file, a folder with something in it or being written by another process, if nothing
-        can be written there, or if the folder is removed meanwhile.
+        If ``out`` is a file, a folder that is not empty or in use by another process, if it is not writable, or if the
+        temporary folder is removed during the block.
     """
     missing: list[Path] = []
     try:
@@ -58,7 +60,7 @@ def staged_folder(
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         _remove_empty(missing)
         cause = getattr(error, "strerror", None) or error
-        raise JobError(f"{out or RUNS}: cannot be written: {cause}; choose another with --out") from None
+        raise JobError(f"{out or RUNS}: cannot be written: {cause}; {_REMEDY}") from None
     try:
         yield stage, folder
         _publish(stage, folder)
@@ -67,7 +69,7 @@ def staged_folder(
         shutil.rmtree(stage, ignore_errors=True)
         _remove_empty(missing)
         if removed and isinstance(error, Exception):
-            raise JobError(f"{stage}: was removed while the results were written there") from None
+            raise JobError(f"{stage}: this folder was removed during the job; run the job again") from None
         raise
     finally:
         if lock is not None:
@@ -79,15 +81,15 @@ def staged_folder(
 @contextmanager
 def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """
-    Folder to write parts of a finished run into, which replace those of its names if the block ends well.
+    Create a temporary folder for parts of a finished run, which replace the existing parts if the block succeeds.
 
-    On any exception, Ctrl-C included, they are all as they were. ``names`` are in the order in which they are
-    put in place; the last says that all are there.
+    On any exception, including Ctrl-C, all existing parts are unchanged. Parts are moved in the order of ``names``; the last
+    marks the run as complete.
 
     Raises
     ------
     JobError
-        If nothing can be written there.
+        If the folder is not writable.
     """
     stage = folder / f".{secrets.token_hex(8)}{_PART}"
     try:
@@ -127,10 +129,10 @@ def _exchange(stage: Path, folder: Path, names: Sequence[str]) -> None:
 
 
 def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Path, Path, int | None]:
-    """Final folder, the stage made for it, and its lock; two processes never get the same."""
+    """Create a stage for a final folder and lock it; two processes never get the same."""
     for folder in _names(name) if out is None else [Path(os.path.realpath(out))]:
         if any("\ud800" <= c <= "\udfff" for c in str(folder)):
-            raise JobError(f"{str(out)!r}: not a name in UTF-8; choose another with --out")
+            raise JobError(f"{str(out)!r}: not a name in UTF-8; {_REMEDY}")
         where = folder if folder.is_dir() else folder.parent
         missing[:] = [parent for parent in (where, *where.parents) if not parent.exists()]
         where.mkdir(parents=True, exist_ok=True)
@@ -138,15 +140,15 @@ def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Pa
             if folder.is_dir() and any(entry.name[-len(_PART) :] != _PART for entry in folder.iterdir()):
                 if out is None:
                     continue
-                raise JobError(f"{folder}: folder is not empty; give an empty or a new one")
+                raise JobError(f"{folder}: folder is not empty; give a new or empty folder")
             if folder.exists() and not folder.is_dir():
-                raise JobError(f"{folder}: is a file; give an empty or a new folder")
+                raise JobError(f"{folder}: is a file; give a new or empty folder")
             stage = where / f".{folder.name}{_PART}"
             if not stage.exists():
                 stage.mkdir()
                 return folder, stage, _lock(stage)
             if out is not None:
-                raise JobError(f"{folder}: is being written by another process; if by none, remove {stage}")
+                raise JobError(f"{folder}: another process writes here; if none does, remove {stage}")
     raise AssertionError("names never end")
 
 
@@ -157,7 +159,7 @@ def _names(name: str) -> Iterator[Path]:
 
 
 def _lock(folder: Path, *, wait: bool = False) -> int | None:
-    """Lock a folder until this is closed or the process ends; None if another has it or it cannot be."""
+    """Lock a folder until the descriptor is closed or the process ends; None if that is impossible."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -169,11 +171,11 @@ def _lock(folder: Path, *, wait: bool = False) -> int | None:
 
 @contextmanager
 def _alone(where: Path) -> Iterator[None]:
-    """While no other process makes a stage in a folder; stages that no living process writes are removed."""
+    """Exclude other processes from creating a stage in a folder, and remove stages of killed processes."""
     alone = _lock(where, wait=True)
     try:
         for stage in where.glob(f".*{_PART}"):
-            with suppress(OSError):  # its writer has just moved it
+            with suppress(OSError):  # its process has just moved it
                 lock = _lock(stage)
                 if lock is not None:
                     shutil.rmtree(stage, ignore_errors=True)
@@ -185,7 +187,7 @@ def _alone(where: Path) -> Iterator[None]:
 
 
 def _publish(stage: Path, folder: Path) -> None:
-    """Give a stage its final place; inside a folder that was there the manifest comes last and makes a run of it."""
+    """Move a stage to its final place; in an existing folder, the manifest is moved last and completes the run."""
     moved: list[Path] = []
     try:
         if stage.parent != folder:
@@ -198,9 +200,7 @@ def _publish(stage: Path, folder: Path) -> None:
         for entry in moved:
             entry.rename(stage / entry.name)
         if isinstance(error, OSError) and stage.is_dir():
-            raise JobError(
-                f"{folder}: cannot be written: {error.strerror}; choose another with --out"
-            ) from None
+            raise JobError(f"{folder}: cannot be written: {error.strerror}; {_REMEDY}") from None
         raise
 
 
@@ -214,6 +214,6 @@ def _point_latest_at(run: Path) -> None:
     link, temporary = run.parent / "latest", run.parent / f".latest.{secrets.token_hex(8)}"
     if link.exists() and not link.is_symlink():
         return
-    with suppress(OSError):  # a disk without links has no latest one
+    with suppress(OSError):  # the disk may not support links
         temporary.symlink_to(run.name)
         temporary.replace(link)

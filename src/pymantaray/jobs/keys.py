@@ -10,16 +10,16 @@ from pymantaray.installation import code_version
 
 
 def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
-    """Name of a task, from what its result depends on and the checksums of the files that are named there."""
+    """Hash of everything that a task's result depends on, with checksums in place of file names."""
     content = {"kind": kind, "version": code_version(), "config": tree}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    for file, checksum in checksums.items():  # what is in a file counts, and not where it is
+    for file, checksum in checksums.items():  # the content of a file counts, not its place
         text = text.replace(json.dumps(file), json.dumps(checksum))
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def sha256(path: Path) -> str:
-    """Checksum of a file; that of a folder (a zarr store) is of what ``sha256sum`` says of its files, by name."""
+    """Checksum of a file; for a folder (a zarr store), the checksum of the sorted output of ``sha256sum`` for its files."""
     if path.is_dir():
         names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
         lines = "".join(f"{sha256(path / name)}  {name}\n" for name in names)

@@ -1,4 +1,4 @@
-"""Pools that do tasks: processes of this machine, the workers of a Dask scheduler, or this process; and the queue that feeds them."""
+"""Pools of workers (processes of this machine, workers of a Dask scheduler, or this process), and the queue of tasks."""
 
 import json
 import logging
@@ -20,54 +20,54 @@ from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.jobs.store import Store, failure_content, open_store
 
 if TYPE_CHECKING:
-    from distributed import Client as Client  # noqa: PLC0414  a type for those who pass one on
+    from distributed import Client as Client  # noqa: PLC0414  a type for callers
 
 _LOG = logging.getLogger("pymantaray.jobs")
-_ATTEMPTS = 3  # at a task whose worker ends
-_DASK_WINDOW = 4096  # tasks that the scheduler is given ahead
-_ANSWER = 10.0  # within which a scheduler answers first [s]
-_PATIENCE = 60.0  # for a scheduler that is gone to come back [s]
-_ALONE = threading.Lock()  # threads of one worker take turns: the numerical libraries are not made for more
+_ATTEMPTS = 3  # per task if its worker ends
+_DASK_WINDOW = 4096  # tasks in the queue of the scheduler
+_CONNECT_TIMEOUT = 10.0  # for the first answer of a scheduler [s]
+_RECONNECT_TIMEOUT = 60.0  # for a lost scheduler [s]
+_EXECUTION_LOCK = threading.Lock()  # one task at a time per worker: numerical libraries are not thread-safe
 _ADDRESS = re.compile(r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/:]+):\d{1,5}|inproc://\S+")
-_LOOK = 5.0  # between looks at whether the scheduler is there [s]
+_CHECK_INTERVAL = 5.0  # between checks of the scheduler [s]
 
 
 class StoreTask(Protocol):
-    """A task whose result goes into a store; it can be sent to a worker."""
+    """A picklable task whose result goes into a store."""
 
     @property
     def kind(self) -> str:
-        """What sort of task it is."""
+        """Kind of task."""
 
     @property
     def key(self) -> str:
-        """Hash of everything that its result depends on."""
+        """Hash of everything that the result depends on."""
 
     @property
     def version(self) -> str:
-        """Version of the code that issued it."""
+        """Version of the code that issued the task."""
 
 
 TaskT = TypeVar("TaskT", bound=StoreTask)
-Work = Callable[[Any], Any]
-"""Do a task and return its result."""
+TaskFunction = Callable[[Any], Any]
+"""Function that runs a task and returns its result."""
 
 
 def run_in_store(
     url: str, task: TaskT, compute: Callable[[Store, TaskT], None], failed_name: str | None
 ) -> str | None:
-    """Run a task that writes its result into a store; return the error line of one that failed, which is also written under a name."""
-    with _ALONE:
+    """Run a task that writes its result into a store; if it fails, write and return the error line."""
+    with _EXECUTION_LOCK:
         if task.version != code_version():
             raise JobError(
-                f"this worker has pymantaray {code_version()}, the task {task.version}: install the same"
+                f"this worker has pymantaray {code_version()}, but the task needs {task.version}; install the same version"
             )
         store = open_store(url)
         try:
             compute(store, task)
         except WriteError:
             raise
-        except Exception as error:  # noqa: BLE001  a task that fails is a result
+        except Exception as error:  # noqa: BLE001  a failed task is a result
             content = failure_content(error)
             if failed_name is not None:
                 store.write(failed_name, content)
@@ -77,56 +77,56 @@ def run_in_store(
 
 
 class Queue:
-    """Tasks that are still to be done, by their keys; a subclass says what each task is and what becomes of its result."""
+    """Unfinished tasks by key; subclasses define the tasks and process their results."""
 
     def __init__(self, keys: Iterable[str]) -> None:
         self._ready = [*keys][::-1]
         self.left = len(self._ready)
-        """Number of tasks that have not ended."""
+        """Number of unfinished tasks."""
 
     def next(self) -> str | None:
-        """Key of a task that can start; None if no other can start now."""
+        """Key of the next task that can start; None if no task can start now."""
         return self._ready.pop() if self._ready else None
 
-    def again(self, key: str) -> None:
-        """Take back a task that was issued and not done."""
+    def requeue(self, key: str) -> None:
+        """Return an issued task to the queue."""
         self._ready.append(key)
 
     def task(self, key: str) -> Any:
-        """Return what is sent to a worker."""
+        """Task to send to a worker."""
         raise NotImplementedError
 
-    def ended(self, key: str, result: Any) -> None:
+    def record_result(self, key: str, result: Any) -> None:
         """Record the result of a task."""
         raise NotImplementedError
 
-    def lost(self, key: str, line: str) -> None:
-        """Record why a task failed whose worker could not do so."""
+    def record_failure(self, key: str, line: str) -> None:
+        """Record the failure of a task whose worker ended."""
         raise NotImplementedError
 
 
 class SchedulerLostError(JobError):
-    """The scheduler does not answer; what it had been given is not done."""
+    """The scheduler does not answer, and its tasks are not finished."""
 
 
 class Pool:
-    """Workers in this process: each task is done when it is submitted."""
+    """Pool of this process, which runs each task when it is submitted."""
 
     window = 1
-    """Number of tasks that are issued at a time."""
+    """Number of simultaneously issued tasks."""
     peak_memory_mib = 0.0
-    """Largest memory of any worker process."""
+    """Peak memory of any worker process."""
 
-    def __init__(self, start: Callable[[], Work]) -> None:
+    def __init__(self, start: Callable[[], TaskFunction]) -> None:
         self._start = start
-        self._work: Work | None = None
+        self._work: TaskFunction | None = None
 
     def __enter__(self) -> Self:
         """Start the workers."""
         return self
 
     def __exit__(self, *error: object) -> None:
-        """Stop the workers, busy or not."""
+        """Stop all workers."""
 
     def submit(self, task: Any) -> Any:
         """Issue a task; return its future."""
@@ -134,25 +134,25 @@ class Pool:
         future: Future[Any] = Future()
         try:
             future.set_result(self._work(task))
-        except Exception as error:  # noqa: BLE001  raised again where the result is asked for
+        except Exception as error:  # noqa: BLE001  raised again with the result
             future.set_exception(error)
         return future
 
-    def lost(self, key: str, error: BaseException) -> str | None:  # noqa: ARG002
-        """Return why a task failed whose worker was lost, an empty text if it is to be tried again; None for any other error."""
+    def worker_failure(self, key: str, error: BaseException) -> str | None:  # noqa: ARG002
+        """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
         return None
 
-    def look(self) -> None:
-        """Raise `SchedulerLostError` if no result of what was issued will come."""
+    def check(self) -> None:
+        """Raise `SchedulerLostError` if issued tasks will have no result."""
 
     def reconnect(self) -> None:
         """Wait for the scheduler; raise `JobError` if it does not come back."""
 
 
 class ProcessPool(Pool):
-    """Processes of this machine, one thread each, which end with this one."""
+    """Pool of processes of this machine with one thread each, which end with this process."""
 
-    def __init__(self, start: Callable[[], Work], count: int) -> None:
+    def __init__(self, start: Callable[[], TaskFunction], count: int) -> None:
         super().__init__(start)
         self._workers = Workers(start, count)
         self._attempts: Counter[str] = Counter()
@@ -160,7 +160,7 @@ class ProcessPool(Pool):
 
     @property
     def peak_memory_mib(self) -> float:  # type: ignore[override]
-        """Largest memory of any worker process."""
+        """Peak memory of any worker process."""
         return self._workers.peak_memory_mib
 
     def __enter__(self) -> Self:
@@ -174,8 +174,8 @@ class ProcessPool(Pool):
         """Issue a task; return its future."""
         return self._workers.submit(task)
 
-    def lost(self, key: str, error: BaseException) -> str | None:
-        """Return an empty text if a task is to be tried again whose worker ended, why it failed after the last attempt."""
+    def worker_failure(self, key: str, error: BaseException) -> str | None:
+        """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
         if not isinstance(error, WorkerEndedError):
             return None
         self._attempts[key] += 1
@@ -183,29 +183,29 @@ class ProcessPool(Pool):
 
 
 def check_scheduler(client: "Client | str | None") -> None:
-    """Refuse text that is not the address of a scheduler."""
+    """Raise an error if text is not the address of a scheduler."""
     if isinstance(client, str) and not _ADDRESS.fullmatch(client):
         raise JobError(
-            f"scheduler {client}: not an address; give tcp://HOST:PORT, as the scheduler prints it"
+            f"scheduler {client}: not an address; give tcp://HOST:PORT, as printed by the scheduler"
         )
 
 
-def open_pool(work: Work, client: "Client | str | None", workers: int | None) -> Pool:
-    """Pool of a Dask client or its scheduler's address, or of processes of this machine, one a core by default."""
+def open_pool(work: TaskFunction, client: "Client | str | None", workers: int | None) -> Pool:
+    """Pool of a Dask client or scheduler address, or of processes of this machine, by default one per core."""
     if client is None:
         return ProcessPool(partial(_start, work), workers or os.cpu_count() or 1)
     return _DaskPool(work, client)
 
 
-def _start(work: Work) -> Work:
+def _start(work: TaskFunction) -> TaskFunction:
     return work
 
 
 def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None = None) -> None:
     """
-    Issue tasks as they can start, until none is left; a task whose worker ends is issued again.
+    Run all tasks of a queue in a pool; a task whose worker ends is issued again.
 
-    ``meanwhile`` is called once, after the first tasks were issued.
+    ``meanwhile`` is called once after the first tasks are issued.
     """
     outcomes: SimpleQueue[Any] = SimpleQueue()
     running: dict[Any, str] = {}
@@ -217,16 +217,16 @@ def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None 
                 meanwhile()
                 meanwhile = None
             try:
-                future = outcomes.get(timeout=_LOOK)
+                future = outcomes.get(timeout=_CHECK_INTERVAL)
             except Empty:
-                pool.look()
+                pool.check()
                 continue
-            if future in running:  # others are of a scheduler that was lost
+            if future in running:  # others belong to a lost scheduler
                 _take(queue, pool, running[future], future)
                 del running[future]
         except SchedulerLostError:
             for key in running.values():
-                queue.again(key)
+                queue.requeue(key)
             running.clear()
             pool.reconnect()
 
@@ -235,48 +235,50 @@ def _submit(queue: Queue, pool: Pool, key: str, outcomes: "SimpleQueue[Any]") ->
     try:
         future = pool.submit(queue.task(key))
     except SchedulerLostError:
-        queue.again(key)
+        queue.requeue(key)
         raise
     future.add_done_callback(outcomes.put)
     return future
 
 
 def _take(queue: Queue, pool: Pool, key: str, future: Any) -> None:
-    """Give the result of a task to its queue, or the task again where its worker was lost."""
+    """Record the result of a task, or requeue it if its worker ended."""
     try:
         result = future.result()
     except Exception as error:
-        why = pool.lost(key, error)
+        why = pool.worker_failure(key, error)
         if why is None:
             raise
         if why:
-            queue.lost(key, why)
+            queue.record_failure(key, why)
         else:
-            queue.again(key)
+            queue.requeue(key)
         return
-    queue.ended(key, result)
+    queue.record_result(key, result)
 
 
 class _DaskPool(Pool):
-    """Workers of a Dask scheduler."""
+    """Pool of a Dask scheduler's workers."""
 
     window = _DASK_WINDOW
 
-    def __init__(self, work: Work, client: "Client | str") -> None:
+    def __init__(self, work: TaskFunction, client: "Client | str") -> None:
         super().__init__(partial(_start, work))
         try:
             import distributed
         except ImportError:
-            raise JobError("a scheduler needs Dask: pip install 'pymantaray[dask]'") from None
+            raise JobError("scheduler: Dask is not installed; pip install 'pymantaray[dask]'") from None
         self._dask: Any = distributed
         self._work, self._scheduler = work, client
         self._client: Any = None
         self._has_workers = True
 
     def __enter__(self) -> Self:
-        if isinstance(self._scheduler, str):  # what it would say in many lines is said here in one
+        if isinstance(self._scheduler, str):  # replaces Dask's log of many lines by one line
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-        self._client = self._connect(_ANSWER) if isinstance(self._scheduler, str) else self._scheduler
+        self._client = (
+            self._connect(_CONNECT_TIMEOUT) if isinstance(self._scheduler, str) else self._scheduler
+        )
         self._address = self._client.scheduler.address
         return self
 
@@ -287,37 +289,37 @@ class _DaskPool(Pool):
     def submit(self, task: StoreTask) -> Any:
         try:
             return self._client.submit(self._work, task, key=f"{task.kind}-{task.key}")
-        except (OSError, RuntimeError, ValueError) as error:  # a client that is closed
-            self.look()
+        except (OSError, RuntimeError, ValueError) as error:  # the client is closed
+            self.check()
             raise SchedulerLostError(str(error)) from None
 
-    def lost(self, key: str, error: BaseException) -> str | None:
+    def worker_failure(self, key: str, error: BaseException) -> str | None:
         if isinstance(error, self._dask.KilledWorker):
-            return f"a worker ended early, {error.allowed_failures + 1} times at {key[:8]}; perhaps out of memory"
+            return f"a worker ended early {error.allowed_failures + 1} times on {key[:8]}; it may be out of memory"
         if isinstance(error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)):
             raise SchedulerLostError(str(error))
         return None
 
-    def look(self) -> None:
+    def check(self) -> None:
         if self._client.status != "running":
             raise SchedulerLostError(f"scheduler {self._address}: {self._client.status}")
         if bool(self._client.nthreads()) != self._has_workers:
             self._has_workers = not self._has_workers
             if not self._has_workers:
-                _LOG.warning("scheduler %s has no workers; waiting for some", self._address)
+                _LOG.warning("scheduler %s has no workers; waiting for workers", self._address)
 
     def reconnect(self) -> None:
-        _LOG.warning("scheduler %s is gone; waiting for it", self._address)
-        until = time.monotonic() + _PATIENCE
+        _LOG.warning("scheduler %s does not answer; waiting for it", self._address)
+        until = time.monotonic() + _RECONNECT_TIMEOUT
         while time.monotonic() < until:
             if self._client is not self._scheduler:
                 self._close()
             with suppress(JobError):
                 self._client = self._connect(5.0)
-                _LOG.warning("scheduler %s is back; going on", self._address)
+                _LOG.warning("scheduler %s answers again; continuing", self._address)
                 return
             time.sleep(1.0)
-        raise JobError(f"scheduler {self._address}: is gone; start it and run the same job again to resume")
+        raise JobError(f"scheduler {self._address}: no answer; start it and run the same job again to resume")
 
     def _connect(self, timeout: float) -> Any:
         address = self._scheduler if isinstance(self._scheduler, str) else self._address

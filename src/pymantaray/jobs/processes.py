@@ -1,11 +1,10 @@
 """
-Tasks in parallel: fresh processes, one thread each.
+Worker processes with one thread each.
 
-Tasks go to a process through its standard input, results come back through its standard output. A process
-never imports the script that started it, so that this works from anywhere: a script, a notebook, standard
-input, a daemonic process. It ends when its standard input does, which is when the process that started it
-ends, however that comes about. (loky's outlive a parent that is killed, and one that is interrupted waits
-for them.)
+A process receives tasks through its standard input and returns results through its standard output. It never imports the
+script that started it, so it works from a script, a notebook, standard input and a daemonic process. It ends when its standard
+input ends, that is when its parent ends for any reason. (Processes of loky outlive a killed parent, and an interrupted parent
+waits for them.)
 """
 
 import logging
@@ -25,7 +24,7 @@ from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 from pymantaray.errors import JobError
 from pymantaray.installation import peak_memory_mib
 
-# read by the numerical libraries when a process starts; more threads than cores only slow it down
+# numerical libraries read these variables at start; more threads than cores are slower
 _ONE_THREAD = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -45,13 +44,13 @@ class WorkerEndedError(JobError):
 
 class Workers:
     """
-    Processes that work at what is submitted, each by what ``start`` makes there.
+    Processes that run submitted messages through the function that ``start`` returns in each process.
 
-    They are started with the block, import what ``start`` needs, and end with it; one that ends before is replaced.
+    They start and end with the block and import the modules that ``start`` needs. A process that ends early is replaced.
     """
 
     largest_mib: ClassVar[float] = 0.0
-    """Largest resident memory so far of any process of any `Workers` that this process has started. [MiB]"""
+    """Peak resident memory of any process of all `Workers` of this process. [MiB]"""
     _counting = threading.Lock()
 
     def __init__(self, start: Callable[[], Callable[[Any], Any]], count: int) -> None:
@@ -60,7 +59,7 @@ class Workers:
         self._idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
         self._pool, self._lock, self._over = ThreadPoolExecutor(count), threading.Lock(), False
         self.peak_memory_mib = 0.0
-        """Largest resident memory of any of them so far."""
+        """Peak resident memory of any of these processes. [MiB]"""
 
     def __enter__(self) -> Self:
         """Start the processes."""
@@ -73,11 +72,11 @@ class Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop them, whatever they are at."""
+        """Stop all processes."""
         self._end()
 
     def submit(self, message: object) -> Future[Any]:
-        """Have the next idle process work at a message."""
+        """Send a message to the next idle process."""
         return self._pool.submit(self._ask, message)
 
     def _ask(self, message: object) -> Any:
@@ -110,7 +109,7 @@ class Workers:
         with self._lock:
             self._over = True
             for process in self._processes:
-                process.kill()  # one that is idle holds nothing
+                process.kill()  # an idle process has no state
         self._pool.shutdown(cancel_futures=True)
         for process in self._processes:
             process.communicate()
@@ -122,7 +121,7 @@ def _start_process() -> "subprocess.Popen[bytes]":
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env=os.environ | dict.fromkeys(_ONE_THREAD, "1"),
-        process_group=0,  # Ctrl-C is left to this process
+        process_group=0,  # only the parent receives Ctrl-C
     )
 
 
@@ -132,33 +131,33 @@ def _tell(process: "subprocess.Popen[bytes]", message: object) -> None:
         pickle.dump(message, process.stdin)
         process.stdin.flush()
     except BrokenPipeError:
-        pass  # it ended; reading its answer tells how
+        pass  # the process ended; reading its answer gives the cause
 
 
 def _answer(process: "subprocess.Popen[bytes]", message: object) -> tuple[object, float]:
-    """What a process makes of a message, or the error that it raises, and its peak memory. [MiB]"""
+    """Result of a message, or the error that the process raised, and the peak memory of the process. [MiB]"""
     assert process.stdout is not None  # for the type checker
     _tell(process, message)
     try:
         answer: tuple[object, float] = pickle.load(process.stdout)
     except (EOFError, pickle.UnpicklingError):
         code = process.wait()
-        how = f"by {signal.Signals(-code).name}, perhaps out of memory" if code < 0 else f"with code {code}"
-        raise WorkerEndedError(f"a worker process ended early, {how}; try fewer workers") from None
+        how = f"by {signal.Signals(-code).name}, maybe out of memory" if code < 0 else f"with code {code}"
+        raise WorkerEndedError(f"a worker process ended early, {how}; use fewer workers") from None
     return answer
 
 
 def serve() -> NoReturn:
-    """Work as a process of `Workers`."""
+    """Main loop of a process of `Workers`."""
     results = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what is printed here must not get among the results
-    logging.getLogger("pymantaray").setLevel(logging.ERROR)  # who asked has warned already
+    os.dup2(2, 1)  # printed text must not mix with the results
+    logging.getLogger("pymantaray").setLevel(logging.ERROR)  # the parent has logged warnings already
     requests, messages = sys.stdin.buffer, SimpleQueue[object]()
     content: bytes = pickle.load(requests)
     start: Callable[[], Callable[[object], object]]
     try:
         start = pickle.loads(content)
-    except Exception as error:  # noqa: BLE001  what cannot be imported is told where the first task was issued
+    except Exception as error:  # noqa: BLE001  raised with the first task
         start = partial(_refuse, error)
 
     def listen() -> None:
@@ -166,12 +165,12 @@ def serve() -> NoReturn:
             while True:
                 messages.put(pickle.load(requests))
         finally:
-            os._exit(0)  # whoever asked has ended; what is being worked at is for nobody
+            os._exit(0)  # the parent has ended; nobody needs the current result
 
     threading.Thread(target=listen, daemon=True).start()
     try:
         _work(start, messages, results)
-    finally:  # whatever ends it: the thread that listens would wait for who waits for this
+    finally:  # otherwise the listening thread and the parent would wait for each other
         traceback.print_exc()
         os._exit(1)
 
@@ -189,7 +188,7 @@ def _work(
         try:
             task = task or start()
             result = pickle.dumps((task(message), peak_memory_mib()))
-        except Exception as error:  # noqa: BLE001  raised again where it was asked for
+        except Exception as error:  # noqa: BLE001  raised again in the parent
             error.add_note(traceback.format_exc())
             result = pickle.dumps((error, peak_memory_mib()))
         results.write(result)

@@ -1,4 +1,4 @@
-"""How far a job is: the callbacks that callers pass, and the count behind them."""
+"""Progress of jobs: types of callbacks, and a count of tasks."""
 
 from collections.abc import Callable
 
@@ -7,11 +7,11 @@ Progress = Callable[[str, int, int], None]
 CountProgress = Callable[[int, int], None]
 """Called with the number of finished parts and the total."""
 TaskProgress = Callable[[int, int, int], None]
-"""Called with the number of tasks that are done, the number that failed and the total."""
+"""Called with the number of finished tasks, the number of failed tasks and the total."""
 
 
 class TaskCount:
-    """Count of the tasks that are done and that failed, which is reported at the start and after each task."""
+    """Count of finished and failed tasks, which is reported at the start and after each task."""
 
     def __init__(self, total: int, progress: TaskProgress | None, *, done: int = 0, failed: int = 0) -> None:
         self._total, self._progress = total, progress
@@ -19,7 +19,7 @@ class TaskCount:
         self._report()
 
     def add(self, *, failed: bool) -> None:
-        """Count a task that has ended."""
+        """Count a finished task."""
         self._done += not failed
         self._failed += failed
         self._report()

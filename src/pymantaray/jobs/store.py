@@ -1,4 +1,4 @@
-"""Where results are: a folder, or an object store by fsspec, of small files that are there whole or not at all."""
+"""Storage of results as small, atomically written files in a folder or in an object store of fsspec."""
 
 import json
 import logging
@@ -17,17 +17,24 @@ from pymantaray.records import whole_file
 
 T = TypeVar("T")
 _LOG = logging.getLogger("pymantaray.jobs")
-_TEMPORARY = re.compile(
-    r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part"
-)  # of a file that `whole_file` has not finished
-_KEY = re.compile(r"[0-9a-f]{50}")  # what it leaves of a hash
-_ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")  # an object is there when all of it is
-_TOGETHER = 1000  # objects that are read at once
-_STALE = 3600.0  # age at which a file with a temporary name is of a process that was killed [s]
+_TEMPORARY = re.compile(r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part")  # of an unfinished file of `whole_file`
+_KEY = re.compile(r"[0-9a-f]{50}")  # a hash truncated by `whole_file`
+_ATOMIC = (
+    "s3",
+    "s3a",
+    "gs",
+    "gcs",
+    "az",
+    "abfs",
+    "abfss",
+    "memory",
+)  # protocols that write objects atomically
+_BATCH = 1000  # objects per read
+_STALE_AGE = 3600.0  # an older file with a temporary name is from a killed process [s]
 
 
 def failure_content(error: BaseException) -> bytes:
-    """What a file says of a task that failed: one line, and for what nobody foresaw where it was."""
+    """Content of the file of a failed task: one line, and the location in the code for unexpected errors."""
     line = str(error).partition("\n")[0]
     content = {"error": line if isinstance(error, MantaRayError) else f"{type(error).__name__}: {line}"}
     if not isinstance(error, MantaRayError):
@@ -48,11 +55,11 @@ class Store:
         return self.folder
 
     def has(self, name: str) -> bool:
-        """Whether there is a file."""
+        """Return True if a file exists."""
         return (self._path / name).exists()
 
     def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
-        """Names and contents of the files that are there of these names."""
+        """Names and contents of those files that exist."""
         for name in names:
             content = self.read(name)
             if content is not None:
@@ -68,7 +75,7 @@ class Store:
             raise JobError(f"{self._path / name}: cannot be read: {error.strerror}") from None
 
     def write(self, name: str, content: bytes) -> None:
-        """Write a file, whole or not at all, in place of one of that name; raises `WriteError`."""
+        """Write or replace a file atomically; raises `WriteError`."""
         path = self._path / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +83,7 @@ class Store:
             raise WriteError(f"{path.parent}: cannot be written: {error.strerror}") from None
         if os.path.realpath(path.parent) != str(path.parent):
             raise WriteError(
-                f"{path.parent}: leads out of {self.url} by a symbolic link; remove the link or give another folder"
+                f"{path.parent}: a symbolic link leads out of {self.url}; remove the link, or give another folder"
             )
         with whole_file(path) as temporary:
             temporary.write_bytes(content)
@@ -86,50 +93,55 @@ class Store:
         return {file for _, _, files in os.walk(self._path / folder) for file in files}
 
     def remove(self, name: str) -> None:
-        """Remove a file if it is there."""
+        """Remove a file if it exists."""
         with suppress(OSError):
             (self._path / name).unlink()
 
-    def claim(self, kind: str, marker: str, ours: set[str]) -> None:
-        """Refuse a place that holds something else, and remove what killed processes have left half written."""
-        if self._path.is_symlink():  # the place is resolved, so that it leads nowhere
-            raise JobError(f"{self.url}: is a circle of symbolic links; give another folder")
+    def claim(self, kind: str, marker: str, own_names: set[str]) -> None:
+        """Raise an error if the store has other content, and remove incomplete files of killed processes."""
+        if self._path.is_symlink():  # the path is resolved, so this link has no target
+            raise JobError(f"{self.url}: symbolic links form a circle; give another folder")
         if self._path.exists() and not self._path.is_dir():
             raise JobError(f"{self.url}: is a file; give a folder")
         others = {path.name for path in self._path.iterdir()} if self._path.exists() else set()
-        if not self.has(marker) and not all(name in ours or _is_unfinished(name, ours) for name in others):
+        if not self.has(marker) and not all(
+            name in own_names or _is_unfinished(name, own_names) for name in others
+        ):
             raise JobError(
-                f"{self.url}: holds something, and no {kind}; give a new folder, or one of the same {kind}"
+                f"{self.url}: this folder is not empty and has no {kind}; give a new folder, or one of the same {kind}"
             )
-        for name in sorted(ours & others):
+        for name in sorted(own_names & others):
             if (self._path / name).is_symlink():
                 raise JobError(f"{self._path / name}: is a symbolic link; remove it or give another folder")
-        for path in (*self._path.glob("*"), *(p for name in ours for p in (self._path / name).rglob("*"))):
-            if _is_unfinished(path.name, ours):
+        for path in (
+            *self._path.glob("*"),
+            *(p for name in own_names for p in (self._path / name).rglob("*")),
+        ):
+            if _is_unfinished(path.name, own_names):
                 with suppress(OSError):
-                    if time.time() - path.stat().st_mtime > _STALE:
+                    if time.time() - path.stat().st_mtime > _STALE_AGE:
                         path.unlink()
 
 
-def _is_unfinished(name: str, ours: set[str]) -> bool:
-    """True if a file has the temporary name of a task's file, or of one of a store's own."""
+def _is_unfinished(name: str, own_names: set[str]) -> bool:
+    """True if a file has the temporary name of a task's file, or of one of the store's own files."""
     match = _TEMPORARY.fullmatch(name)
-    return match is not None and (match["name"] in ours or _KEY.fullmatch(match["name"]) is not None)
+    return match is not None and (match["name"] in own_names or _KEY.fullmatch(match["name"]) is not None)
 
 
 class _Objects(Store):
-    """Objects of a service that fsspec knows; one that is half written is not there."""
+    """Store in an object service of fsspec; incomplete objects do not exist there."""
 
     def __init__(self, place: str) -> None:
         super().__init__(place)
         try:
             import fsspec
         except ImportError:
-            raise JobError(f"{place}: needs fsspec: pip install 'pymantaray[dask]'") from None
+            raise JobError(f"{place}: fsspec is not installed; pip install 'pymantaray[dask]'") from None
         protocol = place.partition("://")[0]
         if protocol not in _ATOMIC:
             raise JobError(
-                f"{place}: {protocol} may show half a file; give a folder or one of {', '.join(_ATOMIC)}"
+                f"{place}: {protocol} does not write files atomically; give a folder, or one of {', '.join(_ATOMIC)}"
             )
         try:
             self._files, root = fsspec.url_to_fs(place)
@@ -151,7 +163,7 @@ class _Objects(Store):
 
     def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
         rest = iter(names)
-        while some := list(islice(rest, _TOGETHER)):
+        while some := list(islice(rest, _BATCH)):
             paths = {self._files._strip_protocol(str(self._root / name)): name for name in some}
             try:
                 found = self._files.cat(list(paths), on_error="omit")
@@ -173,26 +185,26 @@ class _Objects(Store):
         with suppress(OSError):
             self._files.rm_file(str(self._root / name))
 
-    def claim(self, kind: str, marker: str, ours: set[str]) -> None:
+    def claim(self, kind: str, marker: str, own_names: set[str]) -> None:
         pass
 
 
 def read_valid(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None:
-    """Parsed content of a file; None if there is none, or a damaged one, which is removed with a warning."""
+    """Parse the content of a file; None if it is missing or damaged. A damaged file is removed with a warning."""
     content = store.read(name)
     if content is None:
         return None
     try:
         return parse(content)
     except (RecordError, ValueError) as error:
-        _LOG.warning("%s/%s: %s; it is removed and computed again", store.url, name, error)
+        _LOG.warning("%s/%s: %s; removed and computed again", store.url, name, error)
         store.remove(name)
         return None
 
 
 def open_store(place: str | Path) -> Store:
-    """Store of a folder's name or of a URL."""
+    """Open the store in a folder or at a URL."""
     text = str(place)
     if "://" in text:
         return _Objects(text.rstrip("/"))
-    return Store(os.path.realpath(text))  # which takes a circle of symbolic links as it is
+    return Store(os.path.realpath(text))  # `realpath` does not resolve a circle of symbolic links

@@ -1,4 +1,4 @@
-"""Positions of nodes from a survey of real pings: two-way and one-way times in, positions with their covariance out."""
+"""Estimation of node positions and their covariance from a survey of two-way and one-way travel times."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Bootstrap of positions: independent residuals are drawn again with replacement, and the linear system is solved."""
+"""Bootstrap of positions: resample independent residuals with replacement and solve the linear system."""
 
 import os
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from pymantaray.geometry import stream
 from pymantaray.locate.solve import Solution
 
 Array = NDArray[np.float64]
-_MOST = 1_000_000
+_MAX_DRAWS = 1_000_000
 
 
 def bootstrap_positions(
@@ -25,13 +25,13 @@ def bootstrap_positions(
     progress: Callable[[int, int], None] | None = None,
 ) -> Array:
     """
-    Positions (draws, n_nodes, 3) of resampled surveys. [m]
+    Estimate positions (draws, n_nodes, 3) from resampled surveys. [m]
 
-    Rows of the whitened system are drawn, so that correlated noise and errors of the platform are resampled as one block each.
-    Positions move by metres at most, where the times are linear to micrometres, so that no ray is traced again.
+    The function resamples rows of the whitened system, which includes correlated noise and errors of the platform. Positions
+    change by at most metres. Travel times are linear to micrometres over that distance, so no ray is traced again.
     """
-    if not 1 < draws <= _MOST:
-        raise LocateError(f"bootstrap: {draws} draws; 2 to {_MOST:,} are possible")
+    if not 1 < draws <= _MAX_DRAWS:
+        raise LocateError(f"bootstrap is {draws}; it must be 2 to {_MAX_DRAWS:,} draws")
     s = solution
     platform = s.unknowns.survey.platform_error
     rows = np.concatenate(

@@ -1,4 +1,4 @@
-"""Where the uncertainty of each position comes from, in metres: an exact division of the posterior covariance."""
+"""Error budget of each position in metres: an exact decomposition of the posterior covariance."""
 
 import numpy as np
 import pandas as pd
@@ -23,10 +23,10 @@ def error_budget(solution: Solution) -> pd.DataFrame:
     Contributions to the standard deviations of each node's position.
 
     With the posterior covariance :math:`\Sigma`, priors :math:`P` and information of the data :math:`G`,
-    :math:`\Sigma = \Sigma G \Sigma + \Sigma P^{-1} \Sigma`. The first part is the noise of the pings, of which ``noise`` is what
-    would be left if only positions were unknown, ``platform positions`` what their errors add, and ``geometry`` the rest: what it
-    costs to tell positions from other unknowns in this pattern. The second part is a sum over unknowns. The squares of all
-    contributions add up to that of ``total``.
+    :math:`\Sigma = \Sigma G \Sigma + \Sigma P^{-1} \Sigma`. The first part is due to the noise of the pings. It consists of
+    ``noise``, the value if only positions were unknown; ``platform positions``, the contribution of their errors; and
+    ``geometry``, the remainder, due to the correlation of positions with other unknowns in this pattern. The second part is a sum
+    over unknowns. The squares of all contributions add up to the square of ``total``.
     """
     unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
@@ -67,7 +67,7 @@ def _noise_alone(solution: Solution, by_position: Array, inverse: Array) -> Arra
 
 
 def _platform(solution: Solution, by_position: Array, total: Array) -> Array:
-    """What errors of the platform's positions add to the variances."""
+    """Contribution of errors of the platform's positions to the variances."""
     survey, fit = solution.unknowns.survey, solution.posterior
     if survey.platform_error.horizontal == survey.platform_error.vertical == 0.0:
         return np.zeros_like(total)

@@ -1,4 +1,4 @@
-"""Input that cannot be right, recognized before or after a solve and refused in one line."""
+"""Checks for impossible input before and after a solve."""
 
 import math
 
@@ -15,29 +15,31 @@ from pymantaray.locate.survey import Direction, Survey
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
-_FAR = 100_000.0  # m; no node answers from there
-_MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times where the unit is wrong
-_FEWEST_STEPS = 10  # between pings, to compare headings with the course
-_FOLLOWS = 0.8  # mean resultant length of course less heading of a platform that points where it goes
-_LEVER_GAIN = 0.6  # of the rms of residuals with the better sign
+_MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
+_MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times with a wrong unit
+_MIN_STEPS = 10  # between pings, to compare headings with the course
+_MIN_RESULTANT = (
+    0.8  # mean resultant length of course minus heading of a platform that heads along its course
+)
+_LEVER_GAIN = 0.6  # ratio of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
-_BELOW = 10.0  # m that a node may lie below a profile's last level, or 1 % of its depth
+_MAX_EXTRAPOLATION = 10.0  # m of a node below a profile's last level, or 1 % of its depth
 _AXES = ("forward", "starboard", "down")
 
 
 def check_places(where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str) -> None:
-    """Refuse a platform so far from a node that a sign or an order of coordinates must be wrong. [degrees]"""
+    """Raise an error if the distance of platform and node implies a wrong sign or order of coordinates. [degrees]"""
     lat, lon = float(np.median(platform[0])), float(np.median(platform[1]))
-    if _distance(lat, lon, *node) < _FAR:
+    if _distance(lat, lon, *node) < _MAX_DISTANCE:
         return
     advice = "check both"
     for lat_2, lon_2, what in (
-        (lat, -lon, "the longitudes of one have the wrong sign (east or west)"),
-        (-lat, lon, "the latitudes of one have the wrong sign (north or south)"),
-        (-lat, -lon, "latitudes and longitudes of one have the wrong sign"),
-        (lon, lat, "latitude and longitude are exchanged in one of them"),
+        (lat, -lon, "one of the longitudes has the wrong sign (east or west)"),
+        (-lat, lon, "one of the latitudes has the wrong sign (north or south)"),
+        (-lat, -lon, "latitude and longitude of one have the wrong sign"),
+        (lon, lat, "latitude and longitude of one are exchanged"),
     ):
-        if _distance(lat_2, lon_2, *node) < _FAR:
+        if _distance(lat_2, lon_2, *node) < _MAX_DISTANCE:
             advice = what
     away = _distance(lat, lon, *node) / 1000.0
     raise LocateError(
@@ -55,7 +57,7 @@ def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
 
 
 def check_survey(survey: Survey, medium: Medium) -> None:
-    """Refuse units and signs that cannot be right, before anything is solved."""
+    """Raise an error for impossible units and signs before the solve."""
     _check_times(survey)
     _check_turn_around(survey)
     _check_attitude(survey)
@@ -64,23 +66,23 @@ def check_survey(survey: Survey, medium: Medium) -> None:
         if node.position[2] > _deepest(medium, node.position[2]):
             raise LocateError(
                 f"profile: it ends at {medium.depth[-1]:g} m, above node {node.name} at {node.position[2]:g} m; extend it"
-                " to the node"
+                " down to the node"
             )
 
 
 def check_solution(solution: Solution, medium: Medium) -> None:
-    """Refuse what only a solution shows: a profile that ends above a node, a lever arm of the wrong sign."""
+    """Raise an error for a profile that ends above a node, or a lever arm with a wrong sign, after the solve."""
     for name, place in zip(solution.unknowns.survey.names, solution.positions, strict=True):
         if place[2] > _deepest(medium, place[2]):
             raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {name}, which is at {place[2]:.0f} m; extend it to the"
+                f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at {place[2]:.0f} m; extend it down to the"
                 " node"
             )
     _check_lever(solution)
 
 
 def _deepest(medium: Medium, depth: float) -> float:
-    return float(medium.depth[-1]) + max(_BELOW, 0.01 * depth)
+    return float(medium.depth[-1]) + max(_MAX_EXTRAPOLATION, 0.01 * depth)
 
 
 def _check_times(survey: Survey) -> None:
@@ -88,8 +90,8 @@ def _check_times(survey: Survey) -> None:
     if falls.size:
         row = int(falls[0]) + 1
         raise LocateError(
-            f"{survey.where(row)}: time {survey.time[row]:.3f} s is before that of the ping above,"
-            f" {survey.time[row - 1]:.3f} s; times must not decrease, sort the rows"
+            f"{survey.where(row)}: time {survey.time[row]:.3f} s is before the time of the previous ping,"
+            f" {survey.time[row - 1]:.3f} s; times must not decrease; sort the rows"
         )
 
 
@@ -105,29 +107,29 @@ def _check_turn_around(survey: Survey) -> None:
 
 
 def _check_attitude(survey: Survey) -> None:
-    """Refuse headings that follow the course only if the numbers of the file are radians."""
+    """Raise an error if headings match the course only as radians."""
     heading = survey.transmit_attitude[:, 0]
-    as_radians = np.degrees(heading)  # the numbers of the file, taken as radians
+    as_radians = np.degrees(heading)  # numbers of the file, interpreted as radians
     if np.ptp(as_radians) < 0.5:
         return
     moved = np.diff(survey.transmit_position[:, :2], axis=0)
     gone = np.linalg.norm(moved, axis=1) > 0.5
-    if gone.sum() < _FEWEST_STEPS:
+    if gone.sum() < _MIN_STEPS:
         return
     course = np.arctan2(moved[:, 1], moved[:, 0])[gone]
     fits = {
         kind: float(np.abs(np.mean(np.exp(1j * (course - angle[:-1][gone])))))
         for kind, angle in (("degrees", heading), ("radians", as_radians))
     }
-    if fits["radians"] > max(_FOLLOWS, fits["degrees"] + 0.2):
+    if fits["radians"] > max(_MIN_RESULTANT, fits["degrees"] + 0.2):
         raise LocateError(
-            f"{survey.source}: headings from {as_radians.min():.2f} to {as_radians.max():.2f} follow the course if they are"
-            " radians; write attitudes in degrees"
+            f"{survey.source}: headings from {as_radians.min():.2f} to {as_radians.max():.2f} match the course only as radians;"
+            " write attitudes in degrees"
         )
 
 
 def _check_units(survey: Survey, medium: Medium) -> None:
-    """Times a thousand times too long for the prior positions are milliseconds."""
+    """Raise an error if times are in milliseconds: a thousand times too long for the prior positions."""
     near, _ = transducers(survey, np.array(survey.lever.offset))
     nodes = np.array([node.position for node in survey.nodes])
     alone = ~survey.between_nodes
@@ -141,12 +143,12 @@ def _check_units(survey: Survey, medium: Medium) -> None:
     if _MILLISECONDS[0] < ratio < _MILLISECONDS[1] and np.median(survey.travel_time) > 5.0:
         raise LocateError(
             f"{survey.source}: travel times are {ratio:,.0f} times those of the prior positions (median"
-            f" {np.median(survey.travel_time):g} s); times are in seconds, so divide milliseconds by 1000"
+            f" {np.median(survey.travel_time):g} s); they must be in seconds; divide milliseconds by 1000"
         )
 
 
 def _check_lever(solution: Solution) -> None:
-    """Refuse a known lever arm of which another sign explains the residuals much better."""
+    """Raise an error if another sign of a known lever arm explains the residuals much better."""
     unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices["lever"]
     lever = solution.values[at]
     if not np.any(np.abs(lever) > 0.1) or any(unknowns.survey.lever.sigma):
@@ -177,6 +179,6 @@ def _check_lever(solution: Solution) -> None:
     if np.sqrt(best[0]) < _LEVER_GAIN and saved > _LEVER_CHI_SQUARE:
         wrong = [name for name, a, b in zip(_AXES, lever, best[1], strict=True) if a != b]
         raise LocateError(
-            f"{unknowns.survey.source}: lever arm {', '.join(f'{x:g}' for x in lever)} m (forward, starboard, down): the"
-            f" residuals fall to {100.0 * np.sqrt(best[0]):.0f} % with the other sign of {' and '.join(wrong)}; change it"
+            f"{unknowns.survey.source}: lever arm {', '.join(f'{x:g}' for x in lever)} m (forward, starboard, down): residuals"
+            f" decrease to {100.0 * np.sqrt(best[0]):.0f} % with the other sign of {' and '.join(wrong)}; change the sign"
         )

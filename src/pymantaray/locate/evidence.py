@@ -1,5 +1,5 @@
 r"""
-Posterior and marginal likelihood of a linear system with normal priors, and the hyperparameters that maximize it.
+Posterior and marginal likelihood of a linear system with normal priors, and hyperparameters of maximum likelihood.
 
 For residuals :math:`y = J\delta + e`, :math:`e \sim N(0, \sigma^2 C)`, :math:`\delta \sim N(m, P)`. The variance of the noise and
 of each group of coefficients follow MacKay's fixed-point rule: a sum of squares over the number of parameters that the data
@@ -17,16 +17,16 @@ from pymantaray.locate.linear import Products
 from pymantaray.locate.unknowns import Unknowns
 
 Array = NDArray[np.float64]
-_STEPS = 60
-_SETTLED = 3e-3  # change of the logarithm of every hyperparameter
-_SMALLEST, _LARGEST = 1e-8, 1e-1  # of a hyperparameter: fractions of the sound speed, and of it per km
-_LEAST_SIGMA = 1e-9  # s
-SPARE = 3  # pings beyond the unknowns from which on the noise level is estimated
+_MAX_STEPS = 60
+_CONVERGED = 3e-3  # change of the logarithm of every hyperparameter
+_MIN_HYPER, _MAX_HYPER = 1e-8, 1e-1  # hyperparameters: fractions of the sound speed, also per km
+_MIN_SIGMA = 1e-9  # s
+MIN_REDUNDANCY = 3  # pings minus unknowns, for an estimate of the noise level
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Posterior of a linear system: changes of all columns, covariance, and how well the model explains the data."""
+    """Posterior of a linear system: changes of all columns, covariance and evidence."""
 
     change: Array
     covariance: Array  # (size, size), 0 where known
@@ -34,9 +34,9 @@ class Posterior:
     hyperparameters: Mapping[str, float]
     log_evidence: float
     squares: float
-    """Whitened residuals after the change, squared and summed, in units of sigma²."""
+    """Sum of squared whitened residuals after the change, in units of sigma²."""
     effective: float
-    """Number of parameters that the data determine."""
+    """Effective number of parameters."""
 
     @property
     def abic(self) -> float:
@@ -52,13 +52,13 @@ def posterior(
     *,
     sigma: float,
     without: NDArray[np.int64] | None = None,
-    steps: int = _STEPS,
+    steps: int = _MAX_STEPS,
 ) -> Posterior:
     """
-    Posterior at values, with the noise level [s] and the hyperparameters of highest evidence.
+    Posterior at values, with the noise level [s] and the hyperparameters of maximum evidence.
 
-    They start from ``sigma``, which stays where pings hardly outnumber unknowns, and from ``start``. The columns ``without`` are held where they are, as if known. With
-    one of the ``steps`` of the fixed-point rule they stay as they start.
+    The iteration starts from ``sigma`` and ``start``. The noise level stays at ``sigma`` if there are too few pings. The columns
+    ``without`` are fixed. With ``steps=1``, hyperparameters do not change.
     """
     prior_sd = unknowns.prior_sd
     if without is not None:
@@ -80,13 +80,13 @@ def posterior(
         for name, rows in members.items():
             free = float(np.sum(1.0 - np.diag(solved.covariance)[rows] / sd[rows] ** 2))
             squares = float(np.sum(((solved.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2))
-            new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _SMALLEST, _LARGEST))
+            new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _MIN_HYPER, _MAX_HYPER))
             moved, hyper[name] = max(moved, abs(np.log(new / hyper[name]))), new
-        if products.n_rows >= plain + SPARE:
+        if products.n_rows >= plain + MIN_REDUNDANCY:
             left = max(products.n_rows - solved.effective, 1.0)
-            level = max(sigma * float(np.sqrt(solved.squares / left)), _LEAST_SIGMA)
+            level = max(sigma * float(np.sqrt(solved.squares / left)), _MIN_SIGMA)
             moved, sigma = max(moved, abs(np.log(level / sigma))), level
-        if moved < _SETTLED:
+        if moved < _CONVERGED:
             sd = unknowns.scaled_sd(hyper)[active]
             solved = _solve(normal, right, products, mean, sd, sigma)
             break
@@ -97,7 +97,7 @@ def posterior(
 
 
 @dataclass(frozen=True, eq=False)
-class _Solved:
+class _Moments:
     change: Array
     covariance: Array
     squares: float
@@ -105,8 +105,8 @@ class _Solved:
     log_evidence: float
 
 
-def _solve(normal: Array, right: Array, products: Products, mean: Array, sd: Array, sigma: float) -> _Solved:
-    """Posterior for given variances, scaled by the priors so that it is well conditioned."""
+def _solve(normal: Array, right: Array, products: Products, mean: Array, sd: Array, sigma: float) -> _Moments:
+    """Posterior for fixed variances, scaled by the priors for good conditioning."""
     scaled = normal * (sd[:, None] * sd[None, :] / sigma**2)
     factor = cho_factor(scaled + np.eye(sd.size), lower=True, check_finite=False)
     inverse = cho_solve(factor, np.eye(sd.size), check_finite=False)
@@ -124,4 +124,4 @@ def _solve(normal: Array, right: Array, products: Products, mean: Array, sd: Arr
         + penalty
     )
     effective = float(sd.size - np.trace(inverse))
-    return _Solved(change, inverse * sd[:, None] * sd[None, :], squares, effective, float(log_evidence))
+    return _Moments(change, inverse * sd[:, None] * sd[None, :], squares, effective, float(log_evidence))

@@ -1,4 +1,4 @@
-"""First values of a solve by graduated non-convexity: all pings count at first, and gross errors ever less."""
+"""Initial values of a solve by graduated non-convexity, which gradually reduces the weight of gross errors."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,23 +7,23 @@ from pymantaray.estimation import LOSSES, Loss
 from pymantaray.locate.linear import Linearization, Mask
 
 Array = NDArray[np.float64]
-_NARROWER = 1.5  # by which the scale of the loss falls
-_STEPS = 60
+_SCALE_STEP = 1.5  # factor between successive scales of the loss
+_MAX_STEPS = 60
 _MAD = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
-_LEAST = 1e-9  # s
+_MIN_SIGMA = 1e-9  # s
 
 
 def robust_sigma(residual: Array) -> float:
-    """Standard deviation of residuals by their median size, never 0. [s]"""
-    return max(_MAD * float(np.median(np.abs(residual))), _LEAST)
+    """Standard deviation of residuals from their median magnitude, always positive. [s]"""
+    return max(_MAD * float(np.median(np.abs(residual))), _MIN_SIGMA)
 
 
 def graduated_change(linear: Linearization, possible: Mask) -> Array:
     """
-    Change of all columns that minimizes a Geman-McClure loss of the linear system's residuals, with the priors.
+    Minimize a Geman-McClure loss of the linear system's residuals, with priors; return the change of all columns.
 
-    The scale of the loss falls from the largest residual to 3.8 robust standard deviations, so that the first steps see every ping
-    and a consistent group is not taken for gross errors before the model has moved.
+    The scale of the loss decreases from the largest residual to 3.8 robust standard deviations. The first steps therefore use all
+    pings, and a consistent group of pings does not count as gross errors before the model has changed.
     """
     unknowns = linear.unknowns
     sd = unknowns.prior_sd
@@ -34,8 +34,8 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
     efficient = LOSSES["geman-mcclure"].scale
     left: Array = np.asarray(residual)
     z: Array = np.zeros(active.size)
-    scale = max(float(np.abs(left).max()), _LEAST)
-    for _ in range(_STEPS):
+    scale = max(float(np.abs(left).max()), _MIN_SIGMA)
+    for _ in range(_MAX_STEPS):
         sigma = robust_sigma(left)
         weight = Loss("geman-mcclure", scale).weight(left) / sigma**2
         normal = design.T @ (design * weight[:, None]) + np.eye(active.size)
@@ -44,7 +44,7 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
         goal = efficient * robust_sigma(left)
         if scale <= goal:
             break
-        scale = max(scale / _NARROWER, goal)
+        scale = max(scale / _SCALE_STEP, goal)
     change = np.zeros(unknowns.size)
     change[active] = sd[active] * z
     return change

@@ -1,4 +1,4 @@
-"""Why a ping was not used: flagged, without a ray, another node's answer, a later echo, or a gross error."""
+"""Reasons for unused pings: flag, no ray, answer of another node, later echo, or gross error."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +12,13 @@ from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
 
 Array = NDArray[np.float64]
-_MOST = 2000  # gross errors that are looked into
-_NEAR = 10.0  # standard deviations within which an explanation fits
-_LEAST = 1e-3  # s
+_MAX_EXAMINED = 2000  # gross errors
+_MAX_DEVIATION = 10.0  # standard deviations between a ping and its explanation
+_MIN_TOLERANCE = 1e-3  # s
 
 
 def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
-    """Reason for which each ping was left out, empty for those that were used."""
+    """Reason for each unused ping; empty for used pings."""
     survey, legs = solution.unknowns.survey, solution.legs
     out = np.full(len(survey), "", dtype=object)
     for status in np.unique(legs.status[legs.status != RayStatus.OK]):
@@ -30,15 +30,15 @@ def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
     for ping in gross:
         out[ping] = f"gross error of {1e3 * residual[ping]:+.3g} ms"
     if gross.size:
-        some = gross[:_MOST]
-        near = max(_NEAR * robust_sigma(residual[solution.used]), _LEAST)
-        for row, why in _explained(solution, medium, some, near).items():
+        examined = gross[:_MAX_EXAMINED]
+        near = max(_MAX_DEVIATION * robust_sigma(residual[solution.used]), _MIN_TOLERANCE)
+        for row, why in _explained(solution, medium, examined, near).items():
             out[row] = f"{why} ({1e3 * residual[row]:+.3g} ms)"
     return out.astype(str)
 
 
 def _explained(solution: Solution, medium: Medium, rows: NDArray[np.int64], near: float) -> dict[int, str]:
-    """Rows whose times another node or a reflected path explains."""
+    """Explanations by another node or a reflected path, by row."""
     survey = solution.unknowns.survey.rows(rows)
     out = _echoes(solution, medium, survey, rows, near)
     alone = ~survey.between_nodes
@@ -63,19 +63,19 @@ def _slowing(solution: Solution, rows: NDArray[np.int64]) -> Array:
 def _echoes(
     solution: Solution, medium: Medium, survey: Survey, rows: NDArray[np.int64], near: float
 ) -> dict[int, str]:
-    """Rows whose times a reflection at the surface or the sea bed explains, on one leg or both."""
+    """Explanations by reflections at the surface or the sea bed on one or both legs, by row."""
     out: dict[int, str] = {}
     late = np.flatnonzero(~survey.between_nodes & (survey.direction == Direction.TWO_WAY))
     late = late[solution.linear.residual[rows[late]] > 0.0]
     if not late.size:
         return out
-    some = survey.rows(late)
+    examined = survey.rows(late)
     lever = solution.unknowns.lever(solution.values)
-    legs: Legs = predict(some, medium, solution.positions, lever)
-    start, _ = transducers(some, lever)
+    legs: Legs = predict(examined, medium, solution.positions, lever)
+    start, _ = transducers(examined, lever)
     start[:, 2] = np.maximum(start[:, 2], 1e-3)
     arrivals = find_eigenrays(
-        medium, start, solution.positions[some.node], max_surface_bounces=1, max_bottom_bounces=1
+        medium, start, solution.positions[examined.node], max_surface_bounces=1, max_bottom_bounces=1
     )
     slowing, residual = _slowing(solution, rows[late]), solution.linear.residual[rows[late]]
     bounced = (arrivals.surface_bounces + arrivals.bottom_bounces) > 0

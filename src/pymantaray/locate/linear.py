@@ -1,4 +1,4 @@
-"""The linear system of a survey at one set of values: residuals, derivatives, and their products under a noise model."""
+"""Linear system of a survey at one set of values: residuals, derivatives, and their products under a noise model."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from pymantaray.locate.unknowns import Unknowns
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_CHUNK = 2048  # pings of which rows are in memory at a time
+_CHUNK = 2048  # pings whose rows are in memory at a time
 
 
 class Products(NamedTuple):
-    """Products of whitened rows: normal matrix, right-hand side, sum of squares, and what the evidence needs."""
+    """Products of whitened rows: normal matrix, right-hand side, sum of squares, and terms of the evidence."""
 
     normal: Array  # (size, size)
     right: Array  # (size,)
@@ -28,9 +28,9 @@ class Products(NamedTuple):
 
 class Linearization:
     """
-    Residuals of a survey's times and their derivatives by all unknowns, at some values.
+    Residuals of a survey's times at some values, and their derivatives by all unknowns.
 
-    ``weight`` (n,) is the standard deviation of each ping's white noise over that of the survey.
+    ``weight`` (n,) is the standard deviation of each ping's white noise divided by that of the survey.
     """
 
     def __init__(self, unknowns: Unknowns, values: Array, legs: Legs, weight: Array) -> None:
@@ -65,7 +65,7 @@ class Linearization:
         return np.asarray(out)
 
     def columns(self, used: Mask, which: NDArray[np.int64]) -> Array:
-        """Some columns of the used pings, over the standard deviations of their noise."""
+        """Columns of the used pings divided by the standard deviations of their noise."""
         rows = np.flatnonzero(used)
         out = np.empty((rows.size, which.size))
         for start in range(0, rows.size, _CHUNK):
@@ -78,10 +78,10 @@ class Linearization:
         self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
     ) -> Iterator[tuple[Array, float]]:
         """
-        Whitened rows of the used pings, some at a time, residuals in the last column; with the logarithm so far.
+        Yield chunks of whitened rows of the used pings, with residuals in the last column, and a log determinant.
 
-        Rows have the variance of ``sigma``² [s²], the survey's white noise. The logarithm is that of the determinant of the
-        covariance of all rows so far in its units.
+        Rows have the variance ``sigma``² [s²] of the survey's white noise. The log determinant is that of the covariance of all
+        rows up to this chunk, in units of this variance.
         """
         rows = np.flatnonzero(used)
         survey = self.unknowns.survey.rows(used)
@@ -105,7 +105,7 @@ class Linearization:
         """Normal matrix, right-hand side and sum of squares of the used pings."""
         size = self.unknowns.size
         total, logarithm, count = np.zeros((size + 1, size + 1)), 0.0, 0
-        for block, so_far in self.whitened(used, correlation, platform, sigma):
+        for block, log_determinant in self.whitened(used, correlation, platform, sigma):
             total += block.T @ block
-            logarithm, count = so_far, count + len(block)
+            logarithm, count = log_determinant, count + len(block)
         return Products(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), logarithm, count)

@@ -1,4 +1,4 @@
-"""Located nodes: positions, covariances, tests and tables of one survey."""
+"""Results of one survey: positions of nodes, covariances, tests and tables."""
 
 import math
 from collections.abc import Callable
@@ -23,10 +23,10 @@ from pymantaray.locate.travel_times import transducers
 from pymantaray.records.result_table import ResultTable
 
 Array = NDArray[np.float64]
-_ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # of a normal distribution in two dimensions
+_ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
 _INTERVAL = 1.959964
-_FEWEST = 3  # pings of a node that determine it
-_SHALLOW = 0.05  # m; a node nearer to the surface is above the water
+_MIN_PINGS = 3  # per node
+_MIN_DEPTH = 0.05  # m; a shallower node counts as above the surface
 _CAPTIONS = {
     "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the mean of all nodes",
     "budget": "Contributions to the standard deviations; their squares add up to that of the total",
@@ -55,20 +55,22 @@ _HEADS = {"name": "node", "north": "north [m]", "east": "east [m]", "depth": "de
 @dataclass(frozen=True, eq=False)
 class Location:
     """
-    Positions of the nodes of a survey with their covariance, and what led to them.
+    Positions of the nodes of a survey with covariance, model, tests and tables.
 
     Attributes
     ----------
     survey : Survey
-        Sorted by time.
+        Survey, sorted by time.
     solution : Solution
+        Values of all unknowns.
     candidates : pandas.DataFrame
-        Models of sound speed and noise that were compared, best first.
+        Compared models of sound speed and noise, best first.
     tests : list of NoiseTest
+        Tests of the residuals.
     mirrors : list of Mirror
-        Second solutions of nodes whose pings lie along one line.
+        Second solutions of nodes whose pings are along one line.
     reason : ndarray of str, shape (n,)
-        Why a ping was left out; empty for those that were used.
+        Reason for each unused ping; empty for used pings.
     bootstrap : ndarray, shape (n_draws, n_nodes, 3), or None
         Positions of resampled surveys. [m]
     """
@@ -95,12 +97,12 @@ class Location:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the residuals of the pings that were used. [s]"""
+        """Root mean square of the residuals of the used pings. [s]"""
         return float(np.sqrt(np.mean(self.residual[self.solution.used] ** 2)))
 
     @property
     def residual(self) -> Array:
-        """Measured less predicted times of all pings, NaN without a ray. [s]"""
+        """Measured minus predicted times of all pings, NaN without a ray. [s]"""
         return self.solution.linear.residual
 
     @property
@@ -110,7 +112,7 @@ class Location:
 
     @property
     def hyperparameters(self) -> dict[str, Any]:
-        """Model that was chosen: sound speed, noise level, smoothness, correlation between pings."""
+        """Selected model: sound speed, noise level, smoothness, correlation between pings."""
         fit, correlation = self.solution.posterior, self.solution.correlation
         white = correlation.ratio == 0.0
         return {
@@ -167,16 +169,16 @@ class Location:
         return pd.DataFrame(rows)
 
     def _status(self, k: int, n_used: int) -> str:
-        """What became of a node, in words; ``ok`` if its position is determined."""
+        """Status of a node as text; ``ok`` if its position is determined."""
         survey, place = self.survey, self.positions[k]
         mine = survey.node == k
         top = np.nanmedian(survey.transmit_position[mine, 2]) if mine.any() else -np.inf
         if not self.solution.settled:
             return "not converged"
-        if n_used < _FEWEST:
+        if n_used < _MIN_PINGS:
             no_ray = mine & ~self.solution.legs.possible
             return "no ray" if no_ray.any() and no_ray.sum() > 0.5 * mine.sum() else "too few pings"
-        if place[2] <= _SHALLOW:
+        if place[2] <= _MIN_DEPTH:
             return "above the surface"
         if any(m.undecided for m in self.mirrors if m.node == survey.names[k]):
             return "two solutions"
@@ -194,7 +196,7 @@ class Location:
         return {"lat": float(lat[0]), "lon": float(lon[0])} | values
 
     def _relative(self) -> Array:
-        """Standard deviations of the positions about their mean (n_nodes, 3); NaN of one node. [m]"""
+        """Standard deviations (n_nodes, 3) of the positions relative to their mean; NaN for one node. [m]"""
         count = len(self.survey.nodes)
         if count < 2:
             return np.full((count, 3), np.nan)
@@ -210,7 +212,7 @@ class Location:
 
     @cached_property
     def pings(self) -> pd.DataFrame:
-        """One row per ping: node, times, residual, leverage, range, azimuth, whether it was used and why not."""
+        """One row per ping: node, times, residual, leverage, range, azimuth, use, and reason if unused."""
         survey, solution = self.survey, self.solution
         near, _ = transducers(survey, solution.unknowns.lever(solution.values))
         near = np.where(survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near)
@@ -239,7 +241,7 @@ class Location:
         return table
 
     def _leverage(self) -> Array:
-        """Share of each used ping in its own prediction. [-]"""
+        """Leverage of each used ping: derivative of its prediction by its measurement. [-]"""
         s = self.solution
         platform = s.unknowns.survey.platform_error
         blocks = s.linear.whitened(s.used, s.correlation, platform, s.posterior.sigma)
@@ -253,7 +255,7 @@ class Location:
 
     @cached_property
     def sound_speed(self) -> pd.DataFrame:
-        """Mean sound speed less that of the profile over time, with its standard deviation; empty if it is known."""
+        """Mean sound speed minus that of the profile over time, with its standard deviation; empty if it is known."""
         speed, s = self.solution.unknowns.speed, self.solution
         if not speed.terms:
             return pd.DataFrame(columns=["time_s", "change_m_s", "sigma_m_s"])
@@ -270,7 +272,7 @@ class Location:
 
     @cached_property
     def mean_speed(self) -> float:
-        """Straight distance over travel time, in the median of the used pings. [m/s]"""
+        """Median of straight distance over travel time of the used pings. [m/s]"""
         s, survey = self.solution, self.survey
         near, away = transducers(survey, s.unknowns.lever(s.values))
         node = self.positions[survey.node]
@@ -282,7 +284,7 @@ class Location:
 
     @cached_property
     def other_unknowns(self) -> pd.DataFrame:
-        """Turn-around times, clocks, lever arm and array shift that were estimated, with their standard deviations."""
+        """Estimated turn-around times, clocks, lever arm and array shift, with standard deviations."""
         u, values = self.solution.unknowns, self.solution.values
         sd, at = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0)), u.slices
         names = self.survey.names
@@ -332,7 +334,7 @@ class Location:
         }
 
     def _bootstrap_table(self, draws: Array) -> pd.DataFrame:
-        """Standard deviations and middle 95 % of the bootstrap's positions."""
+        """Standard deviations and central 95 % interval of the bootstrap's positions."""
         rows = []
         for k, name in enumerate(self.survey.names):
             low, high = np.percentile(draws[:, k], (2.5, 97.5), axis=0)
@@ -354,7 +356,7 @@ class Location:
 
 
 def ellipse(covariance: Array) -> tuple[float, float, float]:
-    """Semi-axes of the 95 % ellipse [m] of a covariance of north and east, and the azimuth of the major one [degrees]."""
+    """Semi-axes of the 95 % ellipse [m] of a covariance of north and east, and the azimuth of the major axis [degrees]."""
     values, vectors = np.linalg.eigh(covariance)
     minor, major = np.sqrt(np.maximum(values, 0.0)) * _ELLIPSE
     azimuth = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1])) % 180.0
@@ -377,28 +379,29 @@ def locate(
     Parameters
     ----------
     survey : Survey
-        From `read_survey`, or made of arrays.
+        Survey from `read_survey` or from arrays.
     medium : Medium
-        Sound speed, in the survey's frame unless it is the same everywhere.
+        Sound speed, in the survey's frame unless it is horizontally uniform.
     options : LocateOptions, optional
+        Options of the solver.
     bootstrap : int
-        Number of resampled surveys; 0 for none.
+        Number of resampled surveys; 0 for no bootstrap.
     seed : int
-        Of the bootstrap.
+        Seed of the bootstrap.
     threads : int, optional
-        Threads of the bootstrap; its result does not depend on them. Default: all processors.
+        Threads of the bootstrap; the result does not depend on them. Default: all processors.
     progress : callable, optional
         Called with the number of finished draws of the bootstrap and the total.
 
     Returns
     -------
     Location
-        Nodes without rays or with too few pings, and pings that were left out, have a status or a reason.
+        Positions with covariance. Nodes without rays or with too few pings have a status; unused pings have a reason.
 
     Raises
     ------
     LocateError
-        If units or signs cannot be right, the profile ends above a node, or no ping can be explained.
+        If units or signs are impossible, the profile ends above a node, or the model explains no ping.
     """
     chosen = options or LocateOptions()
     check_survey(survey, medium)

@@ -1,4 +1,4 @@
-"""The second solution of a survey along one line: the node mirrored in the vertical plane through it."""
+"""Second solution of a survey along one line: the mirror image of the node in the vertical plane through the line."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from pymantaray.locate.solve import Solution, Solver
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
-_NARROW = 0.15  # width of a line over its length, beyond which nothing is mirrored
-_UNDECIDED = 25.0  # difference of chi-square below which the data do not decide
+_MAX_WIDTH = 0.15  # width over length of a line for which mirror solutions are computed
+_MIN_DIFFERENCE = 25.0  # chi-square; with a smaller difference, the data do not decide
 
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirrored position of a node, and by how much its chi-square is larger; `undecided` if the data cannot tell them apart."""
+    """Mirrored position of a node, and the excess of its chi-square; `undecided` if the data do not exclude it."""
 
     node: str
     north: float
@@ -27,7 +27,7 @@ class Mirror:
 
 
 def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
-    """Mirror solutions of nodes whose pings lie along one line."""
+    """Mirror solutions of nodes whose pings are along one line."""
     survey = solver.survey
     near, away = transducers(survey, solution.unknowns.lever(solution.values))
     result = []
@@ -38,7 +38,7 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
         points = 0.5 * (near + away)[rows, :2]
         centre = points.mean(axis=0)
         _, extent, axes = np.linalg.svd(points - centre, full_matrices=False)
-        if extent[1] > _NARROW * extent[0]:
+        if extent[1] > _MAX_WIDTH * extent[0]:
             continue
         across = axes[1]
         offset = float((solution.positions[k, :2] - centre) @ across)
@@ -51,7 +51,7 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
             continue
         place, difference = mirrored.positions[k], _cost(mirrored, solution) - _cost(solution, solution)
         apart = float(np.linalg.norm(place[:2] - solution.positions[k, :2]))
-        if apart < abs(offset):  # it came back
+        if apart < abs(offset):  # it converged to the first solution
             continue
         result.append(
             Mirror(
@@ -60,14 +60,14 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
                 float(place[1]),
                 float(place[2]),
                 float(difference),
-                bool(difference < _UNDECIDED),
+                bool(difference < _MIN_DIFFERENCE),
             )
         )
     return result
 
 
 def _descend(solver: Solver, solution: Solution, values: Array) -> Solution | None:
-    """Settle from mirrored values with the same model."""
+    """Solve from mirrored values with the same model."""
     fit = solution.posterior
     try:
         return solver.settle(solution.unknowns, values, solution.correlation, fit)
@@ -76,7 +76,7 @@ def _descend(solver: Solver, solution: Solution, values: Array) -> Solution | No
 
 
 def _cost(solution: Solution, main: Solution) -> float:
-    """Chi-square of residuals and prior positions at the main solution's noise; a gross error counts as one at the limit."""
+    """Chi-square of residuals and prior positions with the main solution's noise; gross errors count with the limit."""
     survey, fit = solution.unknowns.survey, main.posterior
     level = fit.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight
     size = np.where(solution.legs.possible, np.abs(solution.linear.residual) / level, np.inf)

@@ -1,5 +1,5 @@
 r"""
-Noise of pings: white, plus parts that are correlated over time, plus errors of the platform's positions.
+Noise of pings: white noise, noise that is correlated in time, and errors of the platform's positions.
 
 With :math:`\Delta` the time between two pings, their covariance is
 :math:`\sigma^2(\delta + r\,e^{-|\Delta|/\mu}(m + (1-m)\,[\text{same node}]))`.
@@ -24,11 +24,11 @@ class Correlation:
     Parameters
     ----------
     ratio : float
-        Its variance over that of the white part; 0 for none. [-]
+        Variance of the correlated part divided by that of the white part; 0 for none. [-]
     memory : float
-        Time in which it falls to 1/e. [s]
+        Time in which the correlation falls to 1/e. [s]
     shared : float
-        Share of it that all nodes have in common, 0 to 1. [-]
+        Fraction of the correlated variance that is common to all nodes, 0 to 1. [-]
     """
 
     ratio: float = 0.0
@@ -37,13 +37,13 @@ class Correlation:
 
     @property
     def variance(self) -> float:
-        """Of one ping, in units of the white part's."""
+        """Variance of one ping, in units of the white part."""
         return 1.0 + self.ratio
 
 
 class Whitener:
     """
-    Makes rows of a survey, in order of time, independent and of equal variance.
+    Whitening of a survey's rows in order of time: independent rows with equal variance.
 
     ``sensitivity`` (n, 3) is the derivative of each time by the platform's position, in standard deviations of the white noise
     per metre.
@@ -78,10 +78,10 @@ class Whitener:
         self._memory, self._variance = np.array(memory), np.array(variance)
         self._step = np.maximum(np.diff(survey.time, prepend=survey.time[0]), 0.0)
         self.log_determinant = 0.0
-        """Of the covariance of the rows so far, in units of the white noise."""
+        """Log determinant of the covariance of all rows up to now, in units of the white noise."""
 
     def __call__(self, rows: Array, start: int) -> Array:
-        """Whitened rows (m, q) from row ``start`` on; chunks follow each other from 0."""
+        """Whiten rows (m, q) from row ``start``; chunks must be consecutive from 0."""
         out = np.ascontiguousarray(rows)
         if not self._memory.size:
             return out

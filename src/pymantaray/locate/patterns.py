@@ -12,14 +12,14 @@ from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
 LEVEL = 1e-3
-"""Probability at which a right model fails any of the tests."""
-_MOST_BINS, _FEWEST = 24, 8  # bins, and pings of each
-_TURNED = 0.02  # rad; attitudes that vary by less show no pattern
+"""Probability that a correct model fails any of the tests."""
+_MAX_BINS, _MIN_PINGS = 24, 8  # number of bins, and pings per bin
+_MIN_ATTITUDE_SPREAD = 0.02  # rad; with a smaller spread, patterns over attitude are not tested
 
 
 @dataclass(frozen=True)
 class NoiseTest:
-    """Outcome of one test: what was tested, chi-square, degrees of freedom, probability of a larger value, and verdict."""
+    """Result of one test: name, chi-square, degrees of freedom, probability of a larger value, and verdict."""
 
     name: str
     chi_square: float
@@ -35,17 +35,17 @@ def test_table(tests: list[NoiseTest]) -> pd.DataFrame:
 
 def noise_tests(solution: Solution) -> list[NoiseTest]:
     """
-    Tests of the residuals of a solution.
+    Test the residuals of a solution.
 
-    ``stated noise`` compares them with the standard deviations that the survey states, if it does; both tails count. The
-    others compare the means of bins with zero, at the estimated noise: a term that the model lacks leaves a pattern.
+    ``stated noise`` compares residuals with the standard deviations in the survey, if there are any; it is two-sided. The other
+    tests compare means of bins with zero at the estimated noise. A term that the model lacks causes a pattern.
     """
     survey, used = solution.unknowns.survey, solution.used
     white = whitened_residuals(solution)
     tests = []
     stated = survey.sigma[used]
     if np.isfinite(stated).all():
-        # solution weights are the stated sigmas over their median
+        # weights of the solution are the stated sigmas over their median
         reference = float(np.median(stated / solution.linear.weight[used]))
         total = float(np.sum(white**2)) * solution.correlation.variance / reference**2
         degrees = max(white.size - solution.posterior.effective, 1.0)
@@ -59,7 +59,7 @@ def noise_tests(solution: Solution) -> list[NoiseTest]:
 
 
 def whitened_residuals(solution: Solution) -> Array:
-    """Independent residuals of the used pings, of the standard deviation of the white noise. [s]"""
+    """Independent residuals of the used pings, with the standard deviation of the white noise. [s]"""
     s = solution
     platform = s.unknowns.survey.platform_error
     blocks = s.linear.whitened(s.used, s.correlation, platform, s.posterior.sigma)
@@ -67,7 +67,7 @@ def whitened_residuals(solution: Solution) -> Array:
 
 
 def _coordinates(solution: Solution) -> dict[str, tuple[Array, NDArray[np.int64]]]:
-    """Coordinates in which residuals may have a pattern, and the node of each used ping where patterns are by node."""
+    """Coordinates for tests of patterns, and the node of each used ping for patterns by node."""
     survey, used = solution.unknowns.survey, solution.used
     near, _ = transducers(survey, solution.unknowns.lever(solution.values))
     step = (near - solution.positions[survey.node])[used]
@@ -77,7 +77,7 @@ def _coordinates(solution: Solution) -> dict[str, tuple[Array, NDArray[np.int64]
         out["azimuth"] = (np.arctan2(step[:, 1], step[:, 0]), node)
         out["range"] = (np.hypot(step[:, 0], step[:, 1]), node)
         heading = survey.transmit_attitude[used, 0]
-        if np.ptp(heading) > _TURNED:
+        if np.ptp(heading) > _MIN_ATTITUDE_SPREAD:
             bearing = np.arctan2(-step[:, 1], -step[:, 0]) - heading
             out["bearing from the bow"] = (np.mod(bearing, 2.0 * np.pi), alone)
     return out
@@ -86,12 +86,12 @@ def _coordinates(solution: Solution) -> dict[str, tuple[Array, NDArray[np.int64]
 def _pattern(
     name: str, residual: Array, coordinate: Array, group: NDArray[np.int64], count: int
 ) -> NoiseTest:
-    """Chi-square of the means of bins of equal numbers of pings."""
+    """Chi-square of the means of bins with equal numbers of pings."""
     total, bins = 0.0, 0
     for one in np.unique(group):
         mine = group == one
         order = np.argsort(coordinate[mine], kind="stable")
-        parts = min(_MOST_BINS, max(order.size // _FEWEST, 1))
+        parts = min(_MAX_BINS, max(order.size // _MIN_PINGS, 1))
         for part in np.array_split(residual[mine][order], parts):
             total += float(part.sum() ** 2 / part.size)
             bins += 1

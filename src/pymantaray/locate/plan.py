@@ -1,4 +1,4 @@
-"""Plans of surveys: standard deviations that a pattern of pings gives, from the Jacobians that the solver uses."""
+"""Plans of surveys: expected standard deviations for patterns of pings, from the Jacobians of the solver."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
@@ -21,18 +21,18 @@ from pymantaray.locate.unknowns import Unknowns
 Array = NDArray[np.float64]
 Shape = Literal["circle", "cross", "line", "rose", "lines"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
-_PETALS = 4  # of a rose
-_LINES = 5  # of parallel lines
-_MOST_PINGS = 100_000
+_PETALS = 4  # per rose
+_LINES = 5  # parallel lines
+_MAX_PINGS = 100_000
 
 
 @dataclass(frozen=True)
 class Pattern:
     """
-    Where a platform pings: a shape about the node's drop point, its radius and the number of pings.
+    Pattern of a platform's pings around the node's drop point: shape, radius and number of pings.
 
-    ``circle`` is one turn, ``cross`` two lines at right angles, ``line`` one, ``rose`` four petals through the middle, ``lines`` five
-    parallel lines. All reach ``radius`` from the middle. [m]
+    ``circle`` is one full circle, ``cross`` two lines at right angles, ``line`` one line, ``rose`` four petals through the middle,
+    ``lines`` five parallel lines. All extend to ``radius`` from the middle. [m]
     """
 
     shape: Shape
@@ -42,14 +42,14 @@ class Pattern:
     def __post_init__(self) -> None:
         """Check."""
         if self.shape not in SHAPES:
-            raise LocateError(f"pattern {self.shape!r}; allowed are {', '.join(SHAPES)}")
+            raise LocateError(f"pattern is {self.shape!r}; allowed: {', '.join(SHAPES)}")
         if not (self.radius > 0.0 and np.isfinite(self.radius)):
-            raise LocateError(f"pattern: radius {self.radius:g} m; a positive number is needed")
-        if not 3 <= self.pings <= _MOST_PINGS:
-            raise LocateError(f"pattern: {self.pings} pings; 3 to {_MOST_PINGS:,} are possible")
+            raise LocateError(f"pattern: radius is {self.radius:g} m; it must be positive")
+        if not 3 <= self.pings <= _MAX_PINGS:
+            raise LocateError(f"pattern: pings is {self.pings}; it must be 3 to {_MAX_PINGS:,}")
 
     def points(self) -> Array:
-        """North and east of the pings (n, 2), in order of sailing. [m]"""
+        """North and east of the pings (n, 2) in order of time. [m]"""
         s = (np.arange(self.pings) + 0.5) / self.pings
         if self.shape == "circle":
             angle = 2.0 * np.pi * s
@@ -66,7 +66,7 @@ class Pattern:
 
 
 def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
-    """Points on two crossing lines or on parallel lines, each sailed once and back and forth."""
+    """Points on two crossing lines or on parallel lines, sailed once in alternating directions."""
     which = np.minimum((s * count).astype(int), count - 1)
     along = 2.0 * (s * count - which) - 1.0
     along = np.where(which % 2 == 0, along, -along)
@@ -80,28 +80,30 @@ def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
 @dataclass(frozen=True)
 class PlanOptions:
     """
-    What a plan assumes.
+    Assumptions of a plan.
 
     Parameters
     ----------
     depth : float
-        Of the node. [m]
+        Depth of the node. [m]
     sigma : float
         Standard deviation of two-way times. [s]
     speed_model : {"known", "scale", "time", "gradient"}
-        What the solver will estimate.
+        Model of the sound speed in the solver.
     node_sigma : tuple of float
         Prior standard deviations of the node: north, east, depth. [m]
     transducer_depth : float
-        [m]
+        Depth of the transducer. [m]
     turn_around_sigma : float
-        [s]
+        Prior standard deviation of the turn-around time. [s]
     lever : LeverArm
-        Its standard deviations count; the platform heads along its course.
+        Lever arm with standard deviations; the platform heads along its course.
     platform_error : PlatformError
+        Errors of the platform's positions.
     speed_prior : SpeedPrior
+        Prior of the sound speed.
     ping_interval : float
-        Between two pings. [s]
+        Time between two pings. [s]
     """
 
     depth: float
@@ -119,12 +121,15 @@ class PlanOptions:
         """Check."""
         if not (self.depth > self.transducer_depth >= 0.0):
             raise LocateError(
-                f"plan: node at {self.depth:g} m, transducer at {self.transducer_depth:g} m; the node must be deeper"
+                f"plan: depth of the node is {self.depth:g} m, of the transducer {self.transducer_depth:g} m; the node must be"
+                " deeper"
             )
         if not (self.sigma > 0.0 and self.ping_interval > 0.0):
-            raise LocateError("plan: sigma and ping_interval must be positive")
+            raise LocateError(
+                f"plan: sigma is {self.sigma:g} s, ping_interval {self.ping_interval:g} s; both must be positive"
+            )
         if self.speed_model == "modes":
-            raise LocateError("plan: sound speed 'modes'; allowed are known, scale, time and gradient")
+            raise LocateError("plan: speed_model is 'modes'; allowed: known, scale, time, gradient")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +138,7 @@ class Plan:
     Expected standard deviations of a node over the radius of patterns.
 
     ``table`` has the columns ``pattern``, ``radius_m``, ``sigma_north_m``, ``sigma_east_m``, ``sigma_depth_m``,
-    ``sigma_horizontal_m`` (the root of the sum of both), ``lost`` (pings without a ray) and ``length_m``, the way sailed.
+    ``sigma_horizontal_m`` (square root of the sum of both variances), ``lost`` (pings without a ray) and ``length_m`` (track).
     """
 
     table: pd.DataFrame
@@ -141,12 +146,12 @@ class Plan:
 
     @property
     def best(self) -> pd.DataFrame:
-        """Row of the smallest three-dimensional standard deviation of each pattern, best first."""
+        """Row with the smallest three-dimensional standard deviation of each pattern, best first."""
         return self._smallest(self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2)
 
     @property
     def best_horizontal(self) -> pd.DataFrame:
-        """Row of the smallest horizontal standard deviation of each pattern, best first."""
+        """Row with the smallest horizontal standard deviation of each pattern, best first."""
         return self._smallest(self.table["sigma_horizontal_m"])
 
     def _smallest(self, size: "pd.Series[float]") -> pd.DataFrame:
@@ -155,7 +160,7 @@ class Plan:
 
 
 def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
-    """Survey of a pattern about a node, without measured times."""
+    """Survey of a pattern around a node, without measured times."""
     points = pattern.points()
     n = len(points)
     place = np.column_stack([points, np.full(n, options.transducer_depth)])
@@ -206,17 +211,20 @@ def plan_survey(
     pings: int = 100,
 ) -> Plan:
     """
-    Expected standard deviations of a node for patterns of several radii.
+    Compute expected standard deviations of a node for patterns with several radii.
 
     Parameters
     ----------
     medium : Medium
+        Sound speed.
     options : PlanOptions
+        Assumptions.
     radii : array_like, shape (n,)
-        [m]
+        Radii. [m]
     shapes : tuple of str
-        Patterns to compare, each with this number of ``pings``.
+        Patterns to compare.
     pings : int
+        Number of pings per pattern.
 
     Returns
     -------
@@ -225,11 +233,11 @@ def plan_survey(
     Raises
     ------
     LocateError
-        If the node is below the profile's end, or a number is impossible.
+        If the profile ends above the node, or a number is impossible.
     """
     if options.depth > float(medium.depth[-1]) + 10.0:
         raise LocateError(
-            f"profile: it ends at {medium.depth[-1]:g} m, above the node at {options.depth:g} m; extend it to the node"
+            f"profile: it ends at {medium.depth[-1]:g} m, above the node at {options.depth:g} m; extend it down to the node"
         )
     rows = []
     with threadpool_limits(limits=1, user_api="blas"):

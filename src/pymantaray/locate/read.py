@@ -1,4 +1,4 @@
-"""Surveys from files: the format is recognized, and what the file lacks comes from options."""
+"""Reader of surveys, which detects the format; options supply missing data."""
 
 from pathlib import Path
 
@@ -18,10 +18,10 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
     Parameters
     ----------
     path : str or pathlib.Path
-        Our own table (columns ``time``, ``node``, ``two_way_time_s`` and positions), survey text of OBSrange in either of its
-        formats, the ini file of GARPOS, or the ``config.yaml`` of GNATSS; the latter two name further files.
+        A table (columns ``time``, ``node``, ``two_way_time_s`` and positions), survey text of OBSrange in both formats, the ini
+        file of GARPOS, or the ``config.yaml`` of GNATSS. The latter two name further files.
     options : ReadOptions, optional
-        What the file lacks: prior positions, a track, transducer depth and so on.
+        Data that the file does not contain: prior positions, a track, transducer depth and so on.
 
     Returns
     -------
@@ -30,13 +30,13 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
     Raises
     ------
     LocateError
-        If a file is missing, or a line is not what it has to be; one line.
+        If a file is missing or a line is invalid.
     """
     path, chosen = Path(path), options or ReadOptions()
     if not path.exists():
-        raise LocateError(f"{path}: there is no such file")
+        raise LocateError(f"{path}: no such file")
     if path.is_dir():
-        raise LocateError(f"{path}: a folder; name the survey's file, for GARPOS its ini file")
+        raise LocateError(f"{path}: is a folder; name the survey's file, for GARPOS its ini file")
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
             return read_gnatss(path, chosen)
@@ -50,6 +50,6 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
 
 
 def _has_sections(path: Path) -> bool:
-    """True if a file is one of GARPOS whatever its ending."""
+    """True if a file has sections, as files of GARPOS with any suffix."""
     with path.open("rb") as file:
         return b"[Site-parameter]" in file.read(8192)

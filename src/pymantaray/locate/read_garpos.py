@@ -1,9 +1,9 @@
 """
-Surveys of GARPOS, named by their ini file: site, stations with priors, antenna to transducer, pings and profile.
+Reader of GARPOS surveys from their ini file: site, stations with priors, antenna to transducer, pings and profile.
 
-Columns, signs and units are those of the documentation of https://github.com/s-watanabe-jhod/garpos: east, north and up from the
-site's origin, ``ATDoffset`` forward, rightward and downward, attitudes in degrees, ``flag`` true for pings that are not used.
-``TT`` is the travel time without the transponder's delay. Depths are those below the origin's ``Height0``.
+Columns, signs and units follow the documentation of https://github.com/s-watanabe-jhod/garpos: east, north and up from the
+site's origin; ``ATDoffset`` forward, rightward and downward; attitudes in degrees; ``flag`` is true for unused pings. ``TT`` is
+the travel time without the transponder's delay. Depths are below the origin's ``Height0``.
 """
 
 import configparser
@@ -19,13 +19,13 @@ from pymantaray.locate.survey import LeverArm, Node, Survey
 from pymantaray.records.text_table import TextTable, read_text_table
 
 Array = NDArray[np.float64]
-_LONGEST_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or of a modified Julian date
+_MAX_TIME_OF_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or modified Julian dates
 _MJD_1970 = 40587 * 86400.0
 _TRUE = ("true", "t", "1", "1.0", "yes")
 
 
 class _Settings:
-    """Entries of an ini file by section and key, whatever their case."""
+    """Entries of an ini file by case-insensitive section and key."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -42,14 +42,14 @@ class _Settings:
         }
 
     def text(self, section: str, key: str, default: str | None = None) -> str:
-        """An entry; a missing one without default is refused."""
+        """Text of an entry, or its default; a missing entry without default raises an error."""
         value = self._sections.get(section.lower(), {}).get(key.lower(), default)
         if value is None:
-            raise LocateError(f"{self.path}: [{section}] lacks {key}")
+            raise LocateError(f"{self.path}: [{section}] has no {key}; add it")
         return value.split("#")[0].strip()
 
     def numbers(self, section: str, key: str, least: int, default: str | None = None) -> list[float]:
-        """Numbers of an entry, at least so many."""
+        """Numbers of an entry, with a minimum count."""
         text = self.text(section, key, default)
         try:
             values = [float(word) for word in text.replace(",", " ").split()]
@@ -57,13 +57,13 @@ class _Settings:
             values = []
         if len(values) < least or not np.isfinite(values).all():
             raise LocateError(
-                f"{self.path}: [{section}] {key} is {text!r}; {least} finite numbers are needed"
+                f"{self.path}: [{section}] {key} is {text!r}; it must be {least} finite numbers"
             )
         return values
 
 
 def read_garpos(path: Path, options: ReadOptions) -> Survey:
-    """Survey of an array."""
+    """Read the survey of an array."""
     settings = _Settings(path)
     latitude, longitude = (
         settings.numbers("Site-parameter", key, 1)[0] for key in ("Latitude0", "Longitude0")
@@ -88,7 +88,7 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
             rigid=rigid,
             profile=None if not profile else _profile(_find(settings, profile)),
             frame=LocalFrame(latitude, longitude),
-            notes=(f"{path}: depths are below the site's origin, {height:g} m above the ellipsoid",),
+            notes=(f"{path}: depths are relative to the site's origin, {height:g} m above the ellipsoid",),
         )
     )
 
@@ -96,7 +96,7 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
 def _nodes(
     settings: _Settings, names: list[str]
 ) -> tuple[tuple[Node, ...], tuple[float, float, float, float] | None]:
-    """Nodes with priors, and the priors of a rigid array if the stations are fixed and the centre is not."""
+    """Nodes with priors, and priors of a rigid array if the stations are fixed and the centre is not."""
     centre = settings.numbers("Model-parameter", "dCentPos", 3, "0 0 0")
     centre_sigma = (centre + [0.0] * 3)[3:6]
     nodes = []
@@ -122,8 +122,8 @@ def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], name
     if (received <= sent).any():
         row = int(np.argmax(received <= sent))
         raise LocateError(
-            f"{table.path}, line {table.frame.index[row]}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; times are"
-            " seconds that increase"
+            f"{table.path}, line {table.frame.index[row]}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; both must be"
+            " in seconds"
         )
     away = near
     if {"ant_e1", "ant_n1", "ant_u1"} <= columns:
@@ -133,7 +133,7 @@ def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], name
     if unknown:
         line = table.frame.index[table.frame["MT"].tolist().index(unknown[0])]
         raise LocateError(
-            f"{table.path}, line {line}: transponder {unknown[0]!r} is not among the site's stations, {', '.join(names)}"
+            f"{table.path}, line {line}: transponder {unknown[0]!r} is not a station of the site; allowed: {', '.join(names)}"
         )
     number = {name: k for k, name in enumerate(names)}
     flags = (
@@ -160,7 +160,7 @@ def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], name
 
 
 def _attitude(table: TextTable, end: str) -> Array:
-    """Heading, pitch, roll [rad]; 0 where a column is missing."""
+    """Heading, pitch, roll [rad]; 0 if a column is missing."""
     out = np.zeros((len(table.frame), 3))
     for k, name in enumerate(("head", "pitch", "roll")):
         if f"{name}{end}" in table.frame.columns:
@@ -169,11 +169,11 @@ def _attitude(table: TextTable, end: str) -> Array:
 
 
 def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
-    """UTC of time 0 and what is taken off the file's times, so that they keep their digits. [s]"""
-    shift = float(np.floor(first / 86400.0) * 86400.0) if first > _LONGEST_DAY else 0.0
+    """UTC of time 0, and an offset to subtract from the file's times to preserve their digits. [s]"""
+    shift = float(np.floor(first / 86400.0) * 86400.0) if first > _MAX_TIME_OF_DAY else 0.0
     if first > _MJD_1970:
         return np.datetime64(round(shift - _MJD_1970), "s").astype("datetime64[ns]"), shift
-    if first > _LONGEST_DAY:
+    if first > _MAX_TIME_OF_DAY:
         return np.datetime64(round(shift), "s").astype("datetime64[ns]"), shift
     try:
         return np.datetime64(settings.text("Obs-parameter", "Date(UTC)", ""), "ns"), shift
@@ -187,12 +187,14 @@ def _profile(path: Path) -> tuple[Array, Array]:
     depth, speed = table.numbers(["depth", "speed"]).T
     if (np.diff(depth) <= 0.0).any():
         row = int(np.argmax(np.diff(depth) <= 0.0)) + 1
-        raise LocateError(f"{path}, line {table.frame.index[row]}: depth {depth[row]:g} m does not increase")
+        raise LocateError(
+            f"{path}, line {table.frame.index[row]}: depth {depth[row]:g} m does not increase; sort the rows"
+        )
     return depth, speed
 
 
 def _find(settings: _Settings, name: str) -> Path:
-    """File that an ini file names: relative to the working folder, to the ini file, or to a folder above it."""
+    """File named in an ini file, relative to the working folder, to the ini file, or to a folder above it."""
     wanted = Path(name.replace("\\", "/"))
     here = settings.path.resolve().parent
     folders = [Path(), here, *here.parents]
@@ -200,5 +202,5 @@ def _find(settings: _Settings, name: str) -> Path:
         if candidate.is_file():
             return candidate
     raise LocateError(
-        f"{settings.path}: names {name}, which is neither here nor in a folder above the ini file"
+        f"{settings.path}: {name} is neither in the working folder nor in a folder above the ini file; correct its path"
     )

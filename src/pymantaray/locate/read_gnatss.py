@@ -1,8 +1,8 @@
 """
-Surveys of GNATSS, named by their ``config.yaml``: two-way times, positions of the transducer at each instant, and profile.
+Reader of GNATSS surveys from their ``config.yaml``: two-way times, positions of the transducer at each instant, and profile.
 
-Columns are those of its documentation, https://gnatss.readthedocs.io: ``pxp_tt`` has a time stamp and two-way times in microseconds,
-one column a transponder; ``POS_FREED_TRANS_TWTT`` has seconds since 2000-01-01 12:00, geocentric positions and their covariance.
+Columns follow its documentation, https://gnatss.readthedocs.io: ``pxp_tt`` has a time stamp and two-way times in microseconds, one
+column per transponder; ``POS_FREED_TRANS_TWTT`` has seconds since 2000-01-01 12:00, geocentric positions and their covariance.
 """
 
 from pathlib import Path
@@ -19,13 +19,13 @@ from pymantaray.locate.survey import Node, PlatformError, Survey
 
 Array = NDArray[np.float64]
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
-_SAME = 2e-3  # s; positions within this of an instant are of it
-_SIGMA = (100.0, 100.0, 100.0)  # m; of prior positions
+_TIME_TOLERANCE = 2e-3  # s; between an instant and its position
+_SIGMA = (100.0, 100.0, 100.0)  # m; standard deviations of prior positions
 _MONTHS = {m: i + 1 for i, m in enumerate("JAN FEB MAR APR MAY JUN JUL AUG SEP OCT NOV DEC".split())}  # noqa: SIM905
 
 
 def read_gnatss(path: Path, options: ReadOptions) -> Survey:
-    """Survey of an array."""
+    """Read the survey of an array."""
     config = _config(path)
     solver = config.get("solver") or {}
     try:
@@ -38,8 +38,8 @@ def read_gnatss(path: Path, options: ReadOptions) -> Survey:
         nodes = tuple(_node(k, entry, frame, geoid) for k, entry in enumerate(transponders))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise LocateError(
-            f"{path}: not a configuration of GNATSS; solver.transponders, solver.array_center or input_files lacks or"
-            f" misstates {error}"
+            f"{path}: not a configuration of GNATSS; correct {error} in solver.transponders, solver.array_center or"
+            " input_files"
         ) from None
     times, counts, line = _times(_files(path, files, "travel_times"), len(nodes))
     positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
@@ -54,7 +54,7 @@ def _config(path: Path) -> dict[str, Any]:
     try:
         import yaml
     except ImportError:
-        raise LocateError(f"{path}: needs PyYAML; install pymantaray[gnatss]") from None
+        raise LocateError(f'{path}: PyYAML is not installed; pip install "pymantaray[gnatss]"') from None
     try:
         config = yaml.safe_load(path.read_text())
     except yaml.YAMLError as error:
@@ -77,7 +77,7 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
     entry = files.get(key)
     pattern = entry.get("path") if isinstance(entry, dict) else entry
     if not pattern:
-        raise LocateError(f"{path}: input_files lacks {key}")
+        raise LocateError(f"{path}: input_files has no {key}; add it")
     whole = Path(str(pattern))
     bases = [Path(whole.anchor)] if whole.is_absolute() else [path.parent, Path()]
     relative = str(whole.relative_to(whole.anchor)) if whole.is_absolute() else str(whole)
@@ -88,7 +88,7 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
 
 
 def _times(paths: list[Path], count: int) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and lines."""
+    """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line numbers."""
     stamps, times, lines = [], [], []
     for path in paths:
         for number, text in enumerate(path.read_text().splitlines(), 1):
@@ -105,8 +105,8 @@ def _times(paths: list[Path], count: int) -> tuple[Array, Array, NDArray[np.int6
                 row, date, clock = [], "2000-01-01", 0.0
             if len(row) < count:
                 raise LocateError(
-                    f"{path}, line {number}: {text.strip()[:60]!r}; needed are a time as 26-JUN-23 00:00:07.00 and {count} two-way"
-                    " times in microseconds"
+                    f"{path}, line {number}: {text.strip()[:60]!r} is invalid; it must be a time such as 26-JUN-23 00:00:07.00 and"
+                    f" {count} two-way times in microseconds"
                 )
             stamps.append(float((np.datetime64(date, "ns") - _J2000) / np.timedelta64(1, "s")) + clock)
             times.append(row)
@@ -131,13 +131,13 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> tuple[Arra
                 values = []
             if len(values) < 4:
                 raise LocateError(
-                    f"{path}, line {number}: {text.strip()[:60]!r}; needed are a time, X, Y, Z and nine covariances"
+                    f"{path}, line {number}: {text.strip()[:60]!r} is invalid; it must be a time, X, Y, Z and nine covariances"
                 )
             values += [0.0] * (13 - len(values))
             rows.append([*values[:4], values[4], values[8], values[12]])
     table = np.array(rows)
     if not table.size:
-        raise LocateError(f"{paths[0]}: holds no position")
+        raise LocateError(f"{paths[0]}: no position in this file")
     table = table[np.argsort(table[:, 0], kind="stable")]
     geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
     lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
@@ -159,14 +159,14 @@ def _survey(
     there = (near >= 0) & (away >= 0)
     if not there.any():
         raise LocateError(
-            f"{path}: no position is within {_SAME * 1e3:g} ms of a ping and its reply; check transducer_delay_time"
+            f"{path}: no position within {_TIME_TOLERANCE * 1e3:g} ms of a ping and its reply; check transducer_delay_time"
         )
     row, node, near, away, two_way = row[there], node[there], near[there], away[there], two_way[there]
     start = stamps.min()
     sigma = float(np.sqrt(np.median(positions[2].mean(axis=1))))
     notes = skipped_note(path, int(times.size - np.isfinite(times).sum()))
     if (~there).any():
-        notes += (f"{path}: {int((~there).sum())} times without a position of the platform were left out",)
+        notes += (f"{path}: {int((~there).sum())} times without a position of the platform dropped",)
     return Survey(
         nodes=nodes,
         node=node.astype(np.int64),
@@ -183,13 +183,13 @@ def _survey(
 
 
 def _nearest(time: Array, wanted: Array) -> NDArray[np.int64]:
-    """Index of the time nearest to each wanted one; -1 if none is near enough."""
+    """Index of the nearest time to each wanted time; -1 if none is within the tolerance."""
     i = np.clip(np.searchsorted(time, wanted), 1, max(time.size - 1, 1))
     last = time.size - 1
     best = np.where(
         np.abs(time[np.minimum(i, last)] - wanted) < np.abs(time[i - 1] - wanted), np.minimum(i, last), i - 1
     )
-    return np.where(np.abs(time[best] - wanted) <= _SAME, best, -1)
+    return np.where(np.abs(time[best] - wanted) <= _TIME_TOLERANCE, best, -1)
 
 
 def _profile(path: Path) -> tuple[Array, Array]:
@@ -200,7 +200,9 @@ def _profile(path: Path) -> tuple[Array, Array]:
             [[float(word) for word in row] for row in rows if row and not row[0].startswith("#")]
         )
     except ValueError:
-        raise LocateError(f"{path}: needed are two columns, depth (negative down) and sound speed") from None
+        raise LocateError(
+            f"{path}: not a profile; it must have two columns, depth (negative down) and sound speed"
+        ) from None
     depth = np.abs(table[:, 0])
     order = np.argsort(depth, kind="stable")
     keep = np.diff(depth[order], prepend=-1.0) > 0.0

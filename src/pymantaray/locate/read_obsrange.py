@@ -1,8 +1,8 @@
 """
-Survey text that OBSrange reads: that of Scripps, a line an event, and that of Woods Hole, a table below a header of ``#`` lines.
+Reader of survey text for OBSrange: the Scripps format, one event per line, and the Woods Hole format, a table below ``#`` lines.
 
-The grammar is that of the sample files of https://github.com/jbrussell/OBSrange. Both have the drop point and its depth in the
-header and one position of the ship a ping. Altitudes are the antenna's height and are not used.
+The grammar follows the sample files of https://github.com/jbrussell/OBSrange. Both formats have the drop point and its depth in
+the header and one position of the ship per ping. Altitudes are the antenna's height and are not used.
 """
 
 import re
@@ -18,7 +18,7 @@ from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, Survey
 
 Array = NDArray[np.float64]
-_SIGMA = (2000.0, 2000.0, 200.0)  # m; of a drop point and a charted depth
+_SIGMA = (2000.0, 2000.0, 200.0)  # m; standard deviations of a drop point and a charted depth
 _ANGLE = r"(\d+)\s+(\d+(?:\.\d*)?)\s*([{}])"
 _PING = re.compile(
     r"^\s*(?P<ms>\d+(?:\.\d*)?)\s*msec\.?\s+Lat:\s*"
@@ -39,7 +39,7 @@ _HEAD = re.compile(r"^\s*#?\s*(?P<key>[A-Za-z][A-Za-z ()\-/]*?)\s*:\s*(?P<value>
 
 
 def is_obsrange(path: Path) -> bool:
-    """True if a file has the header of a drop point."""
+    """True if the header of a file has a drop point."""
     return re.search(r"drop[ -]*point", _text(path)[:4000], re.IGNORECASE) is not None
 
 
@@ -48,7 +48,7 @@ def _text(path: Path) -> str:
 
 
 def read_obsrange(path: Path, options: ReadOptions) -> Survey:
-    """Survey of one node."""
+    """Read the survey of one node."""
     head: dict[str, str] = {}
     pings: list[tuple[int, float, float, float, float]] = []  # line, time, ms, lat, lon
     skipped = 0
@@ -60,7 +60,7 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
             skipped += 1
         elif _LOOKS_LIKE_PING.match(line) or (pings and re.match(r"^\s*\d{4}-\d{2}-\d{2}\s", line)):
             raise LocateError(
-                f"{path}, line {number}: {line.strip()[:80]!r} is not a ping; needed is 6306 msec. Lat: 4 52.9270 S"
+                f"{path}, line {number}: {line.strip()[:80]!r} is not a ping; write it as 6306 msec. Lat: 4 52.9270 S"
                 "  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:06:04:30"
             )
         elif not pings and (entry := _HEAD.match(line)) and "skipped" not in line.lower():
@@ -68,12 +68,12 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
         elif line.strip() and not set(line.strip()) <= set("=-#") and not line.lstrip().startswith("#"):
             skipped += 1
     if not pings:
-        raise LocateError(f"{path}: no event has an answer ({skipped} have none); nothing can be located")
+        raise LocateError(f"{path}: none of {skipped} events has an answer; the survey needs answers")
     return options.applied(_survey(path, head, pings, skipped, options))
 
 
 def _ping(line: str) -> tuple[float, float, float, float] | None:
-    """Time since 1970 [s], two-way time [ms], latitude and longitude [degrees] of a line; None if it is no ping."""
+    """Time since 1970 [s], two-way time [ms], latitude and longitude [degrees] of a line; None if it is not a ping."""
     if match := _PING.match(line):
         parts = match.groups()
         year, day, hour, minute, second = parts[-5:]
@@ -85,7 +85,7 @@ def _ping(line: str) -> tuple[float, float, float, float] | None:
     if (match := _ROW.match(line)) and match["ms"]:
         logged = _instant(match["date"], match["clock"])
         time = _instant(match["date"], match["gps"])
-        time += 86400.0 * round((logged - time) / 86400.0)  # the date is that of the line
+        time += 86400.0 * round((logged - time) / 86400.0)  # use the date of the line
         groups = [g for g in match.groups() if g is not None]
         place = groups[4:10]
         return time, float(match["ms"]), _angle(*place[:3]), _angle(*place[3:])
@@ -136,7 +136,7 @@ def _survey(
 
 
 def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
-    """Latitude or longitude of the drop point, in degrees or in degrees and minutes with a letter."""
+    """Latitude or longitude of the drop point, from degrees or from degrees and minutes with a letter."""
     text = next((value for key, value in head.items() if "drop" in key and which in key), "")
     try:
         value = float(text)
@@ -144,12 +144,14 @@ def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
         match = re.fullmatch(_ANGLE.format("NSEWnsew"), text.strip())
         if match is None:
             raise LocateError(
-                f"{path}: drop point {which} is {text!r}; degrees are needed, or degrees and minutes as 01 35.6114 N"
+                f"{path}: drop point {which} is {text!r}; it must be degrees, or degrees and minutes such as 01 35.6114 N"
             ) from None
         value = _angle(*match.groups())
     limit = 90.0 if which == "latitude" else 360.0
     if not abs(value) <= limit:
-        raise LocateError(f"{path}: drop point {which} is {value:g}; degrees within {limit:g} are needed")
+        raise LocateError(
+            f"{path}: drop point {which} is {value:g}; it must be -{limit:g} to {limit:g} degrees"
+        )
     return value
 
 
@@ -160,7 +162,9 @@ def _depth(path: Path, head: dict[str, str]) -> float:
     except ValueError:
         value = 0.0
     if not value > 0.0:
-        raise LocateError(f"{path}: the drop point's depth is {text!r}; give the depth in metres by --depth")
+        raise LocateError(
+            f"{path}: the drop point's depth is {text!r}; give it in metres with --depth (in Python: depth)"
+        )
     return value
 
 

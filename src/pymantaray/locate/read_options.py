@@ -1,4 +1,4 @@
-"""What a survey's file may lack, and what readers of several formats have in common."""
+"""Options for data that a survey's file does not contain, and functions shared by readers."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,35 +16,36 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class ReadOptions:
     """
-    What a survey's file does not say.
+    Data that a survey's file does not contain, or that replace its data.
 
     Parameters
     ----------
     nodes : str or pathlib.Path, optional
         Table of nodes with prior positions.
     track : tuple of str or pathlib.Path
-        Trajectory of the platform, of any format that `pymantaray.read_trajectories` reads.
+        Trajectory of the platform, in any format of `pymantaray.read_trajectories`.
     platform : str, optional
-        Name of the platform in the track; needed if that has several.
+        Name of the platform in the track; required if the track has several.
     position_at : {"both", "transmission", "reception"}
-        What a single position per ping is of. With ``both`` the platform is taken to be there at both instants; otherwise the
-        other position is interpolated between pings.
+        Instant of a single position per ping. With ``both``, the position applies to both instants; otherwise the other
+        position is interpolated between pings.
     transducer_depth : float
-        Depth of positions that come without. [m]
+        Depth of positions without depth. [m]
     depth : float, optional
-        Prior depth of nodes that come without. [m]
+        Prior depth of nodes without depth. [m]
     depth_sigma, horizontal_sigma : float, optional
-        Prior standard deviations in place of the files'. [m]
+        Prior standard deviations that replace those of the file. [m]
     turn_around, turn_around_sigma : float, optional
-        Of all nodes, in place of the files'. [s]
+        Turn-around time of all nodes and its standard deviation, which replace those of the file. [s]
     offset_sigma, drift_sigma : float, optional
-        Of all clocks, in place of the files'. [s], [s/s]
+        Standard deviations of all clocks, which replace those of the file. [s], [s/s]
     sigma : float, optional
-        Stated standard deviation of times that come without. [s]
+        Standard deviation of times without one. [s]
     lever, lever_sigma : tuple of float, optional
-        Antenna to transducer, forward, starboard, down, and standard deviations, in place of the file's. [m]
+        Vector from antenna to transducer (forward, starboard, down) and standard deviations, which replace those of the
+        file. [m]
     platform_error : PlatformError, optional
-        In place of the file's.
+        Errors of positions, which replace those of the file.
     """
 
     nodes: str | Path | None = None
@@ -65,7 +66,18 @@ class ReadOptions:
     platform_error: PlatformError | None = None
 
     def node(self, node: Node) -> Node:
-        """The node with what the options say of all nodes."""
+        """
+        Apply the options to a node.
+
+        Parameters
+        ----------
+        node : Node
+            Node from a file.
+
+        Returns
+        -------
+        Node
+        """
         changes = {
             name: getattr(self, name)
             for name in ("turn_around", "turn_around_sigma", "offset_sigma", "drift_sigma")
@@ -80,11 +92,22 @@ class ReadOptions:
         return replace(node, sigma=sigma, **changes)
 
     def applied(self, survey: Survey) -> Survey:
-        """The survey with what the options say of all pings and nodes."""
+        """
+        Apply the options to a survey.
+
+        Parameters
+        ----------
+        survey : Survey
+            Survey from a file.
+
+        Returns
+        -------
+        Survey
+        """
         changed = survey.changed(nodes=tuple(self.node(node) for node in survey.nodes))
         if self.sigma is not None:
             if not self.sigma > 0.0:
-                raise LocateError(f"sigma is {self.sigma:g} s; a positive standard deviation is needed")
+                raise LocateError(f"sigma is {self.sigma:g} s; it must be positive")
             changed = changed.changed(sigma=np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma))
         lever = LeverArm(self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma)
         changed = changed.changed(lever=lever)
@@ -94,30 +117,44 @@ class ReadOptions:
 
     def both_ends(self, time: Array, duration: Array, place: Array) -> tuple[Array, Array, Array]:
         """
-        Times of transmission, about these where receptions are stated, and positions at both ends, from one position per ping at its stated time.
+        Compute times of transmission and positions at both instants from one position per ping.
 
-        ``place`` (n, 3) is in the local frame. [m]
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+            Times of the positions. [s]
+        duration : ndarray, shape (n,)
+            Two-way times. [s]
+        place : ndarray, shape (n, 3)
+            Positions in the local frame. [m]
+
+        Returns
+        -------
+        time : ndarray, shape (n,)
+            Times of transmission; approximate for ``position_at="reception"``. [s]
+        transmit_position, receive_position : ndarray, shape (n, 3)
+            [m]
         """
         if self.position_at == "both":
             return time, place, place
         rising, first = np.unique(time, return_index=True)
         if rising.size < 2:
-            raise LocateError("position at one end: two pings or more are needed to interpolate between")
+            raise LocateError("position_at: interpolation needs at least two pings; use --position-at both")
         sent = time if self.position_at == "transmission" else time - duration
         wanted = sent + duration if self.position_at == "transmission" else sent
         other = np.column_stack([_extended(wanted, rising, place[first, axis]) for axis in range(3)])
         if self.position_at == "transmission":
             return sent, place, other
-        return time - float(np.median(duration)), other, place  # in order even where a duration is wrong
+        return time - float(np.median(duration)), other, place  # in order, even if a duration is wrong
 
 
 def _extended(wanted: Array, time: Array, values: Array) -> Array:
-    """Linear interpolation, continued at both ends by the slope there."""
+    """Linear interpolation with linear extrapolation."""
     i = np.clip(np.searchsorted(time, wanted) - 1, 0, time.size - 2)
     slope = (values[i + 1] - values[i]) / (time[i + 1] - time[i])
     return np.asarray(values[i] + slope * (wanted - time[i]))
 
 
 def skipped_note(path: Path, count: int) -> tuple[str, ...]:
-    """Line that counts events without an answer."""
+    """Note with the number of events without an answer."""
     return (f"{path}: {count} event{'' if count == 1 else 's'} without an answer",) if count else ()

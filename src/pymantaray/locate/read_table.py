@@ -1,4 +1,4 @@
-"""Our own table of pings, one a row, with its units in the names of its columns; nodes in a second table; a track if asked for."""
+"""Reader of tables of pings, one per row, with units in column names; optional tables of nodes and tracks."""
 
 from pathlib import Path
 
@@ -22,18 +22,18 @@ _TIMES = {
     "one_way_time_ms": (Direction.FROM_NODE, 1e-3),
 }
 _DIRECTIONS = {"from node": Direction.FROM_NODE, "to node": Direction.TO_NODE}
-_SIGMA = (5000.0, 5000.0, 300.0)  # m; of a node of which nothing is stated
+_SIGMA = (5000.0, 5000.0, 300.0)  # m; default standard deviations of a node
 _FALSE, _TRUE = ("0", "false", "no", "n", "f"), ("1", "true", "yes", "y", "t", "")
 
 
 def read_table(path: Path, options: ReadOptions) -> Survey:
-    """Survey from a table; the how-to lists its columns."""
+    """Read a survey from a table; the how-to lists its columns."""
     table = read_text_table(path)
     kind = _time_column(table)
     table.require(["time", "node", kind])
     names = [cell.strip() for cell in table.frame["node"]]
     if "" in names:
-        raise LocateError(f"{path}, line {table.frame.index[names.index('')]}: node has no name")
+        raise LocateError(f"{path}, line {table.frame.index[names.index('')]}: no name of the node; add it")
     times = table.times("time")
     dated = np.issubdtype(times.dtype, np.datetime64)
     epoch = times[0].astype("datetime64[ns]") if dated else np.datetime64("NaT", "ns")
@@ -72,7 +72,9 @@ def _time_column(table: TextTable) -> str:
     there = [name for name in _TIMES if name in table.frame.columns]
     if len(there) != 1:
         columns = ", ".join(there) or ", ".join(map(str, table.frame.columns))
-        raise LocateError(f"{table.path}: one column of {', '.join(_TIMES)} is needed; found {columns}")
+        raise LocateError(
+            f"{table.path}: the columns are {columns}; exactly one of {', '.join(_TIMES)} is required"
+        )
     return there[0]
 
 
@@ -83,7 +85,7 @@ def _words(table: TextTable, column: str) -> list[str]:
 
 
 def _optional(table: TextTable, column: str, default: float = np.nan) -> Array:
-    """A column of numbers that may be missing or have empty cells."""
+    """Optional column of numbers, which may have empty cells."""
     if column not in table.frame.columns:
         return np.full(len(table.frame), default)
     cells = table.frame[column]
@@ -92,7 +94,7 @@ def _optional(table: TextTable, column: str, default: float = np.nan) -> Array:
     if wrong.any():
         row = int(np.argmax(wrong))
         raise LocateError(
-            f"{table.path}, line {table.frame.index[row]}: {column} is {cells.iloc[row]!r}; a number is needed, or nothing"
+            f"{table.path}, line {table.frame.index[row]}: {column} is {cells.iloc[row]!r}; it must be a number or empty"
         )
     return values
 
@@ -102,7 +104,7 @@ def _flags(table: TextTable) -> NDArray[np.bool_]:
     for row, word in enumerate(words):
         if word not in _TRUE + _FALSE:
             raise LocateError(
-                f"{table.path}, line {table.frame.index[row]}: use is {word!r}; yes or no is needed, or 1 or 0"
+                f"{table.path}, line {table.frame.index[row]}: use is {word!r}; allowed: yes, no, 1, 0"
             )
     return np.array([word in _FALSE for word in words])
 
@@ -115,7 +117,7 @@ def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
     for row, word in enumerate(words):
         if word.lower() not in (*_DIRECTIONS, ""):
             raise LocateError(
-                f"{table.path}, line {table.frame.index[row]}: direction is {word!r}; allowed are {', '.join(_DIRECTIONS)}"
+                f"{table.path}, line {table.frame.index[row]}: direction is {word!r}; allowed: {', '.join(_DIRECTIONS)}"
             )
         out[row] = _DIRECTIONS.get(word.lower(), Direction.FROM_NODE)
     return out
@@ -140,8 +142,8 @@ class _Places:
         self._track = bool(options.track)
         if not (self._track or self._geodetic or {"north_m", "east_m"} <= columns or between.all()):
             raise LocateError(
-                f"{table.path}: positions of the platform are missing; columns lat and lon, or north_m and east_m, are needed,"
-                " or a track"
+                f"{table.path}: no positions of the platform; add columns lat and lon, or north_m and east_m, or give --track (in"
+                " Python: track)"
             )
         self.frame: LocalFrame | None = None
         if self._track:
@@ -162,13 +164,13 @@ class _Places:
             row = int(np.flatnonzero(~self._between)[np.argmax(wrong)])
             here = float(lat[np.argmax(wrong)]), float(lon[np.argmax(wrong)])
             raise LocateError(
-                f"{self._table.path}, line {self._table.frame.index[row]}: position {here[0]:g}, {here[1]:g}; latitude within 90"
-                " and longitude within 360 degrees are needed"
+                f"{self._table.path}, line {self._table.frame.index[row]}: position is {here[0]:g}, {here[1]:g}; latitude must be"
+                " -90 to 90 and longitude -360 to 360 degrees"
                 + ("; they may be exchanged" if abs(here[1]) <= 90.0 < abs(here[0]) else "")
             )
 
     def to_frame(self, frame: LocalFrame | None) -> None:
-        """Bring positions to a frame."""
+        """Convert positions to a frame."""
         if self._track:
             self._from_track(frame)
             return
@@ -202,9 +204,7 @@ class _Places:
         bad = ~np.isfinite(place).all(axis=1) & ~self._between
         if bad.any():
             line = self._table.frame.index[int(np.argmax(bad))]
-            raise LocateError(
-                f"{self._table.path}, line {line}: the position of the platform is not complete"
-            )
+            raise LocateError(f"{self._table.path}, line {line}: the position of the platform is incomplete")
         return place
 
     def _attitudes(self) -> list[Array]:
@@ -220,16 +220,18 @@ class _Places:
         tracks, options = self._tracks, self._options
         names = tracks.names
         if options.platform is None and len(names) > 1:
-            raise LocateError(f"track: holds {', '.join(names[:6])}; name the platform")
+            raise LocateError(
+                f"track: it contains {', '.join(names[:6])}; name the platform with --platform (in Python: platform)"
+            )
         name = options.platform or names[0]
         if name not in names:
-            raise LocateError(f"track: holds {', '.join(names[:6])}, not {name}")
+            raise LocateError(f"track: no platform {name}; available: {', '.join(names[:6])}")
         shift = 0.0
         if tracks.start is not None and not np.isnat(self._epoch):
             shift = float((self._epoch - tracks.start) / np.timedelta64(1, "s"))
         elif (tracks.start is None) != np.isnat(self._epoch):
             raise LocateError(
-                "track: it has dates and the survey has not, or the other way; both must have the same"
+                "track: only one of track and survey has dates; both must have dates, or both times in seconds"
             )
         own = next(p for p in tracks.in_frame(frame or LocalFrame(0.0, 0.0)) if p.name == name)
         both = self.sent + shift, self.sent + shift + self._duration
@@ -240,7 +242,7 @@ class _Places:
                 line = self._table.frame.index[int(np.argmax(outside))]
                 raise LocateError(
                     f"{self._table.path}, line {line}: the {'reception' if k else 'transmission'} is"
-                    f" {wanted[outside][0]:.1f} s after the track's start, which lasts {last - first:.1f} s"
+                    f" {wanted[outside][0]:.1f} s after the start of the track, which lasts {last - first:.1f} s"
                 )
         record = tracks.at(np.unique(np.concatenate(both)), frame or LocalFrame(0.0, 0.0))
         k = names.index(name)
@@ -256,7 +258,7 @@ class _Places:
 
 
 def _frame_of_nodes(options: ReadOptions) -> LocalFrame | None:
-    """Frame about the nodes where the platform has none."""
+    """Frame around the nodes if the platform has none."""
     if options.nodes is None:
         return None
     table = read_text_table(options.nodes)
@@ -269,21 +271,23 @@ def _frame_of_nodes(options: ReadOptions) -> LocalFrame | None:
 def _nodes(
     table: TextTable, options: ReadOptions, frame: LocalFrame | None, places: _Places, names: list[str]
 ) -> tuple[Node, ...]:
-    """Nodes by name, from the table of nodes or from where the platform was."""
+    """Nodes by name, from the table of nodes or from the positions of the platform."""
     known = {} if options.nodes is None else _node_table(options, frame, places)
     missing = [name for name in names if name not in known]
     if missing and options.nodes is not None:
         raise LocateError(
-            f"{options.nodes}: lacks node {missing[0]} of the survey; it has {', '.join(known)}"
+            f"{options.nodes}: no node {missing[0]}, which the survey has; available: {', '.join(known)}"
         )
     for name in missing:
         if options.depth is None:
             raise LocateError(
-                f"{table.path}: the depth of node {name} is unknown; give --depth or a table of nodes"
+                f"{table.path}: the depth of node {name} is unknown; give --depth or --nodes (in Python: depth or nodes)"
             )
         mine = (table.frame["node"].str.strip() == name).to_numpy() & np.isfinite(places.near).all(axis=1)
         if not mine.any():
-            raise LocateError(f"{table.path}: node {name} has no ping of the platform; give a table of nodes")
+            raise LocateError(
+                f"{table.path}: node {name} has no ping of the platform; give --nodes (in Python: nodes)"
+            )
         middle = places.near[mine].mean(axis=0)
         known[name] = Node(name, (float(middle[0]), float(middle[1]), options.depth), _SIGMA)
     return tuple(known[name] for name in known if name in names)
@@ -310,7 +314,7 @@ def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places)
         else np.full(len(table.frame), options.depth or np.nan)
     )
     if not np.isfinite(depth).all():
-        raise LocateError(f"{path}: lacks depth_m; give it, or --depth")
+        raise LocateError(f"{path}: no column depth_m; add it, or give --depth (in Python: depth)")
     horizontal = _optional(table, "sigma_horizontal_m", _SIGMA[0])
     sigma = [
         _optional(table, f"sigma_{axis}_m") if f"sigma_{axis}_m" in columns else default
@@ -331,7 +335,7 @@ def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places)
     }
     names = [str(name).strip() for name in table.frame["name"]]
     if len(set(names)) < len(names):
-        raise LocateError(f"{path}: two nodes are called {pd.Series(names).mode()[0]}; names must differ")
+        raise LocateError(f"{path}: two nodes have the name {pd.Series(names).mode()[0]}; rename one")
     return {
         name: Node(
             name,

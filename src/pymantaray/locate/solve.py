@@ -1,4 +1,4 @@
-"""Positions of nodes from a survey: outer steps with exact rays, and the choice of the model by its evidence."""
+"""Solver for node positions: outer steps with exact rays, and selection of the model by its evidence."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
-from pymantaray.locate.evidence import SPARE, Posterior, posterior
+from pymantaray.locate.evidence import MIN_REDUNDANCY, Posterior, posterior
 from pymantaray.locate.graduated import graduated_change, robust_sigma
 from pymantaray.locate.linear import Linearization, Mask, Products
 from pymantaray.locate.noise import Correlation
@@ -23,38 +23,39 @@ from pymantaray.locate.unknowns import Arrangement, Unknowns
 from pymantaray.ocean.modes import VerticalModes
 
 Array = NDArray[np.float64]
-_STEPS = 25  # outer steps of one stage
-_NEAR = 0.3  # m; rays are not traced again for smaller moves
-_SETTLED = 1e-3  # m; the largest change of a node's position in an outer step
+_MAX_STEPS = 25  # outer steps of one stage
+_RETRACE_DISTANCE = 0.3  # m; rays are not traced again for smaller changes
+_CONVERGED = 1e-3  # m; the largest change of a node's position in an outer step
 _ROUNDS = 2  # of the graduated start
-_UNSTATED = 1e-3  # s; noise of pings too few to show it
-_FLOOR = 1e-6  # s; residuals below this are never gross
+_DEFAULT_SIGMA = 1e-3  # s; noise level if there are too few pings to estimate it
+_MIN_GROSS = 1e-6  # s; smaller residuals are never gross errors
 _CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
 _RATIOS = (0.3, 3.0, 10.0)
 _SHARES = (0.0, 1.0)
 CORRELATED = 3
 """Hyperparameters of correlated noise."""
-_FEWEST_FOR_CORRELATION = 200  # pings; fewer do not tell a correlation from errors of the model
+_MIN_FOR_CORRELATION = 200  # pings; fewer cannot separate correlation from errors of the model
 
 
 @dataclass(frozen=True, eq=False)
 class LocateOptions:
     """
-    How a survey is solved.
+    Options of the solver.
 
     Parameters
     ----------
     speed_model : {"auto", "known", "scale", "time", "gradient", "modes"}
-        What may differ from the profile; the marginal likelihood decides if ``auto``.
+        Model of the sound speed relative to the profile; ``auto`` selects it by the marginal likelihood.
     correlation : {"auto", "none"}
-        Whether pings may have correlated noise.
+        Correlated noise of pings: ``auto`` selects it by the marginal likelihood, ``none`` excludes it.
     gross : float
-        Residuals larger than this many robust standard deviations are gross errors.
+        Limit for gross errors, in robust standard deviations of the residuals. [-]
     arrangement : {"free", "rigid"}, optional
-        Whether the nodes keep their prior arrangement and move together. Default: as the survey's files say, else free.
+        ``rigid`` moves all nodes together in their prior arrangement. Default: as in the survey's files, else ``free``.
     speed_prior : SpeedPrior
+        Prior of the sound speed.
     modes : VerticalModes, optional
-        Shapes for the model ``modes``.
+        Vertical modes for the model ``modes``.
     """
 
     speed_model: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
@@ -65,17 +66,17 @@ class LocateOptions:
     modes: VerticalModes | None = None
 
     def __post_init__(self) -> None:
-        """Check the words and numbers."""
+        """Check all values."""
         if self.speed_model not in ("auto", *KINDS):
-            raise LocateError(f"sound speed {self.speed_model!r}; allowed are auto, {', '.join(KINDS)}")
+            raise LocateError(f"speed_model is {self.speed_model!r}; allowed: auto, {', '.join(KINDS)}")
         if self.correlation not in ("auto", "none"):
-            raise LocateError(f"correlation {self.correlation!r}; allowed are auto and none")
+            raise LocateError(f"correlation is {self.correlation!r}; allowed: auto, none")
         if not self.gross > 2.0:
-            raise LocateError(f"gross is {self.gross:g}; more than 2 standard deviations are needed")
+            raise LocateError(f"gross is {self.gross:g}; it must be greater than 2 standard deviations")
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Models to choose from, simplest first; not ``known``, whose evidence is high where the data cannot test it."""
+        """Candidate models, simplest first, without ``known``: its evidence is high if the data cannot test it."""
         if self.speed_model != "auto":
             return (self.speed_model,)
         return KINDS[1:] if self.modes is not None else KINDS[1:-1]
@@ -83,7 +84,7 @@ class LocateOptions:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Values at which the outer steps have settled, and the system there."""
+    """Converged values of the outer steps, and the linear system there."""
 
     unknowns: Unknowns
     values: Array
@@ -97,7 +98,7 @@ class Solution:
 
     @property
     def positions(self) -> Array:
-        """Of the nodes (n_nodes, 3). [m]"""
+        """Positions of the nodes (n_nodes, 3). [m]"""
         return self.unknowns.positions(self.values)
 
 
@@ -114,14 +115,14 @@ class Solver:
             self.weight = self.weight / np.median(self.weight)
 
     def unknowns(self, kind: Kind, position: Array) -> Unknowns:
-        """Columns under a model of the sound speed; gradients are about the middle of the positions."""
+        """Columns for a model of the sound speed; gradients are relative to the middle of the positions."""
         o = self.options
         speed = sound_speed_terms(self.survey, position, kind, o.speed_prior, o.modes)
         stated: Arrangement = "free" if self.survey.rigid is None else "rigid"
         return Unknowns(self.survey, speed, o.arrangement or stated)
 
     def first_values(self, unknowns: Unknowns, position: Array, before: Solution | None = None) -> Array:
-        """Values to start from: these positions, and what a solution with another model has of the rest."""
+        """Initial values: these positions, and other values from a solution with another model."""
         values, at = unknowns.prior_mean, unknowns.slices
         if before is not None:
             n = at["speed"].start
@@ -145,18 +146,18 @@ class Solver:
         hyper: Mapping[str, float],
         sigma: float,
     ) -> Solution:
-        """Solve the linear system at some values; the solution's values are those before the step."""
+        """Solve the linear system at some values; the solution contains the values before the step."""
         legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
         linear = Linearization(unknowns, values, legs, self.weight)
         if not unknowns.prior_sd.any():
             raise LocateError(
-                f"{self.survey.source}: nothing is unknown; give a node a positive standard deviation"
+                f"{self.survey.source}: there are no unknowns; give at least one node a positive standard deviation"
             )
         used = self.plausible(linear)
         if not used.any():
             raise LocateError(
-                f"{self.survey.source}: no ping can be explained at the positions from which the solver starts; check"
-                " the positions of platform and nodes, and the profile"
+                f"{self.survey.source}: the model explains no ping at the initial positions; check the positions of platform and"
+                " nodes, and the profile"
             )
         first = sigma or self._first_sigma(linear, used)
         products = linear.products(used, correlation, self.survey.platform_error, first)
@@ -164,10 +165,12 @@ class Solver:
         return Solution(unknowns, values, fit, correlation, legs, linear, products, used, settled=False)
 
     def legs(self, position: Array, lever: Array, modes: VerticalModes | None) -> Legs:
-        """Travel times at positions: rays are traced unless they were for positions near by."""
+        """Travel times at positions; rays are traced only if the positions changed enough."""
         if self._traced is not None:
             at, arm, legs = self._traced
-            near = max(float(np.abs(position - at).max()), float(np.abs(lever - arm).max())) < _NEAR
+            near = (
+                max(float(np.abs(position - at).max()), float(np.abs(lever - arm).max())) < _RETRACE_DISTANCE
+            )
             if near and legs.modes.shape[1] == (0 if modes is None else len(modes.modes)):
                 return moved(self.survey, legs, position - at, lever - arm)
         traced = predict(self.survey, self.medium, position, lever, modes)
@@ -175,25 +178,25 @@ class Solver:
         return traced
 
     def _first_sigma(self, linear: Linearization, used: Mask) -> float:
-        """Noise level to start from: that of the residuals, or what is stated where pings hardly outnumber unknowns."""
+        """Initial noise level from the residuals, or the stated level if there are too few pings."""
         unknowns = linear.unknowns
         scaled = sum(columns.size for columns in unknowns.groups.values())
-        if used.sum() >= np.count_nonzero(unknowns.prior_sd) - scaled + SPARE:
+        if used.sum() >= np.count_nonzero(unknowns.prior_sd) - scaled + MIN_REDUNDANCY:
             return robust_sigma(linear.residual[used] / self.weight[used])
         stated = self.survey.sigma[np.isfinite(self.survey.sigma)]
-        return float(np.median(stated)) if stated.size else _UNSTATED
+        return float(np.median(stated)) if stated.size else _DEFAULT_SIGMA
 
     def plausible(self, linear: Linearization) -> Mask:
-        """Pings that a ray explains and whose residuals are not gross."""
+        """Pings with a ray whose residuals are not gross errors."""
         possible = linear.legs.possible & ~self.survey.flagged
         if not possible.any():
             return possible
         size = np.abs(linear.residual / self.weight)
-        limit = max(self.options.gross * robust_sigma(size[possible]), _FLOOR)
+        limit = max(self.options.gross * robust_sigma(size[possible]), _MIN_GROSS)
         return np.asarray(possible & (np.nan_to_num(size, nan=np.inf) <= limit))
 
     def start(self, unknowns: Unknowns, values: Array) -> Array:
-        """Values from which gross errors can be told from a model that has not moved yet."""
+        """Initial values that are accurate enough to identify gross errors."""
         for _ in range(_ROUNDS):
             legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
             linear = Linearization(unknowns, values, legs, self.weight)
@@ -210,18 +213,18 @@ class Solver:
         correlation: Correlation,
         before: Posterior | None = None,
     ) -> Solution:
-        """Outer steps until the positions settle."""
+        """Iterate outer steps until the positions converge."""
         hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
         sigma = 0.0 if before is None else before.sigma
         used: Mask | None = None
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             solution = self.step(unknowns, values, correlation, hyper, sigma)
             new = values + solution.posterior.change
             moved = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
             values, hyper = new, solution.posterior.hyperparameters
             same = used is not None and np.array_equal(used, solution.used)
             used, sigma = solution.used, solution.posterior.sigma
-            if moved < _SETTLED and same:
+            if moved < _CONVERGED and same:
                 return replace(solution, values=values, settled=True)
         return replace(solution, values=values)
 
@@ -237,7 +240,7 @@ def _constant(unknowns: Unknowns, fraction: float) -> Array:
 
 
 class Candidate(Mapping[str, Any]):
-    """A model of the sound speed and the noise with its evidence, as a row of a table."""
+    """Model of sound speed and noise with its evidence, as a row of a table."""
 
     def __init__(self, kind: Kind, correlation: Correlation, fit: Posterior) -> None:
         self.kind, self.correlation, self.fit = kind, correlation, fit
@@ -266,17 +269,17 @@ class Candidate(Mapping[str, Any]):
         return iter(self._row)
 
     def __len__(self) -> int:
-        """Count the columns."""
+        """Number of columns."""
         return len(self._row)
 
     @property
     def abic(self) -> float:
-        """Criterion with the hyperparameters of the noise counted."""
+        """ABIC including the hyperparameters of the noise."""
         return float(self._row["abic"])
 
 
 def choose(solver: Solver, base: Solution) -> tuple[Candidate, list[Candidate]]:
-    """Candidate of lowest ABIC among those that the options allow, and all that were compared, at a solution's values."""
+    """Allowed candidate with the lowest ABIC, and all compared candidates, at a solution's values."""
     allowed = solver.options.kinds
     table = _Evidence(solver, base, "gradient")
     candidates = [table.candidate(kind, Correlation()) for kind in KINDS[:-1]]
@@ -288,7 +291,7 @@ def choose(solver: Solver, base: Solution) -> tuple[Candidate, list[Candidate]]:
         return min((c for c in some if c.kind in allowed), key=lambda c: c.abic)
 
     best = best_of(candidates)
-    if solver.options.correlation == "auto" and int(base.used.sum()) >= _FEWEST_FOR_CORRELATION:
+    if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
         table = table_of_modes if best.kind == "modes" else table
         for search in (_times, _ratios, _shares, _times):
             for correlation in search(best.correlation):
@@ -316,7 +319,7 @@ def _shares(now: Correlation) -> list[Correlation]:
 
 
 class _Evidence:
-    """Evidence of models at one linearization: those that are poorer use some columns of the richest."""
+    """Evidence of models at one linearization; simpler models use a part of the columns of the richest model."""
 
     def __init__(self, solver: Solver, base: Solution, rich: Kind) -> None:
         self._solver, self._base = solver, base
@@ -350,7 +353,7 @@ class _Evidence:
         return Candidate(kind, correlation, fit)
 
     def _held(self, kind: Kind) -> NDArray[np.int64]:
-        """Columns of the sound speed that a poorer model lacks."""
+        """Columns of the sound speed that a simpler model does not use."""
         at, speed = self._unknowns.slices["speed"], self._unknowns.speed
         columns = np.arange(at.start, at.stop)
         if kind in (speed.kind, "modes"):
@@ -360,7 +363,7 @@ class _Evidence:
 
 
 def solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solution, list[Candidate], Solver]:
-    """Solution of a survey sorted by time, the candidates for its model, and the solver."""
+    """Solve a survey sorted by time; return the solution, the candidate models and the solver."""
     with threadpool_limits(
         limits=1, user_api="blas"
     ):  # matrices are small: threads would wait for each other
@@ -386,7 +389,7 @@ def _solve(
         base, before = (
             solution,
             (chosen.kind, chosen.correlation),
-        )  # the evidence is of the pings that are used
+        )  # the evidence uses the used pings only
         chosen, candidates = choose(solver, base)
         if (chosen.kind, chosen.correlation) == before:
             break
@@ -394,7 +397,7 @@ def _solve(
 
 
 def candidate_table(candidates: list[Candidate], chosen: Solution) -> pd.DataFrame:
-    """Candidates by ABIC, best first, with the difference to the best."""
+    """Table of candidates in order of ABIC, with the difference from the best."""
     table = pd.DataFrame([dict(c) for c in candidates]).sort_values("abic", ignore_index=True, kind="stable")
     table.insert(
         0,

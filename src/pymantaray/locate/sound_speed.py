@@ -1,9 +1,9 @@
 r"""
-Terms by which the sound speed may differ from the profile, each a set of columns with a normal prior.
+Corrections of the sound speed relative to the profile, as terms with columns and normal priors.
 
-Travel times are :math:`t\,e^{-\gamma}`: :math:`\gamma` is the fraction by which the mean sound speed along a ray exceeds the
-profile's. It is a scale, or a cubic B-spline in time, to which horizontal gradients may be added that multiply the platform's or
-the node's distance from the array's centre. Amplitudes of vertical modes act by path integrals instead.
+Travel times are :math:`t\,e^{-\gamma}`, where :math:`\gamma` is the fraction by which the mean sound speed along a ray exceeds that
+of the profile. It is a scale, or a cubic B-spline in time, plus optional horizontal gradients, which multiply the distance of the
+platform or the node from the array's centre. Amplitudes of vertical modes use path integrals instead.
 """
 
 from dataclasses import dataclass
@@ -23,23 +23,23 @@ KINDS: tuple[Kind, ...] = ("known", "scale", "time", "gradient", "modes")
 KM = 1000.0
 _DEGREE = 3
 _FEWEST_KNOTS, _MOST_KNOTS, _MOST_GRADIENT_KNOTS = 4, 80, 40
-_SHORTEST = 300.0  # s; spacing of knots
-_APART = 50.0  # m; nodes nearer than this to their centre show no gradient
+_MIN_KNOT_INTERVAL = 300.0  # s
+_MIN_NODE_SPREAD = 50.0  # m; distance of nodes from their centre that is required for a gradient
 
 
 @dataclass(frozen=True)
 class SpeedPrior:
     """
-    What is assumed of the sound speed before the survey.
+    Prior of the sound speed.
 
     Parameters
     ----------
     scale : float
-        Standard deviation of the fraction by which the whole profile may be wrong. [-]
+        Standard deviation of the relative error of the whole profile. [-]
     gradient : float
-        Standard deviation of the constant part of a horizontal gradient of that fraction. [1/km]
+        Standard deviation of the constant part of a horizontal gradient of this error. [1/km]
     knot_interval : float
-        Spacing of the splines' knots; 0 for one eightieth of the survey, 5 min at least. [s]
+        Spacing of the splines' knots; 0 for one eightieth of the survey, but at least 5 min. [s]
     """
 
     scale: float = 5e-3
@@ -50,8 +50,8 @@ class SpeedPrior:
         """Check the numbers."""
         if not (self.scale > 0.0 and self.gradient > 0.0 and self.knot_interval >= 0.0):
             raise LocateError(
-                f"sound speed: scale {self.scale:g}, gradient {self.gradient:g}, knots every {self.knot_interval:g} s;"
-                " positive numbers are needed"
+                f"speed_prior: scale {self.scale:g}, gradient {self.gradient:g}, knot_interval {self.knot_interval:g} s;"
+                " all must be positive"
             )
 
 
@@ -59,8 +59,8 @@ class Term:
     """
     Columns of one term.
 
-    ``sd`` are prior standard deviations of its coefficients where these are fixed, and 1 times `weight` where the hyperparameter
-    of `group` multiplies them.
+    ``sd`` are prior standard deviations of its coefficients. If the hyperparameter of `group` multiplies them, they are 1 times
+    `weight`.
     """
 
     def __init__(self, name: str, group: str, spline: "Spline | None", factor: Array, prior: float) -> None:
@@ -72,7 +72,7 @@ class Term:
             self.scaled = np.arange(self.sd.size) >= 2
 
     def rows(self, part: slice) -> Array:
-        """Columns of some pings: the derivative of the fraction gamma by the coefficients."""
+        """Columns of a slice of pings: derivative of the fraction gamma by the coefficients."""
         factor = self.factor[part]
         if self.spline is None:
             return np.asarray(factor.mean(axis=1)[:, None])
@@ -82,16 +82,16 @@ class Term:
 
 class Spline:
     """
-    Cubic B-spline over a survey's time in coordinates of independent priors.
+    Cubic B-spline over a survey's time in coordinates with independent priors.
 
-    The second differences of its coefficients are penalized. In the eigenvectors of that penalty the prior is diagonal; the
-    first two, a constant and a straight line, carry no penalty. ``unit`` is such that the rest has a mean variance of 1.
+    The prior penalizes second differences of the coefficients. It is diagonal in the eigenvectors of this penalty. The first two, a
+    constant and a straight line, have no penalty. ``unit`` normalizes the mean variance of the others to 1.
     """
 
     def __init__(self, times: Array, interval: float, most: int) -> None:
         first, last = float(times.min()), float(times.max())
         span = max(last - first, 1.0)
-        spacing = interval or max(_SHORTEST, span / most)
+        spacing = interval or max(_MIN_KNOT_INTERVAL, span / most)
         count = max(int(np.ceil(span / spacing)), _FEWEST_KNOTS)
         step = span / count
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
@@ -109,18 +109,18 @@ class Spline:
         self.unit = unit
 
     def rows(self, part: slice, end: int) -> Array:
-        """Values of the columns at one end's times of some pings."""
+        """Values of the columns at the times of one end of a slice of pings."""
         return self.at(self._times[part, end])
 
     def at(self, time: Array) -> Array:
-        """Values of the columns at times within the span."""
+        """Values of the columns at times within the survey."""
         inside = np.clip(time, self.knots[_DEGREE], self.knots[-_DEGREE - 1])
         return np.asarray(BSpline.design_matrix(inside, self.knots, _DEGREE) @ self._basis)
 
 
 @dataclass(frozen=True, eq=False)
 class SoundSpeed:
-    """Terms of one kind of model for a survey; ``terms`` of a richer kind begin with those of a poorer one."""
+    """Terms of a kind of model for a survey; ``terms`` of a richer kind begin with those of a simpler kind."""
 
     kind: Kind
     terms: tuple[Term, ...]
@@ -128,16 +128,16 @@ class SoundSpeed:
 
     @property
     def size(self) -> int:
-        """Number of coefficients, amplitudes of modes included."""
+        """Number of coefficients, including amplitudes of modes."""
         return sum(t.sd.size for t in self.terms) + (0 if self.modes is None else len(self.modes.modes))
 
     def rows(self, part: slice) -> Array:
-        """Derivative of the fraction by the coefficients without those of modes."""
+        """Derivative of the fraction gamma by the coefficients, without modes."""
         n = len(range(*part.indices(1 << 62)))
         return np.concatenate([np.empty((n, 0)), *(t.rows(part) for t in self.terms)], axis=1)
 
     def fraction(self, coefficients: Array, count: int) -> Array:
-        """The fraction gamma of all pings (n,)."""
+        """Fraction gamma of all pings (n,)."""
         out = np.zeros(count)
         at = 0
         for term in self.terms:
@@ -156,14 +156,14 @@ def sound_speed_terms(
     prior: SpeedPrior,
     modes: VerticalModes | None = None,
 ) -> SoundSpeed:
-    """Terms of a kind of model; the gradients are about the middle of the node positions (n_nodes, 3) [m]."""
+    """Terms of a kind of model; gradients are relative to the middle of the node positions (n_nodes, 3) [m]."""
     n = len(survey)
     both = np.stack([survey.time, survey.time + np.maximum(survey.travel_time, 0.0)], axis=1)
     one = np.ones((n, 2))
     if kind == "modes":
         if modes is None:
             raise LocateError(
-                "sound speed: modes need several profiles, or an ocean, to make them from; give --modes"
+                "speed_model 'modes' needs vertical modes; give several profiles or an ocean with --modes (in Python: modes)"
             )
         return SoundSpeed(kind, (), modes)
     if kind == "known":
@@ -183,7 +183,7 @@ def sound_speed_terms(
                 )
             )
         offsets = position - centre
-        if len(position) > 2 and np.linalg.norm(offsets[:, :2], axis=1).max() > _APART:
+        if len(position) > 2 and np.linalg.norm(offsets[:, :2], axis=1).max() > _MIN_NODE_SPREAD:
             at_node = np.repeat(offsets[survey.node][:, None, :] / KM, 2, axis=1)
             for axis, name in enumerate(("north", "east")):
                 terms.append(

@@ -1,4 +1,4 @@
-"""Where the solver starts: a robust position of each node from straight ranges, from several first guesses."""
+"""Initial positions of nodes: robust estimates from straight ranges, from several initial guesses."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,10 @@ from pymantaray.locate.survey import Direction, Node, Survey
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
-_STEPS = 60
-_SETTLED = 1e-2  # m
-_GUESSES = 8  # around the pings, besides their middle and the prior
-_LEAST_SCALE = 1.0  # m
+_MAX_STEPS = 60
+_CONVERGED = 1e-2  # m
+_GUESSES = 8  # around the pings, in addition to their middle and the prior
+_MIN_SCALE = 1.0  # m
 
 
 def mean_speed(medium: Medium, top: float, bottom: float) -> float:
@@ -24,7 +24,7 @@ def mean_speed(medium: Medium, top: float, bottom: float) -> float:
 
 
 def start_positions(survey: Survey, medium: Medium) -> Array:
-    """Position of each node (n_nodes, 3) from straight ranges to the platform; the prior where there are too few. [m]"""
+    """Position of each node (n_nodes, 3) from straight ranges to the platform, or its prior if there are too few. [m]"""
     near, away = transducers(survey, np.array(survey.lever.offset))
     middle = 0.5 * (near + away)
     out = np.array([node.position for node in survey.nodes])
@@ -41,7 +41,7 @@ def start_positions(survey: Survey, medium: Medium) -> Array:
 
 
 def _from_ranges(points: Array, ranges: Array, node: Node, *, biased: bool) -> Array:
-    """Position of lowest robust cost among the ends of descents from several guesses."""
+    """Position with the lowest robust cost after descents from several guesses."""
     depth = node.position[2]
     reach = float(np.median(np.sqrt(np.maximum(ranges**2 - (depth - points[:, 2]) ** 2, 0.0))))
     around = np.linspace(0.0, 2.0 * np.pi, _GUESSES, endpoint=False)
@@ -53,16 +53,16 @@ def _from_ranges(points: Array, ranges: Array, node: Node, *, biased: bool) -> A
 
 
 def _descend(points: Array, ranges: Array, start: Array, node: Node, *, biased: bool) -> tuple[Array, float]:
-    """Iteratively re-weighted steps under a Cauchy loss with the node's prior; position and cost."""
+    """Minimize a Cauchy loss with the node's prior by iteratively re-weighted steps; return position and cost."""
     loss, x, bias = LOSSES["cauchy"], np.array(start), 0.0
     mean = np.append(node.position, 0.0)
     sd = np.append(np.maximum(node.sigma, 1e-3), max(1500.0 * node.offset_sigma, 1e-6) if biased else 1e-6)
     cost = np.inf
-    for _ in range(_STEPS):
+    for _ in range(_MAX_STEPS):
         step = x - points
         distance = np.maximum(np.linalg.norm(step, axis=1), 1e-6)
         residual = ranges - distance + bias
-        scale = max(1.4826 * float(np.median(np.abs(residual - np.median(residual) * biased))), _LEAST_SCALE)
+        scale = max(1.4826 * float(np.median(np.abs(residual - np.median(residual) * biased))), _MIN_SCALE)
         weight = loss.weight(residual / scale) / scale**2
         rows = np.column_stack([step / distance[:, None], np.full(len(points), -1.0)])
         normal = rows.T @ (weight[:, None] * rows) + np.diag(sd**-2.0)
@@ -72,6 +72,6 @@ def _descend(points: Array, ranges: Array, start: Array, node: Node, *, biased: 
         x, bias = x + move[:3], bias + move[3]
         x[2] = max(x[2], 0.1)
         cost = float(np.sum(np.log1p((residual / scale) ** 2)) + 2.0 * len(ranges) * np.log(scale))
-        if np.linalg.norm(move) < _SETTLED:
+        if np.linalg.norm(move) < _CONVERGED:
             break
     return x, cost

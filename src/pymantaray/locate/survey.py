@@ -1,4 +1,4 @@
-"""A survey: pings between a platform and nodes, or between two nodes, and what is known of all of them beforehand."""
+"""Survey: pings between a platform and nodes, or between two nodes, with priors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -13,13 +13,13 @@ from pymantaray.geometry import LocalFrame
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-_LONGEST = 120.0  # s; two-way times of 90 km, beyond any transponder
+_MAX_TRAVEL_TIME = 120.0  # s; two-way time of 90 km, beyond the reach of any transponder
 
 
 class Direction(IntEnum):
-    """Which way a measured time went."""
+    """Direction of a measured time."""
 
-    TWO_WAY = 0  # to the node and back, its turn-around time included
+    TWO_WAY = 0  # to the node and back, including its turn-around time
     FROM_NODE = 1  # one way, from the node to the platform or to the other node
     TO_NODE = 2  # one way, from the platform or the other node to the node
 
@@ -27,21 +27,22 @@ class Direction(IntEnum):
 @dataclass(frozen=True)
 class Node:
     """
-    A node whose position is unknown, and what is known of it before the survey.
+    A node with priors of its position, turn-around time and clock.
 
     Parameters
     ----------
     name : str
+        Unique name.
     position : tuple of float
-        Prior mean: north, east, depth in the survey's frame, the drop point for example. [m]
+        Prior mean: north, east, depth in the survey's frame, for example of the drop point. [m]
     sigma : tuple of float
-        Prior standard deviation of each; 0 for what is known exactly. [m]
+        Prior standard deviations of the position; 0 for a known coordinate. [m]
     turn_around : float
-        Delay between the reception and the answer of a two-way time. [s]
+        Delay between reception and answer of a two-way time. [s]
     turn_around_sigma : float
-        Its prior standard deviation; 0 where it is known. [s]
+        Prior standard deviation of this delay; 0 if it is known. [s]
     offset_sigma, drift_sigma : float
-        Prior standard deviation of the clock's offset at the first ping [s] and of its drift [s/s], for one-way times.
+        Prior standard deviations of the clock's offset at the first ping [s] and of its drift [s/s], for one-way times.
     """
 
     name: str
@@ -55,26 +56,26 @@ class Node:
     def __post_init__(self) -> None:
         """Check the numbers."""
         if not self.name:
-            raise LocateError("node: the name is empty; every node needs its own name")
+            raise LocateError("node: the name is empty; give every node a unique name")
         if not np.isfinite(self.position).all():
-            raise LocateError(f"node {self.name}: position {self.position} is not finite")
+            raise LocateError(f"node {self.name}: position is {self.position}; it must be finite")
         numbers = (*self.sigma, self.turn_around, self.turn_around_sigma, self.offset_sigma, self.drift_sigma)
         if not (np.isfinite(numbers).all() and min(numbers) >= 0.0):
             raise LocateError(
-                f"node {self.name}: sigmas and times must be finite and not negative: {numbers}"
+                f"node {self.name}: standard deviations and times are {numbers}; they must be finite and not negative"
             )
         if self.turn_around > 60.0:
             raise LocateError(
-                f"node {self.name}: turn-around time {self.turn_around:g} s; write milliseconds as '13 ms'"
+                f"node {self.name}: turn-around time is {self.turn_around:g} s, which is too long; write milliseconds as '13 ms'"
             )
 
 
 @dataclass(frozen=True)
 class LeverArm:
     """
-    Vector from the antenna, which the positions are of, to the transducer: forward, starboard, down.
+    Vector from the antenna, which defines the positions, to the transducer: forward, starboard, down.
 
-    ``sigma`` are prior standard deviations, 0 where an axis is known. [m]
+    ``sigma`` are prior standard deviations; 0 for a known axis. [m]
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -83,17 +84,19 @@ class LeverArm:
     def __post_init__(self) -> None:
         """Check the numbers."""
         if not (np.isfinite(self.offset + self.sigma).all() and min(self.sigma) >= 0.0):
-            raise LocateError(f"lever arm: {self.offset} with sigma {self.sigma}; three finite metres each")
+            raise LocateError(
+                f"lever arm is {self.offset} with sigma {self.sigma}; each must be three finite numbers in metres"
+            )
 
     @property
     def used(self) -> bool:
-        """True if the transducer is not at the antenna, or may not be."""
+        """True if the lever arm or its standard deviation is not 0."""
         return any(self.offset) or any(self.sigma)
 
 
 @dataclass(frozen=True)
 class PlatformError:
-    """Errors of the platform's positions: standard deviations, horizontal and vertical [m], and correlation time [s]."""
+    """Errors of the platform's positions: horizontal and vertical standard deviations [m] and correlation time [s]."""
 
     horizontal: float = 0.0
     vertical: float = 0.0
@@ -103,55 +106,57 @@ class PlatformError:
         """Check the numbers."""
         if not (min(self.horizontal, self.vertical) >= 0.0 and self.correlation > 0.0):
             raise LocateError(
-                f"platform error: {self.horizontal:g} m, {self.vertical:g} m over {self.correlation:g} s; standard"
-                " deviations of 0 or more and a positive correlation time are needed"
+                f"platform error is {self.horizontal:g} m, {self.vertical:g} m, {self.correlation:g} s; standard"
+                " deviations must be 0 or more, and the correlation time must be positive"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
     """
-    Measured travel times and where the platform was.
+    Measured travel times and positions of the platform.
 
     Parameters
     ----------
     nodes : sequence of Node
+        Nodes with priors.
     node : array_like of int, shape (n,)
-        Which node each ping is of.
+        Index of each ping's node.
     time : array_like, shape (n,)
-        Of the transmission. [s]
+        Time of transmission. [s]
     travel_time : array_like, shape (n,)
-        Measured, two-way including the turn-around time, or one-way. [s]
+        Measured time: two-way including the turn-around time, or one-way. [s]
     transmit_position, receive_position : array_like, shape (n, 3)
-        Positions of the platform's antenna at the transmission and at the reception: north, east, depth; NaN for pings
+        Positions of the platform's antenna at transmission and reception: north, east, depth; NaN for pings
         between nodes. [m]
     transmit_attitude, receive_attitude : array_like, shape (n, 3), optional
         Heading, pitch (bow up) and roll (starboard down). [rad]
     direction : array_like of int, shape (n,), optional
-        `Direction` of each; two-way by default.
+        `Direction` of each time; two-way by default.
     partner : array_like of int, shape (n,), optional
-        The other node of a ping between two; -1, the default, for the platform.
+        Index of the other node of a ping between two nodes; -1 (default) for the platform.
     sigma : array_like, shape (n,), optional
-        Standard deviation of each time as stated beforehand; NaN where nothing is stated. [s]
+        Stated standard deviation of each time; NaN if unknown. [s]
     flagged : array_like of bool, shape (n,), optional
-        Pings that the file marks as bad.
+        True for pings that the file marks as bad.
     line : array_like of int, shape (n,), optional
-        Line of the file that each ping stands in.
+        Line in the file of each ping.
     lever : LeverArm
+        Vector from antenna to transducer.
     platform_error : PlatformError
+        Errors of the platform's positions.
     frame : LocalFrame, optional
-        Of the positions; None where latitude and longitude are unknown.
+        Frame of the positions; None if latitude and longitude are unknown.
     epoch : numpy.datetime64
-        UTC of time 0; NaT where it is unknown.
+        UTC of time 0; NaT if it is unknown.
     rigid : tuple of float, optional
-        Prior standard deviations of north, east, depth [m] and turn [rad] of an array that keeps its arrangement; by default
-        the nodes are free.
+        Prior standard deviations of north, east, depth [m] and rotation [rad] of a rigid array. Default: free nodes.
     profile : tuple of ndarray, optional
-        Depth [m] and sound speed [m/s] of the profile that belongs to the survey's files.
+        Depth [m] and sound speed [m/s] of the profile in the survey's files.
     source : str
         File, for messages.
     notes : sequence of str
-        What was changed or left out in reading.
+        Changes and omissions by the reader.
     """
 
     nodes: tuple[Node, ...]
@@ -177,7 +182,7 @@ class Survey:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Fill what is optional, and check."""
+        """Set defaults and check all values."""
         n = np.size(self.travel_time)
         object.__setattr__(self, "nodes", tuple(self.nodes))
         for name, width, default, kind in (
@@ -198,46 +203,71 @@ class Survey:
             shape = (n, width) if width else (n,)
             array = np.array(given, dtype=kind) if given.size else np.full(shape, default, dtype=kind)
             if array.shape != shape:
-                raise LocateError(f"{self.source}: {name} has shape {array.shape}; it needs {shape}")
+                raise LocateError(f"{self.source}: {name} has shape {array.shape}; it must be {shape}")
             object.__setattr__(self, name, array)
         self._check()
 
     def _check(self) -> None:
         n = self.travel_time.size
         if n == 0:
-            raise LocateError(f"{self.source}: no ping has an answer; nothing can be located")
+            raise LocateError(f"{self.source}: no ping has an answer; the survey needs answers")
         names = [node.name for node in self.nodes]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)
-            raise LocateError(f"{self.source}: two nodes are called {twice}; names must differ")
+            raise LocateError(f"{self.source}: two nodes have the name {twice}; rename one")
         if self.node.min() < 0 or max(self.node.max(), self.partner.max()) >= len(names):
-            raise LocateError(f"{self.source}: a ping is of a node that is not among the {len(names)} nodes")
-        self.refuse("travel_time", ~np.isfinite(self.travel_time), "a number of seconds")
-        self.refuse("travel_time", self.travel_time <= 0.0, "seconds above 0")
-        middle = float(np.median(self.travel_time))
-        if middle > _LONGEST:
             raise LocateError(
-                f"{self.source}: the median travel time is {middle:g} s; times are in seconds, so divide milliseconds"
+                f"{self.source}: the node of a ping does not exist; allowed indices: 0 to {len(names) - 1}"
+            )
+        self.refuse("travel_time", ~np.isfinite(self.travel_time), "a number of seconds")
+        self.refuse("travel_time", self.travel_time <= 0.0, "positive seconds")
+        middle = float(np.median(self.travel_time))
+        if middle > _MAX_TRAVEL_TIME:
+            raise LocateError(
+                f"{self.source}: the median travel time is {middle:g} s; times must be in seconds; divide milliseconds"
                 " by 1000 (or name the column two_way_time_ms)"
             )
         alone = self.partner < 0
         for name in ("transmit_position", "receive_position"):
             self.refuse(name, alone & ~np.isfinite(getattr(self, name)).all(axis=1), "finite metres")
         self.refuse("time", ~np.isfinite(self.time), "a number of seconds")
-        self.refuse("sigma", self.sigma <= 0.0, "seconds above 0, or nothing")
+        self.refuse("sigma", self.sigma <= 0.0, "positive seconds, or NaN")
 
     def refuse(self, name: str, wrong: NDArray[np.bool_], allowed: str) -> None:
-        """Refuse the first ping of which something is wrong, by its line."""
+        """
+        Raise an error for the first ping with an invalid value.
+
+        Parameters
+        ----------
+        name : str
+            Field.
+        wrong : ndarray of bool, shape (n,)
+            True for invalid values.
+        allowed : str
+            Description of valid values.
+        """
         if wrong.any():
             row = int(np.argmax(wrong))
             raise LocateError(f"{self.where(row)}: {name} is {getattr(self, name)[row]}; allowed: {allowed}")
 
     def where(self, row: int) -> str:
-        """File and line of a ping, or its number."""
+        """
+        Location of a ping for messages.
+
+        Parameters
+        ----------
+        row : int
+            Index of the ping.
+
+        Returns
+        -------
+        str
+            File with line, or with the index of the ping.
+        """
         return f"{self.source}, " + (f"line {self.line[row]}" if self.line[row] else f"ping {row + 1}")
 
     def __len__(self) -> int:
-        """Count the pings."""
+        """Number of pings."""
         return int(self.travel_time.size)
 
     @property
@@ -247,19 +277,52 @@ class Survey:
 
     @property
     def between_nodes(self) -> NDArray[np.bool_]:
-        """Pings between two nodes."""
+        """True for pings between two nodes, (n,)."""
         return self.partner >= 0
 
     def changed(self, **changes: Any) -> Self:
-        """Copy of the survey with some fields exchanged."""
+        """
+        Copy of the survey with other values of fields.
+
+        Parameters
+        ----------
+        **changes
+            New values by field.
+
+        Returns
+        -------
+        Survey
+        """
         return replace(self, **changes)
 
     def with_nodes(self, **changes: ArrayLike | Sequence[float]) -> Self:
-        """Copy of the survey in which all nodes have these values, for example ``turn_around=0.013``."""
+        """
+        Copy of the survey with other values of fields of all nodes.
+
+        Parameters
+        ----------
+        **changes
+            New values by field of `Node`, for example ``turn_around=0.013``.
+
+        Returns
+        -------
+        Survey
+        """
         return self.changed(nodes=tuple(replace(node, **changes) for node in self.nodes))  # type: ignore[arg-type]
 
     def rows(self, which: NDArray[Any]) -> Self:
-        """Survey of some of its pings."""
+        """
+        Survey with a part of the pings.
+
+        Parameters
+        ----------
+        which : ndarray of int or bool
+            Pings to keep.
+
+        Returns
+        -------
+        Survey
+        """
         names = (
             "node time travel_time transmit_position receive_position transmit_attitude receive_attitude direction partner"
             " sigma flagged line"
@@ -267,11 +330,22 @@ class Survey:
         return self.changed(**{name: getattr(self, name)[which] for name in names.split()})
 
     def in_frame(self, frame: LocalFrame) -> Self:
-        """The survey with all positions and headings in another frame."""
+        """
+        Convert all positions and headings to another frame.
+
+        Parameters
+        ----------
+        frame : LocalFrame
+            Frame of the result.
+
+        Returns
+        -------
+        Survey
+        """
         own = self.frame
         if own is None:
             raise LocateError(
-                f"{self.source}: its positions are not geographic; they cannot be put into an ocean"
+                f"{self.source}: its positions are not geographic, which an ocean requires; use a profile instead"
             )
         if (own.latitude_deg, own.longitude_deg) == (frame.latitude_deg, frame.longitude_deg):
             return self

@@ -1,4 +1,4 @@
-"""Travel times of a survey's pings, and how they change with every position: exact eigenrays at both ends of each leg."""
+"""Travel times of a survey's pings and their derivatives by all positions, from exact eigenrays."""
 
 from dataclasses import dataclass, replace
 
@@ -12,27 +12,27 @@ from pymantaray.ocean.modes import VerticalModes
 from pymantaray.records import Arrivals, RayStatus
 
 Array = NDArray[np.float64]
-_INSIDE = 1e-3  # m; ends are kept this far inside the water
+_BOUNDARY_MARGIN = 1e-3  # m; minimum distance of ends from the boundaries of the water
 
 
 @dataclass(frozen=True, eq=False)
 class Legs:
     """
-    What the water makes of each ping: travel time of its legs together, and derivatives by the positions.
+    Travel time in the water of each ping, summed over its legs, and derivatives by the positions.
 
-    ``out`` and ``back`` are shares of the two legs in the time (n,); the leg that a one-way time lacks has 0.
+    ``out`` and ``back`` (n,) are the fractions of the two legs in the time; 0 for a leg that a one-way time does not have.
     """
 
     travel_time: Array
-    """Without turn-around time and clock; NaN where no ray goes. [s]"""
+    """Travel time without turn-around time and clock; NaN without a ray. [s]"""
     node_gradient: Array
-    """By the position of the node, (n, 3). [s/m]"""
+    """Derivative by the position of the node, (n, 3). [s/m]"""
     transmit_gradient: Array
-    """By the platform's position at the transmission, (n, 3); zeros for pings between nodes. [s/m]"""
+    """Derivative by the platform's position at transmission, (n, 3); zeros for pings between nodes. [s/m]"""
     receive_gradient: Array
-    """By the platform's position at the reception. [s/m]"""
+    """Derivative by the platform's position at reception, (n, 3). [s/m]"""
     partner_gradient: Array
-    """By the position of the other node, zeros for pings of the platform. [s/m]"""
+    """Derivative by the position of the other node, (n, 3); zeros for pings of the platform. [s/m]"""
     status: NDArray[np.int64]
     """`RayStatus` of the worse leg."""
     modes: Array
@@ -40,12 +40,12 @@ class Legs:
 
     @property
     def possible(self) -> NDArray[np.bool_]:
-        """Pings that a ray explains."""
+        """True for pings with a ray, (n,)."""
         return np.isfinite(self.travel_time)
 
 
 def transducers(survey: Survey, lever: Array) -> tuple[Array, Array]:
-    """Positions of the transducer at transmission and reception (n, 3) for a lever arm forward, starboard, down. [m]"""
+    """Positions (n, 3) of the transducer at transmission and reception for a lever arm forward, starboard, down. [m]"""
     turns = _rotations(survey)
     return (
         survey.transmit_position + turns[0].apply(lever),
@@ -63,7 +63,7 @@ def lever_gradients(survey: Survey, legs: Legs) -> Array:
 
 
 def _rotations(survey: Survey) -> tuple[Rotation, Rotation]:
-    """Body (forward, starboard, down) to north, east, down at both instants."""
+    """Rotations from body (forward, starboard, down) to north, east, down at both instants."""
     return Rotation.from_euler("ZYX", survey.transmit_attitude), Rotation.from_euler(
         "ZYX", survey.receive_attitude
     )
@@ -71,9 +71,9 @@ def _rotations(survey: Survey) -> tuple[Rotation, Rotation]:
 
 def moved(survey: Survey, legs: Legs, nodes: Array, lever: Array) -> Legs:
     """
-    Travel times after small moves of the nodes (n_nodes, 3) and the lever arm [m], to first order.
+    Travel times after small changes of the nodes (n_nodes, 3) and the lever arm [m], to first order.
 
-    For moves of d at a range r the error is about d² / 2r over the sound speed: 0.2 us for 0.3 m at 200 m.
+    For a change d at range r, the error is about d² / 2r divided by the sound speed: 0.2 us for 0.3 m at 200 m.
     """
     own = np.sum(legs.node_gradient * nodes[survey.node], axis=1)
     other = np.sum(legs.partner_gradient * nodes[np.maximum(survey.partner, 0)], axis=1)
@@ -84,7 +84,7 @@ def moved(survey: Survey, legs: Legs, nodes: Array, lever: Array) -> Legs:
 def predict(
     survey: Survey, medium: Medium, position: Array, lever: Array, modes: VerticalModes | None = None
 ) -> Legs:
-    """Travel times for nodes at positions (n_nodes, 3) [m] and a lever arm [m]; one call of the eigenray solver."""
+    """Travel times for nodes at positions (n_nodes, 3) [m] and a lever arm [m], with one call of the eigenray solver."""
     n = len(survey)
     near, away = transducers(survey, lever)
     between = survey.between_nodes
@@ -101,7 +101,7 @@ def predict(
     arrivals = find_eigenrays(medium, *ends)
     first = arrivals.first()
     rows = np.concatenate([out, back])
-    weight = np.where((between & two_way)[rows], 2.0, 1.0)  # both legs of two nodes at rest are one ray
+    weight = np.where((between & two_way)[rows], 2.0, 1.0)  # both legs between two nodes at rest are one ray
     time = np.zeros(n)
     np.add.at(time, rows, weight * first.travel_time)
     gradients = np.zeros((4, n, 3))  # node, transmit, receive, partner
@@ -123,7 +123,7 @@ def predict(
 def _sensitivity(
     medium: Medium, ends: tuple[Array, Array], arrivals: Arrivals, modes: VerticalModes
 ) -> Array:
-    """Derivative of each link's first travel time by the modes' amplitudes; 0 where there is none."""
+    """Derivative of each link's first travel time by the modes' amplitudes; 0 without an arrival."""
     links, rows = np.unique(arrivals.link, return_index=True)
     out = np.zeros((len(ends[0]), len(modes.modes)))
     if links.size:
@@ -134,8 +134,10 @@ def _sensitivity(
 
 
 def _in_water(position: Array, medium: Medium) -> Array:
-    """Positions with depths kept between the surface and the sea bed, where the solver needs them."""
+    """Clip the depths of positions to the water, as the solver requires."""
     out = np.array(position)
     top, bed = medium.surface_depth(out), medium.bottom_depth(out)
-    out[:, 2] = np.clip(out[:, 2], top + _INSIDE, np.maximum(bed - _INSIDE, top + _INSIDE))
+    out[:, 2] = np.clip(
+        out[:, 2], top + _BOUNDARY_MARGIN, np.maximum(bed - _BOUNDARY_MARGIN, top + _BOUNDARY_MARGIN)
+    )
     return out

@@ -1,4 +1,4 @@
-"""What a survey leaves unknown: the columns of its linear system, by name, with their priors."""
+"""Unknowns of a survey: the columns of its linear system, by name, with their priors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from pymantaray.locate.travel_times import Legs
 
 Array = NDArray[np.float64]
 Arrangement = Literal["free", "rigid"]
-_ARRAY_SIGMA = (3.0, 3.0, 3.0, 0.05)  # m, m, m, rad; shift and turn of a rigid array
+_ARRAY_SIGMA = (3.0, 3.0, 3.0, 0.05)  # m, m, m, rad; shift and rotation of a rigid array
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
     """
-    Columns of the linear system of a survey under a model of the sound speed.
+    Columns of the linear system of a survey for a model of the sound speed.
 
-    In order: three coordinates of each node, shift and turn of a rigid array, turn-around time, clock offset and clock drift of
-    each node, lever arm, coefficients of the sound speed. What is known has a prior standard deviation of 0.
+    In this order: three coordinates of each node, shift and rotation of a rigid array, turn-around time, clock offset and clock
+    drift of each node, lever arm, coefficients of the sound speed. Known values have a prior standard deviation of 0.
     """
 
     survey: Survey
@@ -55,7 +55,7 @@ class Unknowns:
 
     @property
     def prior_mean(self) -> Array:
-        """Of all columns."""
+        """Prior means of all columns."""
         nodes, mean = self.survey.nodes, np.zeros(self.size)
         mean[self.slices["position"]] = np.ravel([node.position for node in nodes])
         mean[self.slices["turn_around"]] = [node.turn_around for node in nodes]
@@ -64,7 +64,7 @@ class Unknowns:
 
     @property
     def prior_sd(self) -> Array:
-        """Standard deviations of all columns; those of smooth sound-speed terms for hyperparameters of 1."""
+        """Prior standard deviations of all columns; those of smooth sound-speed terms are for hyperparameters of 1."""
         nodes, sd = self.survey.nodes, np.zeros(self.size)
         if self.arrangement == "free":
             sd[self.slices["position"]] = np.ravel([node.sigma for node in nodes])
@@ -88,7 +88,7 @@ class Unknowns:
 
     @property
     def groups(self) -> dict[str, NDArray[np.int64]]:
-        """Columns whose prior standard deviations a hyperparameter multiplies, by its name."""
+        """Columns whose prior standard deviations a hyperparameter multiplies, by hyperparameter."""
         out: dict[str, list[int]] = {}
         at = self.slices["speed"].start
         for term in self.speed.terms:
@@ -99,7 +99,7 @@ class Unknowns:
         return {name: np.array(columns) for name, columns in out.items()}
 
     def scaled_sd(self, hyperparameters: Mapping[str, float]) -> Array:
-        """Prior standard deviations for some hyperparameters."""
+        """Prior standard deviations for hyperparameters."""
         sd = self.prior_sd
         for name, columns in self.groups.items():
             sd[columns] *= hyperparameters[name]
@@ -123,7 +123,7 @@ class Unknowns:
         return np.asarray(centre + turned + [north, east, depth])
 
     def position_map(self, values: Array) -> Array:
-        """Derivative of the positions by all columns, (n_nodes, 3, size)."""
+        """Derivative of the positions by all columns (n_nodes, 3, size)."""
         k = len(self.survey.nodes)
         out = np.zeros((k, 3, self.size))
         nodes = np.arange(k)
@@ -147,11 +147,11 @@ class Unknowns:
         return own[: own.size - n_modes], own[own.size - n_modes :]
 
     def slowing(self, values: Array) -> Array:
-        """Factor of the water's travel time, ``exp(-gamma)``, of every ping."""
+        """Factor ``exp(-gamma)`` of every ping's travel time in the water."""
         return np.asarray(np.exp(-self.speed.fraction(self.speed_values(values)[0], len(self.survey))))
 
     def predicted(self, values: Array, legs: Legs) -> Array:
-        """Times that the survey should have measured; NaN where no ray goes. [s]"""
+        """Predicted times; NaN without a ray. [s]"""
         s, k = self.survey, self.survey.node
         two_way = s.direction == Direction.TWO_WAY
         clock = self.clock_signs()
@@ -164,7 +164,7 @@ class Unknowns:
         return np.asarray(time)
 
     def clock_signs(self) -> list[tuple[Array, NDArray[np.int64]]]:
-        """Sign with which the clocks of both ends enter a one-way time (received less transmitted), and their nodes."""
+        """Signs of the clocks of both ends in a one-way time (received minus transmitted), and their nodes."""
         s = self.survey
         own = np.where(
             s.direction == Direction.TO_NODE, 1.0, np.where(s.direction == Direction.FROM_NODE, -1.0, 0.0)

@@ -1,4 +1,4 @@
-"""Located nodes for other programs: landmarks of a study, GeoJSON, PyFactorGraph text, NetCDF, and the object of ``--json``."""
+"""Export of located nodes: landmarks of a study, GeoJSON, PyFactorGraph text, NetCDF, and the object of ``--json``."""
 
 import json
 import re
@@ -18,12 +18,12 @@ from pymantaray.locate.travel_times import transducers
 from pymantaray.records.writing import write_netcdf
 
 Array = NDArray[np.float64]
-_CORNERS = 72  # of an ellipse
-_LEAST_SIGMA = 1e-3  # m; of a position that is taken as known in a graph
+_CORNERS = 72  # per ellipse
+_MIN_SIGMA = 1e-3  # m; for known positions in a graph
 
 
 def summary(location: Location) -> dict[str, Any]:
-    """Results as one object: nodes, residuals, pings that were used, model, tests, centre, mirror solutions."""
+    """Results as one object: nodes, residuals, used pings, model, tests, centre, mirror solutions."""
     return {
         "nodes": location.nodes,
         "rms_s": location.rms,
@@ -43,7 +43,7 @@ def summary(location: Location) -> dict[str, Any]:
 
 
 def _rejected(location: Location) -> list[dict[str, Any]]:
-    """Pings that were left out, with their lines and reasons."""
+    """Unused pings with their lines and reasons."""
     out = location.pings[~location.pings["used"]]
     return [
         {
@@ -68,7 +68,7 @@ def landmarks_toml(location: Location) -> str:
             else f"north = {row['north']:.4f}\neast = {row['east']:.4f}"
         )
         axes = np.array([row["sigma_north_m"], row["sigma_east_m"], row["sigma_depth_m"]])
-        sigma, size = ", ".join(f"{x:.3f}" for x in axes), max(float(np.sqrt(np.mean(axes**2))), _LEAST_SIGMA)
+        sigma, size = ", ".join(f"{x:.3f}" for x in axes), max(float(np.sqrt(np.mean(axes**2))), _MIN_SIGMA)
         blocks.append(
             f"[[landmarks]]  # {row['status']}; standard deviations {sigma} m north, east, depth\n"
             f'name = "{name}"\n{place}\ndepth = {max(row["depth"], 0.0):.4f}\nsigma = {size:.4f}\n'
@@ -144,10 +144,10 @@ def _unit(name: str) -> str:
 
 def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     """
-    Factor graph of the used pings: known poses of the platform, nodes with their priors, and ranges, those between nodes included.
+    Factor graph of the used pings: known poses of the platform, nodes with priors, and ranges, including ranges between nodes.
 
-    A range is the straight distance at the solution plus the residual, in metres, so that the graph's solution is that of the
-    survey where sound speed and clocks are as estimated.
+    A range is the straight distance at the solution plus the residual in metres. The solution of the graph is therefore that of
+    the survey with the estimated sound speed and clocks.
     """
     survey, solution = location.survey, location.solution
     rows = np.flatnonzero(solution.used & ~survey.between_nodes)
@@ -171,7 +171,7 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     unit = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     has_prior = [i for i, one in enumerate(survey.nodes) if min(one.sigma) > 0.0]
     prior = np.array([np.diag(np.square(survey.nodes[i].sigma)) for i in has_prior])
-    known = np.tile(np.diag([_LEAST_SIGMA**2] * 6), (n, 1, 1))
+    known = np.tile(np.diag([_MIN_SIGMA**2] * 6), (n, 1, 1))
     graph = FactorGraph(
         vehicle_name=np.array(["A"]),
         landmark_name=np.array(survey.names),
@@ -192,7 +192,7 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
 
 
 def write_location(location: Location, folder: Path) -> list[Path]:
-    """Write landmarks, GeoJSON, graph and NetCDF into a folder; the paths. Without a ping of the platform there is no graph."""
+    """Write landmarks, GeoJSON, graph and NetCDF into a folder; return the paths. The graph needs a ping of the platform."""
     paths = [folder / name for name in ("landmarks.toml", "nodes.geojson", "survey.pyfg", "location.nc")]
     paths[0].write_text(landmarks_toml(location), encoding="utf-8")
     paths[1].write_text(geojson(location), encoding="utf-8")

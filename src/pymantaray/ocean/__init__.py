@@ -1,4 +1,4 @@
-"""Oceans: models' files, casts or synthetic regions, as sound speed, currents and sea floor."""
+"""Oceans from model files, casts or synthetic regions, as sound speed, currents and sea floor."""
 
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.casts import cast_ocean, holds_casts, read_cast, read_casts

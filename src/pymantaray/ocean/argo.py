@@ -1,8 +1,8 @@
 """
-Argo's profile files, as the data centres deliver them or argopy writes them, as casts.
+Reader of Argo profile files, as data centres deliver them or argopy writes them.
 
-Format: Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2; read in excerpts and in
-the headers of files.
+Format: Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2. Sources: excerpts of
+the manual and headers of files.
 """
 
 from pathlib import Path
@@ -20,21 +20,22 @@ from pymantaray.ocean.files import numbers, open_file, text, unreadable
 from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
-_GOOD = list("1258")  # quality flags of values that are used: good, probably good, changed, estimated
+_GOOD = list("1258")  # accepted quality flags: good, probably good, changed, estimated
 _PARAMETERS = ("PRES", "TEMP", "PSAL")
 _DIMS = ("N_PROF", "N_LEVELS")
-_FILL = 99_999.0  # the format's, also where it is not declared
-_LATEST = np.datetime64("2200-01-01")  # later is the fill value, 999999 days
+_FILL = 99_999.0  # fill value of the format, also if it is not declared
+_LATEST = np.datetime64("2200-01-01")  # later dates come from the fill value, 999999 days
 
 
 def read_argo(path: str | Path) -> list[Cast]:
     """
-    Profiles of an Argo file that have at least two usable levels, named by float and cycle.
+    Read all profiles of an Argo file with at least two usable levels; names are float and cycle.
 
-    A profile in real-time mode (``DATA_MODE`` R) gives its raw values, one in the modes A and D its adjusted ones; raw
-    values never stand in for missing adjusted ones, since adjustment leaves out what is bad. A level counts if all flags of
-    its values are good; a profile, if those of its position and date are. Files without flags or modes, as argopy's
-    standard mode writes them after filtering, are used as they are. The casts' notes say so and count what is left out.
+    A profile in real-time mode (``DATA_MODE`` R) gives raw values, a profile in mode A or D gives adjusted values. Raw values
+    never replace missing adjusted values, because adjustment removes bad values. A level is used if all its flags are good. A
+    profile is used if the flags of its position and date are good. Files without flags or modes are used unfiltered, for
+    example files that argopy's standard mode has filtered. The notes of a cast report this and the numbers of rejected levels
+    and profiles.
     """
     path = Path(path)
     with open_file(path) as data, NETCDF_LOCK:
@@ -42,15 +43,15 @@ def read_argo(path: str | Path) -> list[Cast]:
             return _profiles(data, path)
         except OceanError as error:
             raise OceanError(f"{path}: {str(error).removeprefix(f'{path.name}: ')}") from None
-        except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
+        except Exception as error:  # noqa: BLE001  the library raises many types
             raise unreadable(path, error) from None
 
 
 def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
     if "PRES" not in data.variables or data.variables["PRES"].dims != _DIMS:
-        hint = " (points: argopy's ds.argo.point2profile() makes profiles of them)"
+        hint = "; convert points to profiles with argopy's ds.argo.point2profile()"
         raise OceanError(
-            f"no PRES over N_PROF and N_LEVELS, so no Argo profile file{hint if 'PRES' in data.variables else ''}"
+            f"not an Argo profile file: no PRES over N_PROF and N_LEVELS{hint if 'PRES' in data.variables else ''}"
         )
     shape = data.variables["PRES"].shape
     for name in (*_PARAMETERS, "LATITUDE", "LONGITUDE"):
@@ -59,19 +60,19 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
     lat, lon = (_values(data, name, shape[:1]) for name in ("LATITUDE", "LONGITUDE"))
     time = _times(data, shape[0])
     values, usable, notes = _levels(data, shape)
-    placed = (np.abs(lat) <= 90.0) & (np.abs(lon) <= 360.0)
+    located = (np.abs(lat) <= 90.0) & (np.abs(lon) <= 360.0)
     for name in ("POSITION_QC", "JULD_QC", "TIME_QC"):
         flags = _letters(data, name, shape[:1])
         if flags is not None:
-            placed &= np.isin(flags, _GOOD)
-    profiles = np.flatnonzero(placed & (usable.sum(axis=1) >= 2)).tolist()
+            located &= np.isin(flags, _GOOD)
+    profiles = np.flatnonzero(located & (usable.sum(axis=1) >= 2)).tolist()
     if not profiles:
         raise OceanError(
-            f"none of {shape[0]} profiles has a good position and two levels with good pressure, temperature and salinity"
+            f"none of {shape[0]} profiles has a good position and at least two levels with good pressure, temperature and salinity"
         )
     if len(profiles) < shape[0]:
         notes.append(
-            f"{shape[0] - len(profiles)} of {shape[0]} profiles of the file had no good position or levels"
+            f"{shape[0] - len(profiles)} of {shape[0]} profiles rejected: no good position or fewer than two good levels"
         )
     names = _names(data, shape[0], path.stem)
     casts = []
@@ -79,21 +80,27 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
         present = int(np.count_nonzero(np.isfinite(values[:, i]).any(axis=0)))
         flagged = max(present - int(usable[i].sum()), 0)
         pressure, temperature, salinity = values[:, i, usable[i]]
-        told = [*notes, "depth from pressure by TEOS-10"]
+        cast_notes = [*notes, "depth from pressure by TEOS-10"]
         if flagged:
-            told.append(f"{flagged} of {present} levels left out for their quality flags or missing values")
+            cast_notes.append(f"{flagged} of {present} levels rejected: bad quality flags or missing values")
         profile = (np.asarray(-gsw.z_from_p(pressure, lat[i]), dtype=float), temperature, salinity)
         place = (float(lat[i]), float(lon[i]))
         casts.append(
             clean_cast(
-                names[i], place, time[i], profile, dropped=flagged, notes=told, where=f"{path}, profile {i}"
+                names[i],
+                place,
+                time[i],
+                profile,
+                dropped=flagged,
+                notes=cast_notes,
+                where=f"{path}, profile {i}",
             )
         )
     return casts
 
 
 def _levels(data: xr.Dataset, shape: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_], list[str]]:
-    """Values of the three parameters, which levels are usable, and notes for all profiles."""
+    """Values of the three parameters, a mask of usable levels, and notes for all profiles."""
     values = np.empty((3, *shape))
     usable = np.ones(shape, dtype=bool)
     notes = []
@@ -129,11 +136,11 @@ def _values(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> Array:
 
 def _check_shape(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> None:
     if data.variables[name].shape != shape:
-        raise OceanError(f"{name} has shape {data.variables[name].shape}; needs {shape}")
+        raise OceanError(f"{name}: shape is {data.variables[name].shape}; it must be {shape}")
 
 
 def _letters(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """First letter of each cell, None without the variable."""
+    """First letter of each cell; None if the variable is missing."""
     if name not in data.variables:
         return None
     _check_shape(data, name, shape)
@@ -141,7 +148,7 @@ def _letters(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> NDArray[Any
 
 
 def _texts(data: xr.Dataset, name: str) -> NDArray[Any]:
-    """Cells as text: the data centres write letters, argopy integers or texts."""
+    """Cells as text: data centres write letters, argopy writes integers or text."""
     raw = np.asarray(data.variables[name].values)
     if raw.dtype.kind in "iuf":
         raw = np.where(np.isfinite(raw), raw, 9).astype(int)
@@ -150,7 +157,7 @@ def _texts(data: xr.Dataset, name: str) -> NDArray[Any]:
 
 
 def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
-    """Instants, to the millisecond; NaT where unknown."""
+    """Instants to the millisecond; NaT if unknown."""
     times = np.full(count, np.datetime64("NaT", "ms"))
     name = next((n for n in ("JULD", "TIME") if n in data.variables), None)
     if name is not None:
@@ -165,7 +172,7 @@ def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
 
 
 def _names(data: xr.Dataset, count: int, stem: str) -> list[str]:
-    """Float and cycle, as in ``6901234_012``; a D is added for a descending profile."""
+    """Float and cycle, as in ``6901234_012``, with a D for a descending profile."""
     floats, cycles = [stem] * count, [f"{i}" for i in range(count)]
     if "PLATFORM_NUMBER" in data.variables and len(data.variables["PLATFORM_NUMBER"]) == count:
         letters = _texts(data, "PLATFORM_NUMBER").reshape(count, -1)

@@ -1,4 +1,4 @@
-"""The ocean that files hold at one instant: their fields read, converted and put together."""
+"""Ocean at one instant from the fields of files: reading, conversion and assembly."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from pymantaray.ocean.open import Collection, Part
 
 Array = NDArray[np.float64]
-_MOST_DISAGREEING = 0.05  # share of the wet points
+_MAX_DISAGREEMENT = 0.05  # fraction of the wet points
 _STORAGE = ("coordinates", "calendar")
-_TEXT = 300  # characters of a title or a source
+_MAX_TEXT = 300  # characters of a title or a source
 
 
 def ocean_of(
     fields: Mapping[str, tuple["Part", cf.Field]], instant: np.datetime64, collection: "Collection"
 ) -> xr.Dataset:
-    """Ocean of the variables that a collection has at an instant, not validated; its history says what was done."""
+    """Assemble the variables of a collection at an instant, without validation; the history lists the conversions."""
     steps: list[str] = []
     values = {role: _in_our_unit(part, field, instant) for role, (part, field) in fields.items()}
     part, temperature = fields["water_temp"]
@@ -55,11 +55,11 @@ def ocean_of(
         water = ((values["water_temp"], kinds[0]), (values["salinity"], kinds[1]))
         values["water_temp"], values["salinity"] = to_in_situ_and_practical(*water, pressure, lat, lon)
         steps.append(
-            f"temperature from {kinds[0]} to in situ, salinity from {kinds[1]} to practical (TEOS-10)"
+            f"temperature converted from {kinds[0]} to in situ, salinity from {kinds[1]} to practical (TEOS-10)"
         )
     if part.is_pressure:
         depth, values, moved = to_fixed_depths(values, depth, lat)
-        steps.append(f"levels of pressure moved by up to {moved:.2g} m to one depth each")
+        steps.append(f"pressure levels moved by up to {moved:.2g} m to constant depths")
     first = depth[0]
     depth, values = up_to_surface(depth, values, file_name(part.data))
     if first != 0.0:
@@ -71,15 +71,17 @@ def ocean_of(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
         values,
-        title=one_line(text(data, "title"), _TEXT) or f"{'HYCOM ' if hycom else ''}{collection.names}",
-        source=next(filter(None, (one_line(text(data, k), _TEXT) for k in ("source", "institution"))), model),
+        title=one_line(text(data, "title"), _MAX_TEXT) or f"{'HYCOM ' if hycom else ''}{collection.names}",
+        source=next(
+            filter(None, (one_line(text(data, k), _MAX_TEXT) for k in ("source", "institution"))), model
+        ),
         synthetic=any(np.array_equal(p.data.attrs.get("synthetic", 0), 1) for p in collection.parts),
         validate=False,
     )
     if own:
         return _with_own_attributes(ocean, part)
     history = str(part.data.attrs.get("history", "")).splitlines()[:50]
-    lines = [line for line in (*(one_line(line, _TEXT) for line in history), *steps) if line]
+    lines = [line for line in (*(one_line(line, _MAX_TEXT) for line in history), *steps) if line]
     return ocean.assign_attrs(history="\n".join(lines)) if lines else ocean
 
 
@@ -88,7 +90,7 @@ def _in_our_unit(part: "Part", field: cf.Field, instant: np.datetime64) -> Array
     where, unit = f"{file_name(part.data)}: {field.variable}", text(variable, "units")
     practical = field.role == "salinity" and field.kind == PRACTICAL
     if practical and not unit and ("units" in variable.attrs or _is_hycom(part)):
-        unit = "1"  # the canonical unit is also written as a number, or left out
+        unit = "1"  # files also write the canonical unit as a number, or omit it
     quantity = {
         "water_temp": "temperature",
         "salinity": "practical salinity" if practical else "mass salinity",
@@ -101,10 +103,10 @@ def _in_our_unit(part: "Part", field: cf.Field, instant: np.datetime64) -> Array
 
 def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     """
-    Make all fields agree on what is water, where models' masks differ by a few points.
+    Apply one land mask to all fields, because the masks of models differ at a few points.
 
-    Water needs temperature and salinity from the surface down; a current that is missing there is 0, as
-    at the sea bed.
+    A wet point has temperature and salinity, and so have all points above it. A missing current at a wet point is set to
+    0, as at the sea bed.
     """
     some = np.isfinite(fields["water_temp"]) | np.isfinite(fields["salinity"])
     both = np.isfinite(fields["water_temp"]) & np.isfinite(fields["salinity"])
@@ -113,24 +115,24 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     dropped, still = int(np.count_nonzero(some & ~wet)), int(np.count_nonzero(wet & ~moving))
     count = int(np.count_nonzero(wet))
     if not count:
-        return []  # what is wrong then is said by the validation
-    if dropped + still > _MOST_DISAGREEING * count:
+        return []  # the validation reports this
+    if dropped + still > _MAX_DISAGREEMENT * count:
         raise OceanError(
-            f"temperature, salinity and currents disagree on {dropped + still} of {count} points about what is"
-            " water; do they belong together, and is the fill value declared?"
+            f"the land masks of temperature, salinity and currents differ at {dropped + still} of {count} wet points; check"
+            " that the files belong together and declare their fill value"
         )
     for name, field in fields.items():
         values = np.where(moving, field, 0.0) if name in ("water_u", "water_v") else field
         fields[name] = np.where(wet, values, np.nan)
     lines = {
-        f"{dropped} values beneath a missing one, or without its partner, left out": dropped,
-        f"currents set to 0 at {still} wet points where they are missing": still,
+        f"{dropped} points removed: temperature or salinity is missing there or above": dropped,
+        f"currents set to 0 at {still} wet points without currents": still,
     }
     return [line for line, count in lines.items() if count]
 
 
 def _is_own(part: "Part") -> bool:
-    """Whether a file is of our schema, to be given back unchanged."""
+    """Return True if a file follows the package's own schema, so that it is returned unchanged."""
     variables = part.data.variables
     same = all(
         v.name in variables

@@ -1,4 +1,4 @@
-"""One cast: a measured profile at a place and time, the CSV table that it stands in, and how raw rows become one."""
+"""One cast: a measured profile at a place and time, its CSV table, and the selection of usable rows."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
-from pymantaray.ocean.instruments import Sheet, instrument_sheet
+from pymantaray.ocean.instruments import InstrumentTable, instrument_table
 from pymantaray.ocean.schema import VARIABLES, layer_edges
 from pymantaray.ocean.seawater import Equation, freezing_notes, sound_speed
 from pymantaray.records.text_table import read_text, read_text_table
@@ -21,11 +21,11 @@ from pymantaray.records.text_table import read_text, read_text_table
 Array = NDArray[np.float64]
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
 DEEPEST = 12_000.0
-"""No sea is deeper. [m]"""
+"""Upper limit of ocean depth. [m]"""
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
 _FILLS = (-9.99e-29, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, -9999.0, -99999.0, 99999.0, -1e34, 1e35)
-# quantity: what it is a unit of, and its names in lower case, first those of `mantaray rays`, then those of cruises'
-# and models' files
+# quantity: kind of its unit, and column names in lower case, first those of `mantaray rays`, then those of cruise and
+# model files
 _COLUMNS = {
     "depth": ("length", "depth vertcoord depsm z"),
     "pressure": ("pressure", "pressure pres press ctdprs prdm p"),
@@ -70,21 +70,21 @@ class Cast:
     ----------
     name : str
     lat, lon : float
-        [degrees]
+        Place. [degrees]
     time : numpy.datetime64
-        UTC; NaT if it is unknown.
+        Instant (UTC); NaT if it is unknown.
     depth : ndarray, shape (n_levels,)
-        Of the samples, strictly increasing, positive down. [m]
+        Depth of the samples, strictly increasing, positive down. [m]
     temperature : ndarray, shape (n_levels,)
-        In situ. [degC]
+        In-situ temperature. [degC]
     salinity : ndarray, shape (n_levels,)
-        Practical. [-]
+        Practical salinity. [-]
     bottom_depth : float
-        Depth of the sea bed that the file tells, else NaN. [m]
+        Depth of the sea bed if the file gives it, else NaN. [m]
     dropped : int
-        Rows of the file that were not used.
+        Number of unused rows of the file.
     notes : tuple of str
-        What was dropped and converted.
+        Conversions and dropped rows.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Cast:
 
     def __post_init__(self) -> None:
         """Convert, check and freeze the arrays."""
-        object.__setattr__(self, "name", " ".join(self.name.split()))  # goes into lines of text
+        object.__setattr__(self, "name", " ".join(self.name.split()))  # part of one-line messages
         for field in ("depth", "temperature", "salinity"):
             where = f"cast {self.name}: {field}"
             array = checked_array(OceanError, where, getattr(self, field), (np.size(self.depth),))
@@ -108,23 +108,23 @@ class Cast:
         object.__setattr__(self, "time", self.time.astype("datetime64[ns]"))
         if self.depth.size < 2 or self.depth[0] < 0.0 or np.any(np.diff(self.depth) <= 0.0):
             raise OceanError(
-                f"cast {self.name}: depth must increase from 0 m or below, positive down, over at least 2 levels"
+                f"cast {self.name}: depths must strictly increase, be 0 m or more (positive down) and have at least 2 levels"
             )
         for field, name in (("temperature", "water_temp"), ("salinity", "salinity")):
             low, high = _SPAN[name]
             values = getattr(self, field)
             if values.min() < low or values.max() > high:
                 raise OceanError(
-                    f"cast {self.name}: {field} spans {values.min():g} to {values.max():g}; allowed {low:g} to {high:g}"
+                    f"cast {self.name}: {field} is {values.min():g} to {values.max():g}; allowed: {low:g} to {high:g}"
                 )
         if not (-90.0 <= self.lat <= 90.0 and -360.0 <= self.lon <= 360.0):
             raise OceanError(
-                f"cast {self.name}: place {self.lat:g} N {self.lon:g} E; latitude lies in -90 to 90, longitude in"
-                " -360 to 360 degrees"
+                f"cast {self.name}: place is {self.lat:g} N {self.lon:g} E; latitude must be in -90 to 90 degrees, longitude"
+                " in -360 to 360"
             )
 
     def __repr__(self) -> str:
-        """Name, place, time and reach; not the samples."""
+        """Name, place, time and depth range."""
         time = "time unknown" if np.isnat(self.time) else minute(self.time)
         return (
             f"Cast({self.name!r}, {self.lat:g} N {self.lon:g} E, {time}, {self.depth.size} levels from"
@@ -132,15 +132,38 @@ class Cast:
         )
 
     def sound_speed(self, equation: Equation = "teos-10") -> Array:
-        """Sound speed at the samples by one of the equations of `pymantaray.ocean.sound_speed`. [m/s]"""
+        """
+        Sound speed at the samples.
+
+        Parameters
+        ----------
+        equation : {"teos-10", "del-grosso", "unesco"}
+            As in `pymantaray.ocean.sound_speed`.
+
+        Returns
+        -------
+        ndarray, shape (n_levels,)
+            [m/s]
+        """
         return sound_speed(self.temperature, self.salinity, self.depth, self.lat, self.lon, equation=equation)
 
     def cell_means(self, levels: ArrayLike) -> tuple[Array, Array]:
         """
-        Temperature [degC] and salinity averaged over the cells of strictly increasing levels (n,) [m].
+        Average temperature and salinity over the cells around levels.
 
-        A cell reaches half-way to the next level on either side, that of the first level up to it, that of the last down to it.
-        Between samples the profile is linear; beyond the first and last sample it is constant. The average is exact for that.
+        A cell extends half-way to the next level on both sides. The cell of the first level begins at that level, the cell
+        of the last level ends at that level. The profile is linear between samples and constant beyond the first and last
+        sample; the average of this profile is exact.
+
+        Parameters
+        ----------
+        levels : array_like, shape (n,)
+            Depths, strictly increasing. [m]
+
+        Returns
+        -------
+        temperature, salinity : ndarray, shape (n,)
+            [degC], practical salinity
         """
         edges = layer_edges(np.asarray(levels, dtype=float))
         return self._means(edges, self.temperature), self._means(edges, self.salinity)
@@ -164,17 +187,17 @@ def clean_cast(
     where: str,
 ) -> Cast:
     """
-    Cast from raw rows of depth [m], in-situ temperature [degC] and practical salinity, NaN where missing.
+    Make a cast from raw rows of depth [m], in-situ temperature [degC] and practical salinity; NaN if missing.
 
-    What cannot be used is left out and counted; a profile that was written from the bottom up is turned round.
-    ``dropped`` and ``notes`` tell what was done before, ``where`` file and station for messages.
+    Unusable rows are dropped and counted. A profile in upward order is reversed. ``dropped`` and ``notes`` describe earlier
+    steps, ``where`` is file and station for messages.
     """
     depth, temperature, salinity = (np.asarray(column, dtype=float) for column in profile)
     quantities = [(temperature, _SPAN["water_temp"]), (salinity, _SPAN["salinity"])]
-    deeper, told, lost = usable_rows(depth, quantities, notes=notes, where=where)
+    deeper, cast_notes, lost = usable_rows(depth, quantities, notes=notes, where=where)
     used = temperature[deeper], salinity[deeper], depth[deeper]
-    if np.all(np.abs(place) <= (90.0, 360.0)):  # others are refused below
-        told += freezing_notes(*used, *place)
+    if np.all(np.abs(place) <= (90.0, 360.0)):  # `Cast` rejects other places
+        cast_notes += freezing_notes(*used, *place)
     return Cast(
         name,
         float(place[0]),
@@ -185,7 +208,7 @@ def clean_cast(
         salinity[deeper],
         bottom_depth,
         dropped + lost,
-        tuple(told),
+        tuple(cast_notes),
     )
 
 
@@ -197,10 +220,10 @@ def usable_rows(
     where: str,
 ) -> tuple[NDArray[np.intp], list[str], int]:
     """
-    Rows of a raw cast that go deeper than all before, downward, with values that are there and possible.
+    Select the rows of a raw cast that are complete, possible and deeper than all rows before.
 
-    ``quantities`` are columns and the spans that they lie in. Besides the rows: the notes and what was done, a line each, and the
-    number of rows left out.
+    ``quantities`` are columns with their allowed ranges. Returns the rows, the notes with one more line for each reason of
+    dropped rows, and the number of dropped rows.
     """
     notes = list(notes)
     counts: dict[str, int] = {}
@@ -209,7 +232,7 @@ def usable_rows(
         whole &= np.isfinite(values)
     counts["with a missing value"] = int(np.count_nonzero(~whole))
     if np.count_nonzero(depth[whole] < 0.0) > 0.5 * np.count_nonzero(whole):
-        raise OceanError(f"{where}: depth is negative in most rows; it must be positive down")
+        raise OceanError(f"{where}: depth is negative in most rows; depth must be positive down")
     possible = whole & (depth <= DEEPEST)
     for values, (low, high) in quantities:
         possible &= (values >= low) & (values <= high)
@@ -218,14 +241,16 @@ def usable_rows(
     counts["above the surface"] = int(np.count_nonzero(possible & ~wet))
     rows = np.flatnonzero(wet)
     steps = np.diff(depth[rows])
-    early = rows.size > 0 and 3 * int(np.argmax(depth[rows])) < rows.size  # not so of a way down and up again
+    early = (
+        rows.size > 0 and 3 * int(np.argmax(depth[rows])) < rows.size
+    )  # False for a downcast with an upcast
     if early and np.count_nonzero(steps < 0.0) > np.count_nonzero(steps >= 0.0):
         rows = rows[::-1]
-        notes.append("written from the bottom up: turned round")
+        notes.append("rows reversed: the file lists them upward")
     deepest = np.maximum.accumulate(np.concatenate([[-1.0], depth[rows]]))[:-1]
     deeper = rows[depth[rows] > deepest]
-    counts["no deeper than one before"] = int(rows.size - deeper.size)
-    notes += [f"{count} of {depth.size} rows {why} dropped" for why, count in counts.items() if count]
+    counts["not deeper than an earlier row"] = int(rows.size - deeper.size)
+    notes += [f"{count} of {depth.size} rows dropped: {why}" for why, count in counts.items() if count]
     if deeper.size < 2:
         reasons = f" ({'; '.join(notes)})" if notes else ""
         raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
@@ -234,49 +259,53 @@ def usable_rows(
 
 @dataclass(frozen=True, eq=False)
 class CastTable:
-    """Rows of a CSV file as text, with what its columns mean."""
+    """Rows of a CSV file as text, with the meaning of its columns."""
 
     path: Path
     header: tuple[str, ...]
-    """As the file writes it."""
+    """Titles as in the file."""
     rows: pd.DataFrame
-    """Cells, empty where there is none; columns by position, the index is the line of the file."""
+    """Cells, empty if missing; columns by position; the index is the line of the file."""
     comments: list[str]
     """Lines that begin with ``#``."""
     columns: dict[str, tuple[int, str]]
     """Position and unit of each known quantity."""
     texts: dict[str, int]
-    """Positions of ``time`` and ``station``, if they are there."""
+    """Positions of ``time`` and ``station``, if present."""
     bracketed: bool
-    """Whether units stand in brackets, as in the NetCDF Subset Service's tables."""
+    """True if units are in brackets, as in tables of the NetCDF Subset Service."""
     instrument: str = ""
-    """What wrote the file, whose rows are raw then; empty for a table that people or programs made."""
+    """Instrument that wrote the file with raw rows; empty for other tables."""
     place: tuple[float, float] | None = None
-    """Latitude and longitude that an instrument's file names. [degrees]"""
+    """Latitude and longitude in an instrument's file. [degrees]"""
     time: str = ""
-    """UTC that an instrument's file names."""
+    """Time (UTC) in an instrument's file."""
     notes: tuple[str, ...] = ()
-    """What was changed in reading."""
+    """Changes made by the reader."""
 
     @property
     def lines(self) -> list[int]:
-        """Line of the file that each row stands in."""
+        """Line in the file of each row."""
         return self.rows.index.to_list()
 
     def has(self, *quantities: str) -> bool:
-        """Whether all of these quantities have a column."""
+        """Return True if all of these quantities have a column."""
         return all(q in self.columns for q in quantities)
 
     def name(self, quantity: str) -> str:
-        """Column of a quantity as the file calls it."""
+        """Title of a quantity's column in the file."""
         return self.header[self.columns[quantity][0]]
 
     def values(self, quantity: str, *, complete: bool = False) -> Array:
-        """A column in m, dbar, degC, practical salinity, g/kg, m/s or degrees; NaN where missing, unless complete is asked."""
+        """
+        Column in m, dbar, degC, practical salinity, g/kg, m/s or degrees; NaN if missing.
+
+        With ``complete``, a missing value raises an error.
+        """
         position, unit = self.columns[quantity]
         values = self._numbers(quantity, self.rows[position])
         missing = ~np.isfinite(values) | (np.abs(values) > 1e30)
-        if quantity not in ("lat", "lon"):  # -99 is a longitude
+        if quantity not in ("lat", "lon"):  # -99 is a valid longitude
             missing |= np.isin(values, _FILLS)
         values[missing] = np.nan
         if complete and missing.any():
@@ -285,7 +314,7 @@ class CastTable:
         return to_our_unit(values, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}")
 
     def _numbers(self, quantity: str, cells: "pd.Series[Any]") -> Array:
-        """Numbers of cells of text, NaN where one is empty; those of a data set as they are."""
+        """Convert cells of text to numbers, NaN if empty; cells of a data set are numbers already."""
         if cells.dtype.kind == "f":
             return np.array(cells, dtype=float)
         cells = cells.mask(cells.str.lower().isin(_MISSING), "nan")
@@ -297,11 +326,11 @@ class CastTable:
             ) from None
 
     def text(self, kind: str) -> list[str] | None:
-        """Cells of the time or station column, None if there is none."""
+        """Cells of the time or station column; None without such a column."""
         return self.rows[self.texts[kind]].to_list() if kind in self.texts else None
 
     def casts(self) -> dict[str, "CastTable"]:
-        """Rows of each cast by its name, in the order of the file; one without a name if nothing tells them apart."""
+        """Rows of each cast by its name, in the order of the file; a single cast has no name."""
         keys = self.text("station")
         if self.bracketed and self.has("lat", "lon"):
             times = self.text("time") or [""] * len(self.rows)
@@ -315,22 +344,22 @@ class CastTable:
     def _no_number(self, quantity: str, row: int) -> OceanError:
         cell = self.rows[self.columns[quantity][0]].iloc[row]
         return OceanError(
-            f"{self.path}, line {self.lines[row]}: {self.name(quantity)} needs a number; it is {cell!r}"
+            f"{self.path}, line {self.lines[row]}: {self.name(quantity)} is {cell!r}; it must be a number"
         )
 
 
 def read_cast_table(path: str | Path) -> CastTable:
     """
-    Read a CSV file of one or several casts, or an instrument's file of one.
+    Read a CSV file with one or several casts, or an instrument's file with one cast.
 
-    Cells are separated by commas, semicolons, tabs or blanks, whichever the header has. Columns are known by name
-    whatever their case, alone or with their unit, as in ``depth_m``, ``depth [m]`` or ``latitude[unit="degrees_north"]``.
+    The separator is a comma, semicolon, tab or space, as in the header. Column names are case-insensitive and may include a
+    unit, as in ``depth_m``, ``depth [m]`` or ``latitude[unit="degrees_north"]``.
     """
     try:
         text = read_text(Path(path))
-        sheet = instrument_sheet(Path(path), text.splitlines())
-        if sheet is not None:
-            return _of_sheet(Path(path), sheet)
+        instrument = instrument_table(Path(path), text.splitlines())
+        if instrument is not None:
+            return _of_instrument(Path(path), instrument)
         table = read_text_table(path, text)
     except RecordError as error:
         raise OceanError(str(error)) from None
@@ -341,12 +370,12 @@ def read_cast_table(path: str | Path) -> CastTable:
     return CastTable(table.path, header, rows, table.comments, columns, texts, bracketed)
 
 
-def _of_sheet(path: Path, sheet: Sheet) -> CastTable:
-    """Table of an instrument's columns; rows that are too short end in empty cells."""
-    width = len(sheet.titles)
-    cells = {i: (row + [""] * width)[:width] for i, row in sheet.rows.items()}
-    known = [k for k, title in enumerate(sheet.titles) if title]
-    header = tuple(sheet.titles[k] for k in known)
+def _of_instrument(path: Path, instrument: InstrumentTable) -> CastTable:
+    """Convert an instrument's columns to a table; short rows are filled with empty cells."""
+    width = len(instrument.titles)
+    cells = {i: (row + [""] * width)[:width] for i, row in instrument.rows.items()}
+    known = [k for k, title in enumerate(instrument.titles) if title]
+    header = tuple(instrument.titles[k] for k in known)
     rows = pd.DataFrame.from_dict(cells, orient="index", dtype=str)[known].set_axis(range(len(known)), axis=1)
     columns, texts = _columns(path, header)
     return CastTable(
@@ -357,10 +386,10 @@ def _of_sheet(path: Path, sheet: Sheet) -> CastTable:
         columns,
         texts,
         bracketed=False,
-        instrument=sheet.instrument,
-        place=sheet.place,
-        time=sheet.time,
-        notes=sheet.notes,
+        instrument=instrument.instrument,
+        place=instrument.place,
+        time=instrument.time,
+        notes=instrument.notes,
     )
 
 
@@ -381,13 +410,13 @@ def _columns(path: Path, header: tuple[str, ...]) -> tuple[dict[str, tuple[int, 
         of = _COLUMNS[quantity][0]
         if unit and not is_unit_of(of, unit):
             raise OceanError(
-                f"{path}: unit of column {title!r} is unknown; write {quantity} in {our_unit(of)}"
+                f"{path}: the unit of column {title!r} is unknown; write {quantity} in {our_unit(of)}"
             )
         if quantity not in columns:
             columns[quantity] = (i, unit or suffix)
         elif name in _NAMES[quantity]:
             raise OceanError(
-                f"{path}: columns {header[columns[quantity][0]]!r} and {title!r} are both {quantity}; keep one"
+                f"{path}: columns {header[columns[quantity][0]]!r} and {title!r} are both {quantity}; remove one"
             )
     return columns, texts
 

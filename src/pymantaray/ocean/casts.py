@@ -1,4 +1,4 @@
-"""Casts from tables or Argo's files, and an ocean from one: the same water everywhere, at rest, down to a stated bottom."""
+"""Casts from tables, instruments, Argo and CF files, and a horizontally uniform ocean at rest from one cast."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.checks import told_apart
+from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
 from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
@@ -33,8 +33,8 @@ _DATE = re.compile(r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _MONTH = re.compile(rf"\b({'|'.join(_MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
-_PACKED_FILL, _PACKED_SCALE, _PACKED_OFFSET = -30_000.0, 0.001, 20.0  # HYCOM's, of both tracers
-_PACKED_ABOVE = 100.0  # no temperature or salinity is beyond this
+_PACKED_FILL, _PACKED_SCALE, _PACKED_OFFSET = -30_000.0, 0.001, 20.0  # HYCOM's, for both tracers
+_PACKED_ABOVE = 100.0  # upper limit of temperature and salinity
 _TEMPERATURES = {
     "temperature": convert.IN_SITU,
     "potential_temperature": convert.POTENTIAL,
@@ -42,9 +42,9 @@ _TEMPERATURES = {
 }
 _SALINITIES = {"salinity": convert.PRACTICAL, "absolute_salinity": convert.ABSOLUTE}
 _STEPS = ((100.0, 2.5), (200.0, 5.0), (500.0, 10.0), (1000.0, 25.0), (2000.0, 50.0), (12_000.0, 100.0))
-_SHORTEST = 0.5  # of the last step: a level nearer to the bottom than that is left out
-_POINTS = 9  # along each horizontal axis; the water is the same at all
-_MARGIN = 1.02  # of the window beyond the half extent
+_MIN_LAST_STEP = 0.5  # fraction of the last step; a level nearer to the bottom is omitted
+_POINTS = 9  # along each horizontal axis
+_MARGIN = 1.02  # window divided by half extent
 
 
 def read_cast(
@@ -54,48 +54,47 @@ def read_cast(
     lon: float | None = None,
     time: Instant | None = None,
     name: str | None = None,
-    elsewhere: tuple[float, float] | None = None,
+    default_place: tuple[float, float] | None = None,
 ) -> Cast:
     """
-    Read the cast that a file holds.
+    Read one cast from a file.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        CSV with named columns: depth or pressure; temperature, in situ, potential or
-        conservative; practical or absolute salinity. HYCOM's point tables from the NetCDF Subset Service,
-        also with the packed integers that it delivers. Argo's NetCDF profiles, and CF data sets of profiles. Files of
-        instruments: Sea-Bird ``.cnv``, Sippican ``.edf``, RBR, CastAway, Valeport and AML.
+        One of: CSV with named columns (depth or pressure; in-situ, potential or conservative temperature; practical or
+        absolute salinity); a point table of HYCOM from the NetCDF Subset Service, also with packed integers; an Argo NetCDF
+        file; a CF data set of profiles; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR, CastAway, Valeport,
+        AML).
     lat, lon : float, optional
-        Place; by default of the columns ``lat`` and ``lon`` or a comment as ``# ... lat 74.0, lon -140.0``.
-        [degrees]
+        Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon -140.0``. [degrees]
     time : str or numpy.datetime64, optional
-        Instant (UTC); by default of a column or a comment, NaT where neither has one.
+        Instant (UTC). Default: a column or a comment, else NaT.
     name : str, optional
-        If the file holds several: the one to take (its station, or Argo's float and cycle).
-    elsewhere : tuple of float, optional
-        Latitude and longitude of a cast whose file names none. [degrees]
+        Name of the cast if the file contains several: its station, or Argo's float and cycle.
+    default_place : tuple of float, optional
+        Latitude and longitude if the file contains no place. [degrees]
 
     Returns
     -------
     Cast
-        Without rows that have a missing or impossible value, lie above the surface, or go no deeper than one
-        before them; ``dropped`` counts them and ``notes`` says why.
+        Without rows that have a missing or impossible value, are above the surface, or are not deeper than an earlier
+        row. ``dropped`` is the number of these rows and ``notes`` gives the reasons.
 
     Raises
     ------
     OceanError
-        If the file is unreadable, a cell is no number, a column or the place is missing, fewer than two
-        levels are left, or it holds several casts and none is named.
+        If the file is unreadable, a cell is not a number, a column or the place is missing, fewer than two levels
+        remain, or the file contains several casts and ``name`` is missing.
     """
-    casts = read_casts(path, lat=lat, lon=lon, time=time, elsewhere=elsewhere)
+    casts = read_casts(path, lat=lat, lon=lon, time=time, default_place=default_place)
     named = casts if name is None else [cast for cast in casts if cast.name == name]
     if len(named) == 1:
         return named[0]
     listing = ", ".join(cast.name for cast in casts[:4]) + (", ..." if len(casts) > 4 else "")
     if name is not None and not named:
-        raise OceanError(f"{path}: no cast {name!r} in it; there is {listing}")
-    raise OceanError(f"{path}: holds {len(named)} casts ({listing}); choose one by its name")
+        raise OceanError(f"{path}: no cast {name!r}; available: {listing}")
+    raise OceanError(f"{path}: contains {len(named)} casts ({listing}); select one by its name")
 
 
 def read_casts(
@@ -104,38 +103,57 @@ def read_casts(
     lat: float | None = None,
     lon: float | None = None,
     time: Instant | None = None,
-    elsewhere: tuple[float, float] | None = None,
+    default_place: tuple[float, float] | None = None,
 ) -> list[Cast]:
     """
-    Read all casts of one or more files, at least one, in the files' order.
+    Read all casts of one or more files, in the order of the files.
 
     Parameters
     ----------
     paths : str, pathlib.Path or sequence of them
-        As `read_cast` takes. A table with a station column holds a cast for each station, one of the NetCDF
-        Subset Service one for each time and place. One bad cast of a table refuses the table.
-    lat, lon, time, elsewhere
+        At least one file, as in `read_cast`. A table with a station column contains one cast per station. A table of the
+        NetCDF Subset Service contains one cast per time and place. One invalid cast makes the table invalid.
+    lat, lon, time, default_place
         As in `read_cast`, for all casts.
+
+    Returns
+    -------
+    list of Cast
     """
     files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
     if not files:
-        raise OceanError("casts: no file given; name at least one")
+        raise OceanError("casts: no file; name at least one")
     casts: list[Cast] = []
     for path in files:
         if holds_argo(path):
             if (lat, lon, time) != (None, None, None):
-                raise OceanError(f"{path}: Argo's profiles have their own places and times; leave these out")
+                raise OceanError(
+                    f"{path}: Argo profiles have their own places and times; remove --lat, --lon and --time (in Python: lat,"
+                    " lon, time)"
+                )
             casts += read_argo(path)
         else:
             place = None if lat is None or lon is None else (float(lat), float(lon))
             for station, table in cast_tables(path).items():
-                own = place or cast_place(table) or elsewhere
+                own = place or cast_place(table) or default_place
                 casts.append(cast_of_table(table, station, own, time))
     return casts
 
 
 def holds_casts(path: str | Path) -> bool:
-    """Whether a file is one for `read_casts`, a table or Argo's profiles, not an ocean in NetCDF, in zarr or a synthetic one."""
+    """
+    Return True if a source is a file for `read_casts`, not a gridded or synthetic ocean.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        A file, a zarr folder or the name of a synthetic ocean.
+
+    Returns
+    -------
+    bool
+        True for a table, an instrument's file, Argo profiles and a CF data set of profiles.
+    """
     if str(path).startswith("synthetic:") or Path(path).is_dir():
         return False
     if not is_netcdf(Path(path)):
@@ -145,12 +163,12 @@ def holds_casts(path: str | Path) -> bool:
 
 
 def cast_tables(path: Path) -> dict[str, CastTable]:
-    """Casts of a file of text or of a CF data set of profiles, as tables by their names."""
+    """Casts of a text file or of a CF data set of profiles, as tables by name."""
     return read_cf_profiles(path) if is_netcdf(path) else read_cast_table(path).casts()
 
 
 def holds_argo(path: str | Path) -> bool:
-    """Whether a file is NetCDF other than a CF data set of profiles: Argo's, or what is refused as such."""
+    """Return True if a file is NetCDF, but not a CF data set of profiles: an Argo file, or a file that `read_argo` rejects."""
     if not is_netcdf(Path(path)):
         return False
     with open_file(path) as data:
@@ -158,7 +176,7 @@ def holds_argo(path: str | Path) -> bool:
 
 
 def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
-    """Latitude and longitude that the first of comment lines names, as in ``lat 74.0, lon -140.0``. [degrees]"""
+    """Latitude and longitude in the first comment line that has both, as in ``lat 74.0, lon -140.0``. [degrees]"""
     for line in comments:
         north, east = _LAT.search(line), _LON.search(line)
         if north and east:
@@ -172,10 +190,10 @@ def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
 def cast_of_table(
     table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None
 ) -> Cast:
-    """Cast of a table of one; without a place or a quantity that it needs it is refused."""
+    """Convert a table with one cast; a missing place or quantity raises an error."""
     if place is None:
         raise OceanError(
-            f"{table.path}: no place; give lat and lon, columns of these names, or a comment '# lat 74.0, lon -140.0'"
+            f"{table.path}: no place; give lat and lon, add columns of these names, or a comment '# lat 74.0, lon -140.0'"
         )
     lat, lon = place
     table = _with_salinity(table, lat)
@@ -195,8 +213,8 @@ def cast_of_table(
             depth = np.asarray(-gsw.z_from_p(table.values("pressure"), lat), dtype=float)
         notes.append("depth from pressure by TEOS-10")
     else:
-        raise OceanError(f"{table.path}: lacks depth or pressure; found {', '.join(table.header)}")
-    with np.errstate(all="ignore"):  # rows that are nonsense are dropped below
+        raise OceanError(f"{table.path}: no depth or pressure; the columns are {', '.join(table.header)}")
+    with np.errstate(all="ignore"):  # impossible rows are dropped below
         pressure = gsw.p_from_z(-np.maximum(depth, 0.0), lat)
     temperature, salinity = convert.to_in_situ_and_practical(
         (values[0][:, None, None], _TEMPERATURES[kinds[0]]),
@@ -221,7 +239,7 @@ def cast_of_table(
 
 
 def _with_salinity(table: CastTable, lat: float) -> CastTable:
-    """Table of an instrument with practical salinity from conductivity where it has none of its own."""
+    """Add practical salinity from conductivity to a table that has no salinity."""
     if not table.has("measured_conductivity", "temperature") or any(table.has(kind) for kind in _SALINITIES):
         return table
     if table.has("pressure"):
@@ -230,7 +248,7 @@ def _with_salinity(table: CastTable, lat: float) -> CastTable:
         pressure = np.asarray(gsw.p_from_z(-np.maximum(table.values("depth"), 0.0), lat), dtype=float)
     else:
         return table
-    with np.errstate(all="ignore"):  # rows that are nonsense are dropped later
+    with np.errstate(all="ignore"):  # impossible rows are dropped later
         salinity = gsw.SP_from_C(table.values("measured_conductivity"), table.values("temperature"), pressure)
     place = len(table.header)
     return replace(
@@ -245,8 +263,14 @@ def _with_salinity(table: CastTable, lat: float) -> CastTable:
 def _kind(table: CastTable, kinds: dict[str, str]) -> str:
     kind = next((kind for kind in kinds if table.has(kind)), None)
     if kind is None:
-        hint = "; sound speed alone makes a profile for rays, no cast" if table.has("sound_speed") else ""
-        raise OceanError(f"{table.path}: lacks {next(iter(kinds))}; found {', '.join(table.header)}{hint}")
+        hint = (
+            "; with sound speed alone it is a profile for rays, not a cast"
+            if table.has("sound_speed")
+            else ""
+        )
+        raise OceanError(
+            f"{table.path}: no {next(iter(kinds))}; the columns are {', '.join(table.header)}{hint}"
+        )
     return kind
 
 
@@ -257,7 +281,7 @@ def _packed(values: Array) -> bool:
 
 
 def cast_place(table: CastTable) -> tuple[float, float] | None:
-    """Latitude and longitude of a cast by its columns, else by its comments; None if neither tells. [degrees]"""
+    """Latitude and longitude of a cast from its columns, else from its comments, else None. [degrees]"""
     if table.place is not None:
         return table.place
     if table.has("lat", "lon"):
@@ -269,7 +293,7 @@ def cast_place(table: CastTable) -> tuple[float, float] | None:
 
 
 def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
-    """Time of a cast by its column, else by its comments, NaT if neither tells; and what is to be said of it."""
+    """Time of a cast from its column, else from its comments, else NaT; and notes about it."""
     first = table.time or next((cell for cell in table.text("time") or [] if cell), None)
     if first is not None:
         try:
@@ -280,19 +304,19 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
     for line in table.comments:
         if match := _DATE.search(line):
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""
-            return parse_instant(match[1] + clock), ([] if clock else ["time of day unknown: taken as 0 h"])
+            return parse_instant(match[1] + clock), ([] if clock else ["time of day unknown: 0 h assumed"])
         if match := _MONTH.search(line):
             month = _MONTHS.index(match[1].lower()[:3]) + 1
-            note = f"day unknown: {match[0]} taken as its first"
+            note = f"day unknown: the first of {match[0]} assumed"
             return parse_instant(f"{match[2]}-{month:02d}-01"), [note]
     return np.datetime64("NaT", "ns"), ["time unknown"]
 
 
 def cast_levels(bottom_depth: float) -> Array:
-    """Levels that keep the ducts of a cast without following its noise, wider with depth; the last is the bottom. [m]"""
+    """Levels that resolve the ducts of a cast but not its noise, wider with depth; the last level is the bottom. [m]"""
     levels = [0.0]
     for until, step in _STEPS:
-        while levels[-1] < until and levels[-1] + (1.0 + _SHORTEST) * step <= bottom_depth:
+        while levels[-1] < until and levels[-1] + (1.0 + _MIN_LAST_STEP) * step <= bottom_depth:
             levels.append(levels[-1] + step)
     return np.array([*levels, float(bottom_depth)])
 
@@ -308,55 +332,56 @@ def cast_ocean(
     equation: Equation = "teos-10",
 ) -> xr.Dataset:
     """
-    Horizontally uniform ocean at rest from one cast.
+    Make a horizontally uniform ocean at rest from one cast.
 
     Parameters
     ----------
     cast : Cast
+        Temperature and salinity.
     bottom_depth : float, optional
-        Depth of the flat sea bed, the deepest level. Default: the cast's own, if it tells one. [m]
+        Depth of the flat sea bed, which is the deepest level. Default: the bottom depth of the cast. [m]
     half_extent : tuple of float
-        Half sides (north, east) of a rectangle about the cast that the window holds. [m]
+        Half sides (north, east) of a rectangle around the cast. The window contains this rectangle. [m]
     levels : array_like, shape (n,), optional
-        From 0, strictly increasing; those at or below the bottom are replaced by one there. Default:
+        Depths, strictly increasing from 0. One level at the bottom replaces all levels at or below the bottom. Default:
         `cast_levels`. [m]
     below : {"refuse", "constant"} or Cast
-        What lies between the deepest sample and the bottom: an error; the temperature and salinity of the
-        deepest sample, so that sound speed rises with pressure alone; or the samples of a deeper cast that lie
-        below this one's.
+        Water between the deepest sample and the bottom. ``"refuse"``: an error. ``"constant"``: temperature and salinity
+        of the deepest sample, so sound speed increases with pressure alone. A deeper cast: its samples below this cast.
     time : str or numpy.datetime64, optional
-        Instant (UTC) of the ocean. Default: the cast's.
+        Instant (UTC) of the ocean. Default: the time of the cast.
     equation : {"teos-10", "del-grosso", "unesco"}
-        For the change of sound speed that the history tells.
+        Equation of the sound-speed change that the history reports.
 
     Returns
     -------
     xarray.Dataset
-        A valid ocean. Its history tells the change of sound speed by averaging (rms and greatest, over the
-        samples), how far it was extended up and down, and that it is at rest.
+        A valid ocean. Its history reports the change of sound speed due to averaging (rms and maximum over the samples),
+        the extensions up and down, and that the water is at rest.
 
     Raises
     ------
     OceanError
-        If the bottom or the time is unknown, the bottom is deeper than the samples and ``below`` refuses, a
-        level is wrong, or the window reaches over a pole.
+        If the bottom or the time is unknown, the bottom is deeper than the samples and ``below`` is ``"refuse"``, a level
+        is invalid, or the window extends over a pole.
 
     Notes
     -----
-    Temperature and salinity are averaged over the cell of each level (`Cast.cell_means`). Above the
-    shallowest sample they are constant. "Uniform" holds for temperature and salinity at a depth: sound speed
-    then varies by some mm/s over 100 km, since pressure at a depth and the composition of sea water
-    depend on the place.
+    Temperature and salinity are averaged over the cell of each level (`Cast.cell_means`). They are constant above the
+    shallowest sample. They are uniform at a constant depth. Sound speed varies by a few mm/s over 100 km, because pressure
+    at a depth and the composition of sea water depend on the place.
     """
     bottom = cast.bottom_depth if bottom_depth is None else float(bottom_depth)
     if not cast.depth[0] < bottom <= DEEPEST:
         raise OceanError(
-            f"cast {cast.name}: bottom_depth is {bottom:g} m; give the sea bed's depth, beneath the shallowest sample at"
-            f" {cast.depth[0]:g} m and down to {DEEPEST:g} m"
+            f"cast {cast.name}: bottom_depth is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
+            f" and at most {DEEPEST:g} m; give the depth of the sea bed with --bottom (in Python: bottom_depth)"
         )
     instant = cast.time if time is None else parse_instant(time)
     if np.isnat(instant):
-        raise OceanError(f"cast {cast.name}: its time is unknown; give one, as in 2014-07-24T19:20 (UTC)")
+        raise OceanError(
+            f"cast {cast.name}: its time is unknown; give --time 2014-07-24T19:20 (UTC; in Python: time)"
+        )
     z, level_notes = _levels(cast, levels, bottom)
     full, extensions = _extended(cast, bottom, below)
     temperature, salinity = full.cell_means(z)
@@ -368,7 +393,7 @@ def cast_ocean(
         instant,
         {name: np.broadcast_to(c[:, None, None], shape).copy() for name, c in columns.items()},
         title=f"Cast {cast.name}",
-        source=f"one cast at {cast.lat:g} N {cast.lon:g} E, the same water everywhere",
+        source=f"one cast at {cast.lat:g} N {cast.lon:g} E, horizontally uniform",
         synthetic=False,
     )
     t, s = (np.interp(cast.depth, z, column) for column in (temperature, salinity))
@@ -377,7 +402,7 @@ def cast_ocean(
     change = change[cast.depth <= bottom]
     averaging = (
         f"cast {cast.name}: {cast.depth.size} samples averaged onto {z.size} levels, sound speed changed by"
-        f" {np.sqrt(np.mean(change**2)):.2g} m/s rms, {np.abs(change).max():.2g} m/s at most"
+        f" {np.sqrt(np.mean(change**2)):.2g} m/s rms, {np.abs(change).max():.2g} m/s maximum"
     )
     rest = "horizontally uniform, currents at rest"
     for line in (*cast.notes, averaging, *level_notes, *extensions, rest):
@@ -390,11 +415,11 @@ def _levels(cast: Cast, levels: ArrayLike | None, bottom: float) -> tuple[Array,
         return cast_levels(bottom), []
     z = np.asarray(levels, dtype=float)
     if z.ndim != 1 or z.size < 2 or z[0] != 0.0 or not np.all(np.diff(z) > 0.0):
-        raise OceanError(f"cast {cast.name}: levels must rise strictly from 0 m")
+        raise OceanError(f"cast {cast.name}: levels must strictly increase from 0 m")
     deeper = int(np.count_nonzero(z > bottom))
-    notes = [f"{deeper} levels below the bottom at {bottom:g} m left out"] if deeper else []
+    notes = [f"{deeper} levels below the bottom at {bottom:g} m removed"] if deeper else []
     if bottom not in z:
-        notes.append(f"level at the bottom, {bottom:g} m, added")
+        notes.append(f"level added at the bottom, {bottom:g} m")
     return np.append(z[z < bottom], bottom), notes
 
 
@@ -411,17 +436,18 @@ def _extended(
     if isinstance(below, Cast):
         deeper = below.depth > last
         if not deeper.any():
-            end, of_other = told_apart(below.depth[-1], last)
+            end, of_other = distinct_digits(below.depth[-1], last)
             raise OceanError(
-                f"cast {below.name}: ends at {end} m, not below the {of_other} m of {cast.name}; a deeper cast is needed"
+                f"cast {below.name}: ends at {end} m, which is not below the end of {cast.name} at {of_other} m; name a deeper"
+                " cast"
             )
         warmer, saltier = (
             float(np.interp(last, below.depth, theirs) - ours[-1])
             for theirs, ours in ((below.temperature, cast.temperature), (below.salinity, cast.salinity))
         )
         notes.append(
-            f"below {last:.6g} m the samples of cast {below.name}, which at that depth is warmer by {warmer:.2g} degC,"
-            f" saltier by {saltier:.2g}"
+            f"below {last:.6g} m from cast {below.name}, which differs there by {warmer:+.2g} degC and {saltier:+.2g} in"
+            " salinity"
         )
         cast = replace(
             cast,
@@ -431,20 +457,20 @@ def _extended(
         )
         last = float(cast.depth[-1])
     elif below == "refuse":
-        sample, bed = told_apart(last, bottom)
+        sample, bed = distinct_digits(last, bottom)
         raise OceanError(
-            f"cast {cast.name}: its deepest sample is at {sample} m, above the bottom at {bed} m; give a bottom of"
-            f' {np.floor(last):g} m, or what is below: "constant" water or a deeper cast'
+            f"cast {cast.name}: its deepest sample at {sample} m is above the bottom at {bed} m; give a bottom depth of"
+            f' {np.floor(last):g} m, or the water below with --below (in Python: below): "constant" or a deeper cast'
         )
     elif below != "constant":
-        raise OceanError(f"below is {below!r}; allowed are 'refuse', 'constant' and a cast")
+        raise OceanError(f"below is {below!r}; allowed: 'refuse', 'constant' or a cast")
     if bottom > last:
         notes.append(f"extended from {last:.6g} m down to the bottom at {bottom:.6g} m {at_constant}")
     return cast, notes
 
 
 def _axes(cast: Cast, half_extent: tuple[float, float]) -> tuple[Array, Array]:
-    """Latitudes and longitudes about the cast whose window holds the rectangle."""
+    """Latitudes and longitudes around the cast; their window contains the rectangle."""
     north, east = (float(h) for h in half_extent)
     if not (0.0 < north < 5e6 and 0.0 < east < 5e6):
         raise OceanError(
@@ -456,8 +482,8 @@ def _axes(cast: Cast, half_extent: tuple[float, float]) -> tuple[Array, Array]:
     half_lon = _MARGIN * float(np.abs(lon - frame.longitude_deg).max())
     if abs(cast.lat) + half_lat > 90.0 or half_lon >= 179.0:
         raise OceanError(
-            f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km about {cast.lat:g} N reaches over the"
-            " pole, where latitude and longitude are no grid; give a smaller half_extent"
+            f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km around {cast.lat:g} N extends over the"
+            " pole; give a smaller --half-extent (in Python: half_extent)"
         )
     s = np.linspace(-1.0, 1.0, _POINTS)
     return cast.lat + half_lat * s, frame.longitude_deg + half_lon * s

@@ -1,4 +1,4 @@
-"""What is what in a CF data set: temperature, salinity, currents and their axes, by standard names."""
+"""Identification of temperature, salinity, currents and their axes in a CF data set, by standard names."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from pymantaray.ocean.convert import (
 )
 from pymantaray.ocean.files import file_name, text
 
-# by standard name; where a data set has several of one role, the first here is taken
+# by standard name; the first match counts if a data set has several variables of one role
 _ROLES: dict[str, dict[str, str]] = {
     "water_temp": {
         "sea_water_temperature": IN_SITU,
@@ -39,9 +39,9 @@ _ROLES: dict[str, dict[str, str]] = {
 _GRID_RELATIVE = ("sea_water_x_velocity", "sea_water_y_velocity")
 _TERRAIN = ("ocean_s_coordinate", "ocean_sigma", "ocean_double_sigma")
 _NORTH = ("degrees_north", "degree_north", "degrees_n", "degree_n")
-_MOST_NAMES = 12
+_MAX_NAMES = 12
 _PLAIN_NAMES = {"latitude": ("lat", "latitude"), "longitude": ("lon", "longitude"), "depth": ("depth",)}
-_REGRID = "regrid it to latitude and longitude first (xesmf), and turn the currents to east and north"
+_REGRID = "regrid it to latitude and longitude first (xesmf), and rotate the currents to east and north"
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Field:
     """One variable of an ocean in a file."""
 
     role: str
-    """Its name in the schema."""
+    """Name in the schema."""
     kind: str
-    """Of temperature or salinity, as TEOS-10 tells them apart."""
+    """Kind of temperature or salinity in TEOS-10."""
     variable: str
 
 
@@ -65,11 +65,11 @@ class Layout:
     lon: str
     time: str
     grid_relative: tuple[str, ...]
-    """Currents along the model's axes, which are of no use here."""
+    """Currents along the model's axes, which are not used."""
 
 
 def layout_of(data: xr.Dataset) -> Layout:
-    """Variables of an ocean and the axes they share, on a grid of latitude, longitude and depth or pressure."""
+    """Find the variables of an ocean and their common axes: latitude, longitude, and depth or pressure."""
     import cf_xarray  # noqa: F401  registers the accessor
 
     _refuse_other_horizontals(data)
@@ -83,9 +83,9 @@ def layout_of(data: xr.Dataset) -> Layout:
             _refuse(data, grid_relative_refusal(relative))
         _refuse(
             data,
-            f"none of {', '.join(HYCOM_NAMES)} is in it, and no variable with the standard_name of sea-water"
-            f" temperature, salinity or velocity on levels; found {found_variables(data)}: give those that are meant their"
-            ' standard_name, in the file or as names={"temp": "sea_water_temperature"} in Python',
+            f"no variable {', '.join(HYCOM_NAMES)}, and none on levels with the standard_name of sea-water temperature,"
+            f" salinity or velocity; it contains {listed_variables(data)}; add the standard_name to the file, or give --name"
+            ' temp=sea_water_temperature (in Python: names={"temp": "sea_water_temperature"})',
         )
     axes = _axes(data, fields[0].variable)
     for field in fields[1:]:
@@ -93,43 +93,45 @@ def layout_of(data: xr.Dataset) -> Layout:
         if others != axes:
             _refuse(
                 data,
-                f"{field.variable} lies on {', '.join(others)}, {fields[0].variable} on {', '.join(axes)};"
-                " interpolate all to the same points first (xgcm)",
+                f"{field.variable} is on {', '.join(others)}, {fields[0].variable} on {', '.join(axes)};"
+                " interpolate both to the same points first (xgcm)",
             )
     return Layout(fields, *axes, relative)
 
 
 def grid_relative_refusal(names: Sequence[str]) -> str:
-    """Reason and remedy for currents along a model's own axes."""
+    """Cause and remedy for currents along a model's own axes."""
     return (
-        f"{' and '.join(names)} are velocities along the model's grid, not east and north; turn them by the"
-        " grid's angle and set standard_name to eastward_ and northward_sea_water_velocity"
+        f"{' and '.join(names)} are velocities along the axes of the model's grid, not east and north; rotate them by the"
+        " angle of the grid and set standard_name to eastward_ and northward_sea_water_velocity"
     )
 
 
-def found_variables(data: xr.Dataset) -> str:
-    """Names and dimensions of a file's variables, those with most dimensions first, for messages."""
+def listed_variables(data: xr.Dataset) -> str:
+    """Names and dimensions of a file's variables for messages, in descending order of the number of dimensions."""
     ranked = sorted(data.variables.items(), key=lambda item: -item[1].ndim)
-    words = [f"{name} ({', '.join(map(str, v.dims))})" for name, v in ranked[:_MOST_NAMES]]
+    words = [f"{name} ({', '.join(map(str, v.dims))})" for name, v in ranked[:_MAX_NAMES]]
     more = len(ranked) - len(words)
     return ", ".join(words) + (f" and {more} more" if more > 0 else "") if words else "no variable"
 
 
 def _refuse_model_grid(data: xr.Dataset) -> None:
-    """Refuse a grid that is curvilinear or has levels along the sea bed, as ROMS has, by all that is in the way."""
+    """Raise an error with all causes if a grid is curvilinear or has terrain-following levels, as in ROMS."""
     curved = [str(n) for n, v in data.variables.items() if v.ndim == 2 and _is_latitude(v)]
     terrain = [str(n) for n, v in data.variables.items() if _follows_bed(v)]
     straight = any(v.ndim == 1 and _is_latitude(v) for v in data.variables.values())
     reasons, remedies = [], []
     if curved and not straight:
         reasons.append(f"its grid is curvilinear ({curved[0]} has two dimensions)")
-        remedies.append("regrid it to latitude and longitude (xesmf), with currents turned to east and north")
+        remedies.append(
+            "regrid it to latitude and longitude (xesmf) and rotate the currents to east and north"
+        )
     if terrain:
         reasons.append(f"its levels follow the sea bed ({terrain[0]})")
         remedies.append("interpolate it to fixed depths (xgcm, xroms)")
     if reasons:
         neither = "neither is" if len(reasons) == 2 else "this is not"
-        _refuse(data, f"{' and '.join(reasons)}: {neither} supported; first {', and '.join(remedies)}")
+        _refuse(data, f"{' and '.join(reasons)}; {neither} supported; first {', and '.join(remedies)}")
 
 
 def _is_latitude(variable: xr.Variable) -> bool:
@@ -146,7 +148,7 @@ def _refuse(data: xr.Dataset, line: str) -> NoReturn:
 
 
 def _with_coordinates(data: xr.Dataset) -> xr.Dataset:
-    """Data set whose coordinates are called so, for cf-xarray; nothing is read."""
+    """Mark coordinates as such for cf-xarray, without reading values."""
     names = {n for n, v in data.variables.items() if v.ndim < 2 or text(v, "units").startswith("degrees")}
     for variable in data.variables.values():
         names |= set(text(variable, "coordinates").split()) & data.variables.keys()
@@ -155,27 +157,26 @@ def _with_coordinates(data: xr.Dataset) -> xr.Dataset:
 
 def _field(data: xr.Dataset, role: str, named: dict[str, list[str]]) -> Field | None:
     kinds = _ROLES[role]
-    if role in data.variables and data.variables[role].ndim >= 3:  # HYCOM's name decides
+    if role in data.variables and data.variables[role].ndim >= 3:  # HYCOM's name has priority
         variable = data.variables[role]
         kind = kinds.get(text(variable, "standard_name"), next(iter(kinds.values())))
         if kind == POTENTIAL and "in-situ" in text(variable, "comment"):
             _refuse(
                 data,
-                f"{role} is called potential by its standard_name and in situ by its comment; correct the one that"
-                " is wrong",
+                f"{role}: its standard_name says potential temperature and its comment says in situ; correct one of them",
             )
         return Field(role, kind, role)
     for standard_name, kind in kinds.items():
         names = [n for n in named.get(standard_name, []) if data.variables[n].ndim >= 3]
         if len(names) > 1:
-            _refuse(data, f"{' and '.join(names)} are all {standard_name}; leave one in the file")
+            _refuse(data, f"{' and '.join(names)} are all {standard_name}; keep only one in the file")
         if names:
             return Field(role, kind, names[0])
     return None
 
 
 def _axes(data: xr.Dataset, name: str) -> tuple[str, str, str, str]:
-    """Names of the coordinates depth, latitude, longitude and time of a variable."""
+    """Names of a variable's coordinates depth, latitude, longitude and time."""
     variable, about = data.variables[name], data[[name]].cf
     of, axes = about.coordinates, about.axes
     lat = _one(data, name, "latitude", [*of.get("latitude", []), *axes.get("Y", [])])
@@ -191,17 +192,20 @@ def _axes(data: xr.Dataset, name: str) -> tuple[str, str, str, str]:
     if not time or data.variables[time].ndim > 1:
         _refuse(
             data,
-            f"no time coordinate that can be read for {name}; needs a variable time with units 'hours since ...'",
+            f"{name} has no readable time coordinate; add a variable time with units 'hours since ...'",
         )
     used = {d for n in (depth, lat, lon, time) for d in data.variables[n].dims}
     extra = [d for d, n in variable.sizes.items() if d not in used and n != 1]
     if extra:
-        _refuse(data, f"{name} has a dimension {extra[0]!r} besides time, depth, lat, lon; select one")
+        _refuse(
+            data,
+            f"{name} has a dimension {extra[0]!r} besides time, depth, lat, lon; select one element of it",
+        )
     return depth, lat, lon, time
 
 
 def _one(data: xr.Dataset, name: str, axis: str, candidates: Sequence[object]) -> str:
-    """Coordinate with one dimension, which the variable has."""
+    """One-dimensional coordinate of a variable along one of its dimensions."""
     dims = data.variables[name].dims
     known = dict.fromkeys([*map(str, candidates), *_PLAIN_NAMES[axis]])
     names = [n for n in known if n in data.variables]
@@ -211,14 +215,14 @@ def _one(data: xr.Dataset, name: str, axis: str, candidates: Sequence[object]) -
         if data.variables[n].ndim == 1 and data.variables[n].dims[0] in dims:
             return n
     line = (
-        f"no {axis} axis for {name}, which has dimensions {', '.join(map(str, dims))}; give its coordinate a"
-        " standard_name and units, as CF has it"
+        f"{name} with dimensions {', '.join(map(str, dims))} has no {axis} axis; add a coordinate with standard_name and"
+        " units according to CF"
     )
     if any(data.variables[n].ndim >= 2 for n in names):
         _refuse_model_grid(data)
-        line = f"{axis} has two dimensions, the grid is curvilinear; {_REGRID}"
+        line = f"{axis} has two dimensions (curvilinear grid); {_REGRID}"
         if axis == "depth":
-            line = f"{names[0]} changes from place to place; interpolate to fixed depths first (xgcm)"
+            line = f"{names[0]} varies horizontally; interpolate to fixed depths first (xgcm)"
     _refuse(data, line)
 
 
@@ -227,14 +231,14 @@ def _refuse_other_verticals(data: xr.Dataset, name: str) -> None:
     if _follows_bed(data.variables[name]):
         _refuse_model_grid(data)
     if "density" in standard_name or "sigma_t" in standard_name or standard_name == "model_level_number":
-        _refuse(data, f"{name} ({standard_name}) is no depth; interpolate to fixed depths first (xgcm)")
+        _refuse(data, f"{name} ({standard_name}) is not a depth; interpolate to fixed depths first (xgcm)")
 
 
 def _refuse_other_horizontals(data: xr.Dataset) -> None:
     for name, variable in data.variables.items():
         mapping, standard_name = text(variable, "grid_mapping_name"), text(variable, "standard_name")
         if mapping.startswith("rotated") or standard_name in ("grid_latitude", "grid_longitude"):
-            _refuse(data, f"{name} says that the grid has a rotated pole; {_REGRID}")
+            _refuse(data, f"the grid has a rotated pole ({name}); {_REGRID}")
         projected = standard_name in ("projection_x_coordinate", "projection_y_coordinate")
         if projected or mapping not in ("", "latitude_longitude"):
-            _refuse(data, f"{name} says that the grid is projected ({mapping or standard_name}); {_REGRID}")
+            _refuse(data, f"the grid is projected ({name}: {mapping or standard_name}); {_REGRID}")

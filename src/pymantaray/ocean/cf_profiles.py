@@ -1,7 +1,7 @@
 """
-Profiles in CF data sets (discrete sampling geometry, conventions 1.11, chapter 9 and appendix H.3), read as casts and written.
+Reader of profiles in CF data sets (discrete sampling geometry, conventions 1.11, chapter 9 and appendix H.3).
 
-Layouts that are read: one profile, orthogonal and incomplete multidimensional arrays, contiguous and indexed ragged arrays.
+It reads single profiles, orthogonal and incomplete multidimensional arrays, and contiguous and indexed ragged arrays.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ _BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing
 
 
 def holds_profiles(data: xr.Dataset) -> bool:
-    """Whether a data set says that it has profiles."""
+    """Return True if the attributes of a data set declare profiles."""
     feature = str(data.attrs.get("featureType", "")).lower()
     return feature == "profile" or any(
         v.attrs.get("cf_role") == "profile_id" for v in data.variables.values()
@@ -42,24 +42,26 @@ def holds_profiles(data: xr.Dataset) -> bool:
 
 
 def read_cf_profiles(path: Path) -> dict[str, CastTable]:
-    """Each profile of a CF data set as a table, by its name."""
+    """Read each profile of a CF data set as a table, by name."""
     with open_file(path) as data, NETCDF_LOCK:
         try:
             return _tables(data, path)
         except OceanError:
             raise
-        except Exception as error:  # noqa: BLE001  the library raises whatever it stumbles over
+        except Exception as error:  # noqa: BLE001  the library raises many types
             raise unreadable(path, error) from None
 
 
 def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> NDArray[np.int64] | None:
-    """Number of the feature of each row of a ragged array; None where there is one feature."""
+    """Index of the feature of each row of a ragged array; None if there is one feature."""
     size = data.sizes[dim]
     for name, variable in data.variables.items():
         if variable.attrs.get("sample_dimension") == dim:
             counts = np.nan_to_num(numbers(data, str(name))).astype(np.int64)
             if counts.min(initial=0) < 0 or counts.sum() > size:
-                raise OceanError(f"{path}: {name} counts {counts.sum()} rows, there are {size} along {dim}")
+                raise OceanError(
+                    f"{path}: {name} declares {counts.sum()} rows, but {dim} has {size}; correct it"
+                )
             return np.pad(
                 np.repeat(np.arange(counts.size), counts), (0, size - counts.sum()), constant_values=-1
             )
@@ -69,12 +71,14 @@ def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> NDArray[np.int64
 
 
 def labels_of(variable: xr.Variable) -> NDArray[Any]:
-    """Text of each element of a variable of names, letters or whole numbers."""
+    """Text of each element of a variable with names, letters or integers."""
     raw = np.asarray(variable.values)
     if raw.dtype.kind == "f" and np.array_equal(raw, np.round(raw)):
         raw = raw.astype(np.int64)
     cells = [c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()]
-    if raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower():  # letters along it
+    if (
+        raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower()
+    ):  # letters along the last dimension
         cells = ["".join(row) for row in np.array(cells).reshape(-1, raw.shape[-1])]
     return np.array([c.strip("\0 ") for c in cells], dtype=object)
 
@@ -85,20 +89,20 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
                  if q in named), None)  # fmt: skip
     if main is None or not {"depth", "pressure"} & named.keys():
         raise OceanError(
-            f"{path}: no profile: needs depth or sea_water_pressure, and sea_water_temperature or"
-            f" speed_of_sound_in_sea_water, by standard_name; found {', '.join(map(str, data.variables))}"
+            f"{path}: no profile; it needs variables with standard_name depth or sea_water_pressure, and sea_water_temperature"
+            f" or speed_of_sound_in_sea_water; it contains {', '.join(map(str, data.variables))}"
         )
     dims = tuple(map(str, data.variables[main].dims))
     of_row = instance_of_rows(data, dims[-1], path) if len(dims) == 1 else None
     count = data.sizes[dims[0]] if len(dims) == 2 else 1 if of_row is None else int(of_row.max(initial=0)) + 1
     if len(dims) > 2:
         raise OceanError(
-            f"{path}: {main} has dimensions {', '.join(dims)}; a profile has one, or two with its number"
+            f"{path}: {main} has dimensions {', '.join(dims)}; it must have one, or two with the index of the profile"
         )
     values, notes = {}, []
     for quantity, name in named.items():
-        values[quantity], told = _values(data, name, data.variables[main].sizes)
-        notes += [f"{told} values of {name} left out for their flags"] if told else []
+        values[quantity], flagged = _values(data, name, data.variables[main].sizes)
+        notes += [f"{flagged} values of {name} rejected by quality flags"] if flagged else []
     places = [_of_profile(data, standard, count) for standard in ("latitude", "longitude")]
     times = _times(data, count, path)
     role = next((v for v in data.variables.values() if v.attrs.get("cf_role") == "profile_id"), None)
@@ -126,7 +130,7 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
 
 
 def _variable(data: xr.Dataset, standard: Sequence[str]) -> str:
-    """Variable of one of several standard names, the first of them that is there; empty where none is."""
+    """Variable with the first available of several standard names; empty if there is none."""
     for name in standard:
         for key, variable in data.variables.items():
             if text(variable, "standard_name") == name and variable.dtype.kind in "biuf" and variable.ndim:
@@ -135,7 +139,7 @@ def _variable(data: xr.Dataset, standard: Sequence[str]) -> str:
 
 
 def _values(data: xr.Dataset, name: str, sizes: Any) -> tuple[Array, int]:
-    """Values over the dimensions of the main variable, those flagged as bad NaN, and how many these are."""
+    """Values over the dimensions of the main variable, NaN where flagged as bad, and the number of bad flags."""
     variable = data.variables[name]
     values, bad = numbers(data, name), np.zeros(variable.shape, dtype=bool)
     for flags in (*text(variable, "ancillary_variables").split(), f"{name}_QC", f"{name}_qc"):
@@ -152,7 +156,7 @@ def _values(data: xr.Dataset, name: str, sizes: Any) -> tuple[Array, int]:
 
 
 def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
-    """Number of each profile, NaN where the file does not say."""
+    """One number per profile, NaN if the file has none."""
     name = next(
         (
             str(n)
@@ -168,7 +172,7 @@ def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
 
 
 def _times(data: xr.Dataset, count: int, path: Path) -> list[str]:
-    """Time of each profile in ISO 8601, empty where the file does not say."""
+    """Time of each profile in ISO 8601, empty if the file has none."""
     name = next((str(n) for n, v in data.variables.items() if text(v, "standard_name") == "time"), "")
     unit = text(data.variables[name], "units") if name else ""
     seconds = _of_profile(data, "time", count)

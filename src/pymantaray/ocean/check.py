@@ -1,4 +1,4 @@
-"""Is this ocean fit for use: everything that is wrong or doubtful about a data set, not only the first thing."""
+"""Check of an ocean: a list of all errors and doubts about a data set."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.errors import GeometryError, OceanError
-from pymantaray.geometry.checks import told_apart
+from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.open import Currents, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
@@ -27,15 +27,26 @@ from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 
 Array = NDArray[np.float64]
-_SLOWEST, _FASTEST = 1_400.0, 1_600.0  # m/s; sound speed of sea water anywhere
-_DENSITY_NOISE = 2e-3  # kg/m3; a fall of density with depth that is not worth a word: twice HYCOM's packing
-_SPIKE, _JUMP = 10.0, 40.0  # m/s; by which a point may differ from all its neighbours, and from one
-_STEEPEST = 5.0  # s-1; vertical gradient of sound speed: 1 K/m or so
-_MIN_LEVELS, _UPPER, _MIN_UPPER = 15, 200.0, 6  # levels in all, and in the upper so many metres
-_COARSE = 12e3  # m; beyond it eddies and fronts are lost; HYCOM's and GLORYS's spacing is 9 km at most
+_MIN_SPEED, _MAX_SPEED = 1_400.0, 1_600.0  # m/s; sound speed of sea water
+_DENSITY_NOISE = (
+    2e-3  # kg/m3; tolerated decrease of density with depth: twice the rounding of HYCOM's packing
+)
+_SPIKE, _JUMP = (
+    10.0,
+    40.0,
+)  # m/s; tolerated difference between a point and all its neighbours, and one neighbour
+_MAX_GRADIENT = 5.0  # s-1; vertical gradient of sound speed, about 1 K/m
+_MIN_LEVELS, _UPPER_DEPTH, _MIN_UPPER_LEVELS = (
+    15,
+    200.0,
+    6,
+)  # minimum number of levels, and above this depth [m]
+_MAX_SPACING = (
+    12e3  # m; a coarser grid loses eddies and fronts; the spacing of HYCOM and GLORYS is at most 9 km
+)
 _MIN_NODES = 10  # across the domain
-_SCALE_ERROR = 1e-3  # distortion of lengths by the projection: 1 m in 1 km
-_TOUCH = 1e-6  # m; a point this far below the sea bed still lies on it: interpolation rounds
+_MAX_SCALE_ERROR = 1e-3  # distortion of lengths by the projection: 1 m in 1 km
+_FLOOR_TOLERANCE = 1e-6  # m; a point this far below the sea bed counts as on it, because interpolation rounds
 _CHANGES = [
     "carried",
     "extended",
@@ -47,64 +58,78 @@ _CHANGES = [
     "at rest",
     "set to 0",
 ]
-_DOUBTS = {  # what is allowed, and what to do
-    "made up": ("", "do not report it as a model's or a measurement's ocean"),
-    "currents at rest": ("", "floats do not drift; give u and v if they should"),
-    "changed": ("", "see that the change is meant"),
+_DOUBTS = {  # limit and remedy
+    "made up": ("", "do not report it as an ocean from a model or measurements"),
+    "currents at rest": ("", "floats do not drift; add u and v if they should"),
+    "changed": ("", "check that the change is intended"),
     "density inversions": (
         f"{_DENSITY_NOISE:g} kg/m3, which is rounding",
-        "interpolation or assimilation can do this; look at a section there",
+        "interpolation or assimilation can cause this; look at a section there",
     ),
     "below freezing": (f"{SUPERCOOLED:g} K", UNFROZEN),
-    "isolated wet points": ("", "a hole of one point in the sea bed; interpolation across it is guesswork"),
-    "land of one point": ("", "an islet, or a gap in the data"),
-    "spikes": (f"{_SPIKE:g} m/s", "no front does this; look for a wrong value"),
+    "isolated wet points": ("", "a hole of one point in the sea bed; interpolation across it is unreliable"),
+    "land of one point": ("", "an islet or a gap in the data"),
+    "spikes": (f"{_SPIKE:g} m/s", "no front causes this; look for a wrong value"),
     "jumps between neighbours": (
         f"{_JUMP:g} m/s",
-        "a front this sharp is not resolved; look for a wrong value",
+        "the grid does not resolve a front this sharp; look for a wrong value",
     ),
-    "jumps between levels": (f"{_STEEPEST:g} s-1", "look for a wrong value or a level out of place"),
+    "jumps between levels": (f"{_MAX_GRADIENT:g} s-1", "look for a wrong value or a misplaced level"),
     "few levels": (
-        f"{_MIN_LEVELS} and {_MIN_UPPER}",
-        "ducts between the levels are lost; take a source with more",
+        f"{_MIN_LEVELS} and {_MIN_UPPER_LEVELS}",
+        "ducts between the levels are lost; use a source with more levels",
     ),
-    "first level carried up": ("", "nothing was known above; ducts at the surface depend on it"),
+    "first level carried up": ("", "the source has no data above it; ducts at the surface depend on it"),
     "coarse grid": (
-        f"{_COARSE / 1e3:g} km and {_MIN_NODES} cells",
-        "fronts and eddies are lost; take a finer source or a larger domain",
+        f"{_MAX_SPACING / 1e3:g} km and {_MIN_NODES} cells",
+        "fronts and eddies are lost; use a finer source or a larger domain",
     ),
-    "projection error": (f"{1e3 * _SCALE_ERROR:g} m in 1 km", "set half_extent to what the fleet needs"),
+    "projection error": (
+        f"{1e3 * _MAX_SCALE_ERROR:g} m in 1 km",
+        "set half_extent to the domain that the fleet needs",
+    ),
 }
 
 
 class Findings(tuple[Finding, ...]):
-    """Everything that a check has found, what is wrong first."""
+    """Findings of a check, errors first."""
 
     __slots__ = ()
 
     @property
     def wrong(self) -> tuple[Finding, ...]:
-        """Those that make the ocean unusable."""
+        """Errors: findings that make the ocean unusable."""
         return tuple(f for f in self if f.severity == "wrong")
 
     @property
     def doubtful(self) -> tuple[Finding, ...]:
-        """Those that someone should look at."""
+        """Doubts: findings that a person should look at."""
         return tuple(f for f in self if f.severity == "doubtful")
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong; something may be doubtful."""
+        """True if there are no errors; there may be doubts."""
         return not self.wrong
 
     def _repr_html_(self) -> str:
-        """HTML for a notebook: number of findings, and each of them."""
+        """Table of findings and their counts for a notebook."""
         counts = {"wrong": len(self.wrong), "doubtful": len(self.doubtful)}
         table = ResultTable("findings", pd.DataFrame(asdict(f) for f in self))
         return notebook_html("Findings about an ocean", counts, [table])
 
     def named(self, what: str) -> Finding | None:
-        """First finding about a property; None if there is none."""
+        """
+        First finding about a property.
+
+        Parameters
+        ----------
+        what : str
+            The property, as in ``Finding.what``.
+
+        Returns
+        -------
+        Finding or None
+        """
         return next((f for f in self if f.what == what), None)
 
 
@@ -115,29 +140,30 @@ def check_ocean(
     centre: tuple[float, float] | None = None,
     half_extent: tuple[float, float] | None = None,
     fleet: Mapping[str, Array] | None = None,
-    moved_elsewhere: bool = False,
+    existing_trajectories: bool = False,
     sea_floor: xr.DataArray | None = None,
     equation: Equation = "teos-10",
     currents: Currents = "required",
 ) -> Findings:
     """
-    List what is wrong and what is doubtful about an ocean.
+    List the errors and doubts about an ocean.
 
     Parameters
     ----------
     source : str, Path, sequence of them, or xarray.Dataset
-        As `pymantaray.ocean.open_ocean` takes it, or a data set.
+        A source of `pymantaray.ocean.open_ocean`, or a data set.
     time : str or numpy.datetime64, optional
-        Instant, if the source holds several.
+        Instant, if the source has several.
     centre, half_extent : tuple of float, optional
-        Domain that it must hold, see `pymantaray.ocean.to_local`. [degrees, m]
+        Domain that the ocean must cover, as in `pymantaray.ocean.to_local`. [degrees, m]
     fleet : mapping of str to ndarray, shape (n, 3), optional
-        Points north, east, down that each vehicle plans to reach, the first one its start; they must lie
-        in the domain and above the sea bed. [m]
-    moved_elsewhere : bool
-        Whether these are trajectories that are given: where they leave the water their ranges fail, and the study goes on.
+        Waypoints (north, east, down) of each vehicle; the first is its start. They must be in the domain and above the sea
+        bed. [m]
+    existing_trajectories : bool
+        True if ``fleet`` contains existing trajectories. Ranges fail where they leave the water, which is a doubt instead
+        of an error.
     sea_floor : xarray.DataArray, optional
-        Sea floor that `to_local` is to be given.
+        Sea floor for `to_local`.
     equation : {"teos-10", "del-grosso", "unesco"}
         Equation of sound speed.
     currents : {"required", "rest"}
@@ -146,7 +172,7 @@ def check_ocean(
     Returns
     -------
     Findings
-        What is wrong comes first. Where the structure is broken, what depends on it is not checked.
+        Errors come first. If the structure is invalid, checks that depend on it are skipped.
 
     Examples
     --------
@@ -164,7 +190,7 @@ def check_ocean(
     findings = list(violations(ocean))
     if not any(f.severity == "wrong" for f in findings):
         findings += _water(ocean, equation)
-        findings += _place(ocean, centre, half_extent, fleet or {}, moved_elsewhere, sea_floor)
+        findings += _coverage(ocean, centre, half_extent, fleet or {}, existing_trajectories, sea_floor)
         findings += _provenance(ocean)
     return Findings(sorted(findings, key=lambda f: f.severity != "wrong"))
 
@@ -176,7 +202,7 @@ def _doubt(what: str, value: str, where: str = "") -> Finding:
 def _largest(
     ocean: xr.Dataset, what: str, quantity: str, size: Array, limit: float, unit: str
 ) -> Iterator[Finding]:
-    """Doubt about the points where something is above a limit, placed where it is largest."""
+    """Doubt about the points above a limit; its place is the point of the maximum."""
     if count := np.count_nonzero(size > limit):
         at = np.unravel_index(int(np.nanargmax(size)), size.shape)
         value = f"{quantity} at {count} points, the largest {size[at]:.3g} {unit}"
@@ -184,7 +210,7 @@ def _largest(
 
 
 def _provenance(ocean: xr.Dataset) -> Iterator[Finding]:
-    """Doubts from what the ocean says about itself."""
+    """Doubts from the attributes of the ocean."""
     if ocean.attrs["synthetic"]:
         yield _doubt("made up", "synthetic = 1")
     still = not any(np.any(np.nan_to_num(ocean[name].values)) for name in ("water_u", "water_v"))
@@ -196,20 +222,20 @@ def _provenance(ocean: xr.Dataset) -> Iterator[Finding]:
 
 
 def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
-    """Is it sea water: sound speed, stability, gaps and jumps."""
+    """Check sound speed, stability, gaps and jumps."""
     depth = np.asarray(ocean["depth"].values, dtype=float)
     water = (ocean["water_temp"].values, ocean["salinity"].values)
     speed = ocean_sound_speed(ocean, equation=equation)
     wet = np.isfinite(water[0])
-    bad = wet & ~((speed >= _SLOWEST) & (speed <= _FASTEST))
+    bad = wet & ~((speed >= _MIN_SPEED) & (speed <= _MAX_SPEED))
     if bad.any():
-        off = np.nan_to_num(np.abs(speed - 0.5 * (_SLOWEST + _FASTEST)), nan=np.inf)
+        off = np.nan_to_num(np.abs(speed - 0.5 * (_MIN_SPEED + _MAX_SPEED)), nan=np.inf)
         at = np.unravel_index(int(np.argmax(np.where(bad, off, -np.inf))), speed.shape)
         yield Finding(
             "wrong",
             "sound speed",
             f"{np.count_nonzero(bad)} of {np.count_nonzero(wet)} wet points, the worst {speed[at]:.1f} m/s",
-            f"{_SLOWEST:g} to {_FASTEST:g} m/s",
+            f"{_MIN_SPEED:g} to {_MAX_SPEED:g} m/s",
             "check units and fill values of temperature and salinity",
             place_of(ocean, at),
         )
@@ -222,7 +248,7 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
         yield _doubt("density inversions", value, place_of(ocean, at))
     lat, lon = ocean["lat"].values[:, None], ocean["lon"].values
     cold = supercooling(*water, depth[:, None, None], lat, lon)
-    yield from _largest(ocean, "below freezing", "water too cold to be liquid", cold, SUPERCOOLED, "K")
+    yield from _largest(ocean, "below freezing", "water below its freezing point", cold, SUPERCOOLED, "K")
     yield from _islands(ocean, wet)
     yield from _jumps(ocean, speed, depth)
     yield from _levels(depth, wet, water)
@@ -256,14 +282,14 @@ def _jumps(ocean: xr.Dataset, speed: Array, depth: Array) -> Iterator[Finding]:
     slope = np.abs(np.diff(speed, axis=0)) / np.diff(depth)[:, None, None]
     yield from _largest(ocean, "spikes", "sound speed", lone, _SPIKE, "m/s")
     yield from _largest(ocean, "jumps between neighbours", "sound speed", steps, _JUMP, "m/s")
-    yield from _largest(ocean, "jumps between levels", "gradient of sound speed", slope, _STEEPEST, "s-1")
+    yield from _largest(ocean, "jumps between levels", "gradient of sound speed", slope, _MAX_GRADIENT, "s-1")
 
 
 def _levels(depth: Array, wet: NDArray[np.bool_], water: tuple[Array, Array]) -> Iterator[Finding]:
     used = depth[wet.any(axis=(1, 2))]
-    upper = int(np.count_nonzero(used <= _UPPER))
-    if used.size < _MIN_LEVELS or (used[-1] > _UPPER and upper < _MIN_UPPER):
-        value = f"{used.size} down to {used[-1]:g} m, {upper} in the upper {_UPPER:g} m"
+    upper = int(np.count_nonzero(used <= _UPPER_DEPTH))
+    if used.size < _MIN_LEVELS or (used[-1] > _UPPER_DEPTH and upper < _MIN_UPPER_LEVELS):
+        value = f"{used.size} levels down to {used[-1]:g} m, {upper} in the upper {_UPPER_DEPTH:g} m"
         yield _doubt("few levels", value)
     both = wet[0] & wet[1]
     if both.any() and all(np.array_equal(field[0][both], field[1][both]) for field in water):
@@ -271,21 +297,21 @@ def _levels(depth: Array, wet: NDArray[np.bool_], water: tuple[Array, Array]) ->
         yield _doubt("first level carried up", value)
 
 
-def _place(
+def _coverage(
     ocean: xr.Dataset,
     centre: tuple[float, float] | None,
     half_extent: tuple[float, float] | None,
     fleet: Mapping[str, Array],
-    moved_elsewhere: bool,
+    existing_trajectories: bool,
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
-    """Does it hold the domain and the fleet: coverage, spacing and the projection's error."""
+    """Check that the ocean covers the domain and the fleet, the grid spacing and the projection error."""
     try:
         window = Window.of(ocean, centre)
         largest = window.largest_rectangle()
     except (OceanError, GeometryError) as error:
         remedy = "fetch the window around the centre"
-        yield Finding("wrong", "coverage", str(error), "centre inside the data", remedy)
+        yield Finding("wrong", "coverage", str(error), "a centre inside the data", remedy)
         return
     half = largest if half_extent is None else half_extent
     if not window.holds(*half):
@@ -298,21 +324,21 @@ def _place(
             f"{window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E",
         )
         return
-    yield from _fleet(ocean, window, half, fleet, moved_elsewhere, sea_floor)
+    yield from _fleet(ocean, window, half, fleet, existing_trajectories, sea_floor)
     yield from _grid(window, half)
 
 
 def _grid(window: Window, half: tuple[float, float]) -> Iterator[Finding]:
     spacing = window.native_spacing()
     nodes = [2.0 * h / s for h, s in zip(half, spacing, strict=True)]
-    if max(spacing) > _COARSE or min(nodes) < _MIN_NODES:
+    if max(spacing) > _MAX_SPACING or min(nodes) < _MIN_NODES:
         size = f"{spacing[0] / 1e3:.1f} km by {spacing[1] / 1e3:.1f} km"
         yield _doubt("coarse grid", f"{size}, {nodes[0]:.0f} by {nodes[1]:.0f} cells across the domain")
     side = np.linspace(-1.0, 1.0, 21)
     north, east = half[0] * side[:, None], half[1] * side[None, :]
     error = float(np.max(np.abs(window.frame.scale_factor(north, east) - 1.0)))
-    if error > _SCALE_ERROR:
-        value = f"lengths up to {1e3 * error:.2g} m in 1 km too long at the domain's edge"
+    if error > _MAX_SCALE_ERROR:
+        value = f"lengths are up to {1e3 * error:.2g} m in 1 km too long at the edge of the domain"
         yield _doubt("projection error", value)
 
 
@@ -321,7 +347,7 @@ def _fleet(
     window: Window,
     half: tuple[float, float],
     fleet: Mapping[str, Array],
-    moved_elsewhere: bool,
+    existing_trajectories: bool,
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
     try:
@@ -335,27 +361,29 @@ def _fleet(
         outside = np.any(np.abs(points[:, :2]) > np.asarray(half) + 1e-6, axis=1)
         if outside.any():
             place = points[int(np.argmax(outside)), :2] / 1e3
-            (north, high), (east, wide) = map(told_apart, place, np.asarray(half) / 1e3)
+            (north, high), (east, wide) = map(distinct_digits, place, np.asarray(half) / 1e3)
             yield Finding(
-                "doubtful" if moved_elsewhere and not outside.all() else "wrong",
+                "doubtful" if existing_trajectories and not outside.all() else "wrong",
                 "coverage",
                 f"{np.count_nonzero(outside)} of {len(points)} planned points outside the domain, the first"
                 f" {north} km north, {east} km east",
                 f"+-{high} km by +-{wide} km",
-                "fetch a larger window or move the vehicle",
+                "fetch a larger window, or move the vehicle",
                 where,
             )
             continue
         beds = bed(points[:, :2])
         short = points[:, 2] - beds
-        if np.any(short > _TOUCH):
+        if np.any(short > _FLOOR_TOLERANCE):
             worst = int(np.argmax(short))
-            floor, depth = told_apart(beds[worst], points[worst, 2])
+            floor, depth = distinct_digits(beds[worst], points[worst, 2])
             yield Finding(
-                "doubtful" if moved_elsewhere else "wrong",
+                "doubtful" if existing_trajectories else "wrong",
                 "sea bed above the vehicle",
                 f"sea bed at {floor} m, {'plan' if worst else 'start'} at {depth} m",
                 f"above {floor} m",
-                "its ranges fail there" if moved_elsewhere else "move it to deeper water or plan shallower",
+                "its ranges fail there"
+                if existing_trajectories
+                else "move it to deeper water or plan a shallower path",
                 where,
             )

@@ -1,4 +1,4 @@
-"""From what data sets say to what an ocean is: one table of units, instants, levels, TEOS-10's kinds of water."""
+"""Conversion of data sets to the ocean schema: units, instants, levels and TEOS-10 kinds of temperature and salinity."""
 
 import re
 import warnings
@@ -20,19 +20,19 @@ Instants = NDArray[np.datetime64]
 IN_SITU, POTENTIAL, CONSERVATIVE = "in situ", "potential", "conservative"
 PRACTICAL, ABSOLUTE, PREFORMED, REFERENCE = "practical", "absolute", "preformed", "reference"
 HYCOM_NAMES = ("water_temp", "salinity", "water_u", "water_v")
-"""Names that mean in-situ temperature, practical salinity, currents east and north."""
-# where a server has scaled HYCOM's fill value like data: -30000 x 0.001, plus 20 for tracers
+"""Names of in-situ temperature, practical salinity, and eastward and northward currents."""
+# HYCOM's fill value if a server scaled it like data: -30000 x 0.001, plus 20 for tracers
 _SCALED_FILL = dict(zip(HYCOM_NAMES, (-10.0, -10.0, -30.0, -30.0), strict=True))
-_AT_SURFACE = 1e-3  # m; a first level this close to 0 m is the surface
-_DEEPEST_FIRST_LEVEL = 30.0  # m, that is carried up to the surface
-_LEAST_SALINITY = 0.06  # a whole ocean below is kg/kg under a wrong unit
+_AT_SURFACE = 1e-3  # m; a first level this close to 0 m counts as the surface
+_DEEPEST_FIRST_LEVEL = 30.0  # m; values of a deeper first level are not extended to the surface
+_MIN_MAX_SALINITY = 0.06  # a lower maximum means kg/kg with a wrong unit
 _CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian", "none")
-_WITHIN = np.timedelta64(1, "m")  # of an instant that is asked for
+_TIME_TOLERANCE = np.timedelta64(1, "m")  # between the requested and an available instant
 
 _METRES = "m meter meters metre metres"
 _THOUSANDTHS = "1e-3 0.001 10^-3 10-3 ppt ‰ g/kg gkg-1 gkg^-1"
-# by quantity: the unit that this package uses; then factor and spellings of each unit, without case, blanks and
-# underscores (MPa and mPa are not told apart)
+# by quantity: the unit of this package; then factor and spellings of each unit, without case, spaces and underscores
+# (MPa and mPa are therefore equal)
 _UNITS: dict[str, tuple[str, dict[float, str]]] = {
     "temperature": (
         "degC",
@@ -91,28 +91,28 @@ _KELVIN = ["k", "kelvin", "kelvins", "degk", "degreek", "degreesk", "degreekelvi
 
 
 def is_unit_of(quantity: str, unit: str) -> bool:
-    """Whether a unit is one of a quantity, whatever its factor."""
+    """Return True if a unit is a known unit of a quantity, with any factor."""
     word = _plain(unit)
     return word in _FACTORS[quantity] or (quantity == "temperature" and word in _KELVIN)
 
 
 def is_our_unit(quantity: str, unit: str) -> bool:
-    """Whether values in a unit can be taken as they are."""
+    """Return True if values in a unit need no conversion."""
     return _FACTORS[quantity].get(_plain(unit)) == 1.0
 
 
 def our_unit(quantity: str) -> str:
-    """Unit of a quantity in this package, as CF writes it."""
+    """Unit of a quantity in this package, in CF notation."""
     return _UNITS[quantity][0]
 
 
 def to_our_unit(values: Array, quantity: str, unit: str, *, where: str) -> Array:
-    """Values in degC, practical or g/kg, m/s, m, dbar or degrees; the same array where nothing is to be done."""
+    """Convert values to degC, practical salinity or g/kg, m/s, m, dbar or degrees; the same array if no change is needed."""
     if not unit:
-        raise OceanError(f"{where} has no units; set its attribute units, as CF has it")
+        raise OceanError(f"{where} has no units; set its attribute units according to CF")
     if not is_unit_of(quantity, unit):
         raise OceanError(
-            f"{where} has units {unit[:40]!r}, not of a {quantity}; write them as {our_unit(quantity)}"
+            f"{where} has units {unit[:40]!r}, which is not a unit of {quantity}; write {our_unit(quantity)}"
         )
     if quantity == "temperature" and _plain(unit) in _KELVIN:
         return values - 273.15
@@ -125,14 +125,14 @@ def _plain(unit: str) -> str:
 
 
 def without_scaled_fill(name: str, values: Array) -> Array:
-    """Mask HYCOM's fill value where a server has scaled it like data; other variables are left alone."""
+    """Mask HYCOM's fill value if a server scaled it like data; other variables are unchanged."""
     if name not in _SCALED_FILL:
         return values
     return np.where(np.abs(values - _SCALED_FILL[name]) < 1e-3, np.nan, values)
 
 
 def parse_instant(time: str | np.datetime64) -> np.datetime64:
-    """Instant in UTC from text or numpy's type; without a zone it is taken as UTC."""
+    """Instant in UTC from text or numpy.datetime64; text without a zone is UTC."""
     try:
         stamp = pd.Timestamp(time)
     except (TypeError, ValueError):
@@ -142,33 +142,33 @@ def parse_instant(time: str | np.datetime64) -> np.datetime64:
     if stamp.tz is not None:
         stamp = stamp.tz_convert("UTC").tz_localize(None)
     if not pd.Timestamp.min <= stamp <= pd.Timestamp.max:
-        raise OceanError(f"time {time!r}: instants are counted in nanoseconds, from 1678 to 2261")
+        raise OceanError(f"time {time!r} is out of range; allowed: 1678 to 2261 (64-bit nanoseconds)")
     return stamp.to_datetime64()
 
 
 def instants(data: xr.Dataset, name: str) -> Instants:
-    """Instants of a time coordinate, in UTC and the calendar that is; one for a scalar."""
+    """Instants of a time coordinate in UTC and the standard calendar; one element for a scalar."""
     axis = data.variables[name]
     where, unit, calendar = f"{file_name(data)}: {name}", text(axis, "units"), text(axis, "calendar").lower()
     if "climatology" in axis.attrs or unit.lower().startswith(("month", "year", "common_year")):
         raise OceanError(
-            f"{where} ({unit or 'climatology'}) is a climatology's or counts months; pick one and set its instant,"
+            f"{where} ({unit or 'climatology'}) is a climatology or counts months; select one step and set its instant,"
             " data.isel(time=[0]).assign_coords(time=[numpy.datetime64('2014-07-15')])"
         )
     if calendar not in _CALENDARS:
         raise OceanError(
-            f"{where} is in the calendar {calendar!r}, whose days are not real ones; convert it first,"
+            f"{where} uses the calendar {calendar!r}, which is not a real calendar; convert it first,"
             " data.convert_calendar('standard', align_on='date')"
         )
     if " since " not in unit:
         raise OceanError(
-            f"{where} has units {unit[:40]!r}: no time coordinate that can be read; needs units 'hours since ...'"
+            f"{where} has units {unit[:40]!r}; a time coordinate needs units such as 'hours since ...'"
         )
     return decoded_times(np.atleast_1d(numbers(data, name)), unit, calendar, where=where)
 
 
 def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -> Instants:
-    """Instants from numbers of a unit since an origin, to the nanosecond where the numbers are whole."""
+    """Instants from numbers with units 'UNIT since ORIGIN', exact to the nanosecond for integers."""
     whole = np.all(values == np.round(values)) and np.all(np.abs(values) < 2**53)
     attrs = {"units": unit, "calendar": calendar or "standard"}
     raw = xr.Variable(("time",), values.astype(np.int64) if whole else values, attrs)
@@ -176,7 +176,7 @@ def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             times = xr.decode_cf(xr.Dataset({"when": raw}))["when"].values.astype("datetime64[ns]")
-    except Exception as error:  # noqa: BLE001  cftime and pandas raise many kinds
+    except Exception as error:  # noqa: BLE001  cftime and pandas raise many types
         raise OceanError(f"{where} cannot be read as {unit[:40]!r} ({one_line(error, 80)})") from None
     if times.size == 0 or np.any(np.isnat(times)):
         raise OceanError(f"{where} is empty or has missing instants; correct the axis")
@@ -184,18 +184,18 @@ def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -
 
 
 def pick(times: Instants, time: str | np.datetime64 | None, names: str) -> np.datetime64:
-    """Instant that is asked for, to a minute, or the only one of rising times."""
+    """Instant of increasing times that is within a minute of the requested time; without a request, the only instant."""
     if time is None:
         if len(times) > 1:
             raise OceanError(
-                f"{names}: {len(times)} times ({listing(times)}); choose one: --time {minute(times[0])} (in Python and TOML"
-                f' time = "{minute(times[0])}")'
+                f"{names}: {len(times)} times ({listing(times)}); select one with --time {minute(times[0])} (in Python and"
+                f' TOML: time = "{minute(times[0])}")'
             )
         return np.datetime64(times[0])
     instant = parse_instant(time)
     nearest = times[np.argmin(np.abs(times - instant))]
-    if abs(nearest - instant) > _WITHIN:
-        raise OceanError(f"{names}: time {time} is not in it; there is {listing(times)}")
+    if abs(nearest - instant) > _TIME_TOLERANCE:
+        raise OceanError(f"{names}: no time {time}; available: {listing(times)}")
     return np.datetime64(nearest)
 
 
@@ -211,7 +211,7 @@ def minute(time: np.datetime64) -> str:
 
 
 def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
-    """Vertical axis, positive down, in the order of the file, and whether it is one of pressure. [m] or [dbar]"""
+    """Vertical axis, positive down, in the order of the file, and True if it is an axis of pressure. [m] or [dbar]"""
     axis, where = data.variables[name], f"{file_name(data)}: {name}"
     unit, standard_name = text(axis, "units"), text(axis, "standard_name")
     if is_unit_of("pressure", unit) or standard_name.startswith("sea_water_pressure"):
@@ -223,7 +223,7 @@ def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
     negative = bool(values.size) and bool(np.all(values <= 0.0)) and bool(np.any(values < 0.0))
     if positive == "down" and negative:
         raise OceanError(
-            f"{where} is called positive down but is negative; correct the sign or the attribute"
+            f"{where} has negative values although its attribute positive is 'down'; correct the sign or the attribute"
         )
     upward = positive == "up" or (negative and not positive)
     return _from_surface(-values if upward else values, where), False
@@ -231,7 +231,7 @@ def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
 
 def _from_surface(values: Array, where: str) -> Array:
     if values.size == 0 or not np.all(np.isfinite(values)):
-        raise OceanError(f"{where} is empty or has values that are missing or not finite; correct the axis")
+        raise OceanError(f"{where} is empty or has missing or infinite values; correct the axis")
     if values.min() < -_AT_SURFACE:
         raise OceanError(
             f"{where} has a level {-values.min():g} above the surface; check its attribute positive"
@@ -243,9 +243,9 @@ def to_in_situ_and_practical(
     temperature: tuple[Array, str], salinity: tuple[Array, str], pressure: Array, lat: Array, lon: Array
 ) -> tuple[Array, Array]:
     """
-    In-situ temperature and practical salinity by TEOS-10, from fields over (depth, lat, lon) and their kinds.
+    Convert fields over (depth, lat, lon) of any TEOS-10 kind to in-situ temperature and practical salinity.
 
-    Potential temperature refers to 0 dbar; absolute, reference and preformed salinity are in g/kg; pressure [dbar]
+    Potential temperature refers to 0 dbar. Absolute, reference and preformed salinity are in g/kg. Pressure [dbar]
     broadcasts. See McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs Seawater
     (GSW) Oceanographic Toolbox, SCOR/IAPSO WG127.
     """
@@ -269,11 +269,11 @@ def to_in_situ_and_practical(
 
 
 def check_salinity_unit(salinity: Array, where: str) -> None:
-    """Refuse salinity in kg/kg whose unit says that it is practical."""
+    """Raise an error if salinity is in kg/kg although its unit says practical salinity."""
     highest = np.max(salinity, initial=0.0, where=np.isfinite(salinity))
-    if 0.0 < highest < _LEAST_SALINITY:
+    if 0.0 < highest < _MIN_MAX_SALINITY:
         raise OceanError(
-            f"{where} is {highest:.3g} at most, which looks like kg/kg; set units to 'kg kg-1' and the"
+            f"{where} is at most {highest:.3g}, which suggests kg/kg; set units to 'kg kg-1' and the"
             " standard_name to sea_water_absolute_salinity, or multiply by 1000"
         )
 
@@ -282,10 +282,10 @@ def to_fixed_depths(
     fields: dict[str, Array], pressure: Array, lat: Array
 ) -> tuple[Array, dict[str, Array], float]:
     """
-    Move fields from levels of pressure [dbar] to the depths that these have at the middle latitude.
+    Interpolate fields from pressure levels [dbar] to the depths of these levels at the middle latitude.
 
-    Gives the depths, the fields interpolated linearly (a value whose neighbour is missing is kept), and the largest
-    move. [m]
+    Returns the depths [m], the linearly interpolated fields and the largest displacement [m]. A value with a missing
+    neighbour is unchanged.
     """
     depth = -np.asarray(gsw.z_from_p(pressure, 0.5 * (lat[0] + lat[-1])), dtype=float)
     depth[pressure == 0.0] = 0.0
@@ -302,12 +302,12 @@ def to_fixed_depths(
 
 
 def up_to_surface(depth: Array, fields: dict[str, Array], where: str) -> tuple[Array, dict[str, Array]]:
-    """Add a level at 0 m with the values of the first one, where that is deeper but not too deep. [m]"""
+    """Add a level at 0 m with the values of the first level if that is deeper than 0 m, but not too deep. [m]"""
     if depth[0] == 0.0:
         return depth, fields
     if depth[0] > _DEEPEST_FIRST_LEVEL:
         raise OceanError(
-            f"{where}: the first level is at {depth[0]:g} m; up to {_DEEPEST_FIRST_LEVEL:g} m it is carried up to"
-            " the surface, beyond that write the levels above it yourself"
+            f"{where}: the first level is at {depth[0]:g} m; its values are extended to the surface only if it is at most"
+            f" {_DEEPEST_FIRST_LEVEL:g} m deep; add levels above it to the file"
         )
     return np.concatenate([[0.0], depth]), {n: np.concatenate([f[:1], f]) for n, f in fields.items()}

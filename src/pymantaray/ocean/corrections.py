@@ -1,4 +1,4 @@
-"""A gridded ocean corrected by casts: optimal interpolation of their differences from it, level by level."""
+"""Correction of a gridded ocean with casts by optimal interpolation, level by level."""
 
 from collections.abc import Sequence
 
@@ -15,7 +15,7 @@ from pymantaray.ocean.window import Window, counted_place
 Array = NDArray[np.float64]
 _TRACERS = ("water_temp", "salinity")
 INVERSION = 5e-3
-"""Excess of potential density over the level below that counts as an inversion. [kg/m3]"""
+"""Minimum excess of potential density over the level below that counts as an inversion. [kg/m3]"""
 
 
 def correct_with_casts(
@@ -28,47 +28,48 @@ def correct_with_casts(
     vertical_scale: float = 100.0,
 ) -> xr.Dataset:
     """
-    Temperature and salinity of an ocean drawn towards casts, and left alone far from them.
+    Correct temperature and salinity of an ocean near casts.
 
     Parameters
     ----------
     ocean : xarray.Dataset
-        A valid ocean: the background.
+        The background: a valid ocean.
     casts : sequence of Cast
-        Inside its window, over its water.
+        Casts inside the window of the ocean and over its water.
     horizontal_scale : float or tuple of float
-        Scale L of the background error's correlation exp(-d²/2L²); two for north and east. [m]
+        Scale L of the correlation exp(-d²/2L²) of the background error; two values for north and east. [m]
     noise_ratio : float
-        Variance of a cast's error, what the grid cannot resolve included, over that of the background's.
+        Error variance of a cast divided by the error variance of the background. The error of a cast includes variations
+        that the grid does not resolve. [-]
     time_scale : float, optional
-        Scale of the correlation in time. Default: the casts are taken as of the ocean's time. [s]
+        Scale of the correlation in time. Default: all casts count as simultaneous with the ocean. [s]
     vertical_scale : float
-        Scale of the Gaussian by which the difference decays below the deepest and above the shallowest
-        sample of a cast. [m]
+        Scale of the Gaussian decay of a difference below the deepest and above the shallowest sample of a cast. [m]
 
     Returns
     -------
     xarray.Dataset
-        A valid ocean on the same grid. Its history tells scales, differences and the density inversions
-        that are new. Currents are those of the background: they no longer balance the density.
+        A valid ocean on the same grid. Its history reports scales, differences and new density inversions. The currents of
+        the background are unchanged, so they no longer balance the density.
 
     Raises
     ------
     OceanError
-        If there is no cast, one lies outside the window or over land or has no time though ``time_scale`` is
-        given, a scale or the ratio is no positive number, or the result is no valid ocean.
+        If there is no cast, a cast is outside the window or over land or has no time although ``time_scale`` is given, a
+        scale or the ratio is not positive, or the result is not a valid ocean.
 
     Notes
     -----
-    At each level, with d the casts' cell means minus the background (bilinear) at their places,
+    At each level,
 
         x = x_b + B_gc (B_cc + r I)⁻¹ d
 
-    where B is the correlation of the background's error between grid points (g) and casts (c), and r is
-    ``noise_ratio``; temperature and salinity are treated alike and apart. This is the least-squares
-    estimate for errors of these covariances. For r to 0 the field passes through the casts, for r to infinity it
-    is the background; casts at one place share the weight. A cast counts at a level if the background is wet at
-    its place there. Distances are measured in the local frame about the window's middle.
+    where d is the cell means of the casts minus the background (bilinear) at their places, B is the correlation of the
+    background error between grid points (g) and casts (c), and r is ``noise_ratio``. The same weights apply to temperature
+    and salinity separately. The result is the least-squares estimate for errors with these covariances. As r approaches 0,
+    the field passes through the casts. As r approaches infinity, it equals the background. Casts at one place share their
+    weight. A cast is used at a level if the background is wet there. Distances are in the local frame around the middle of
+    the window.
 
     References
     ----------
@@ -79,7 +80,7 @@ def correct_with_casts(
     validate_ocean(ocean)
     scale = np.broadcast_to(np.asarray(horizontal_scale, dtype=float), 2)
     if not casts:
-        raise OceanError("casts: none given; name at least one")
+        raise OceanError("casts: no cast; give at least one")
     positive = {"horizontal_scale": scale.min(), "noise_ratio": noise_ratio, "vertical_scale": vertical_scale}
     for name, value in (positive | {"time_scale": time_scale}).items():
         if value is not None and not value > 0.0:
@@ -89,7 +90,7 @@ def correct_with_casts(
     grid = np.stack(frame.to_local(lat[:, None], lon), axis=-1) / scale
     x = np.stack(frame.to_local([c.lat for c in casts], [c.lon for c in casts]), axis=-1) / scale
     t = np.zeros(len(casts)) if time_scale is None else _ages(ocean, casts) / time_scale
-    with np.errstate(over="ignore"):  # beyond all scales nothing correlates
+    with np.errstate(over="ignore"):  # the correlation is 0 at very large distances
         between = np.exp(-0.5 * (np.sum((x[:, None] - x) ** 2, axis=-1) + (t[:, None] - t) ** 2))
         to_grid = np.exp(-0.5 * (np.sum((grid[:, :, None] - x) ** 2, axis=-1) + t**2))
         differences = np.stack([_difference(ocean, cast, vertical_scale) for cast in casts])
@@ -101,7 +102,7 @@ def correct_with_casts(
         validate_ocean(corrected)
     except OceanError as error:
         raise OceanError(
-            f"casts: the corrected ocean is not valid: {error}; check units and noise_ratio"
+            f"casts: the corrected ocean is invalid: {error}; check units and noise_ratio"
         ) from None
     rms = np.sqrt(np.nanmean(differences**2, axis=(0, 1)))
     span = f"{scale[0] / 1e3:g} km" + (
@@ -110,39 +111,39 @@ def correct_with_casts(
     names = ", ".join(cast.name for cast in casts[:4]) + (", ..." if len(casts) > 4 else "")
     corrected = with_history(
         corrected,
-        f"corrected by {len(casts)} cast{'s' * (len(casts) > 1)} ({names}) differing by {rms[0]:.2g} degC,"
-        f" {rms[1]:.2g} in salinity rms: Gaussian scale {span}, noise ratio {noise_ratio:g}, vertical decay"
+        f"corrected with {len(casts)} cast{'s' * (len(casts) > 1)} ({names}), rms difference {rms[0]:.2g} degC and"
+        f" {rms[1]:.2g} in salinity: Gaussian scale {span}, noise ratio {noise_ratio:g}, vertical scale"
         f" {vertical_scale:g} m" + (f", time scale {time_scale:g} s" if time_scale else ""),
     )
     before, after = (density_fall(x) > INVERSION for x in (ocean, corrected))
     return with_history(
         corrected,
-        f"{np.count_nonzero(after & ~before)} density inversions above {INVERSION:g} kg/m3 introduced by the casts"
+        f"{np.count_nonzero(after & ~before)} new density inversions above {INVERSION:g} kg/m3 due to the casts"
         f" ({before.sum()} before); currents unchanged",
     )
 
 
 def _ages(ocean: xr.Dataset, casts: Sequence[Cast]) -> Array:
-    """Times of casts minus that of the ocean. [s]"""
+    """Times of casts minus the time of the ocean. [s]"""
     for cast in casts:
         if np.isnat(cast.time):
-            raise OceanError(f"cast {cast.name}: its time is unknown, which time_scale needs")
+            raise OceanError(f"cast {cast.name}: its time is unknown; time_scale needs it")
     times = np.array([cast.time for cast in casts])
     return np.asarray((times - ocean["time"].values) / np.timedelta64(1, "s"), dtype=float)
 
 
 def _difference(ocean: xr.Dataset, cast: Cast, vertical_scale: float) -> Array:
     """
-    Temperature and salinity (depth, 2) of a cast minus the ocean's; NaN where that is dry.
+    Temperature and salinity (depth, 2) of a cast minus those of the ocean; NaN where the ocean is dry.
 
-    Beyond the cast's samples it is that of the nearest level within them, decaying.
+    Beyond the samples of the cast, the difference at the nearest level within the samples decays.
     """
     depth = np.asarray(ocean["depth"].values, dtype=float)
     value = np.stack(cast.cell_means(depth), axis=-1) - column_at(ocean, cast.lat, cast.lon, cast.name)
     beyond = np.maximum(depth - cast.depth[-1], cast.depth[0] - depth).clip(min=0.0)
     covered = np.flatnonzero(beyond == 0.0)
     if not covered.size:
-        raise OceanError(f"cast {cast.name}: none of the ocean's levels lies within its samples")
+        raise OceanError(f"cast {cast.name}: no level of the ocean is within its samples; remove the cast")
     nearest = np.clip(np.arange(depth.size), covered[0], covered[-1])
     decayed = value[nearest] * np.exp(-0.5 * (beyond / vertical_scale) ** 2)[:, None]
     return np.where((beyond > 0.0)[:, None] & np.isfinite(value), decayed, value)
@@ -150,9 +151,9 @@ def _difference(ocean: xr.Dataset, cast: Cast, vertical_scale: float) -> Array:
 
 def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     """
-    Temperature and salinity (depth, 2) of a valid ocean at a place [degrees], bilinear; the name is for messages.
+    Bilinear temperature and salinity (depth, 2) of a valid ocean at a place [degrees]; ``name`` is for messages.
 
-    Of the wet ones among the four columns around the place, their weights shared out anew; NaN where all four are dry.
+    Only wet columns among the four around the place count, with normalized weights. NaN if all four are dry.
     """
     axes = [np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon")]
     at = counted_place(ocean, (lat, lon), f"cast {name}")
@@ -168,12 +169,12 @@ def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     column = np.full(around.shape[::3], np.nan)
     np.divide(np.nansum(weight * around, axis=(1, 2)), total, out=column, where=total > 0.0)
     if not np.all(np.isfinite(column[0])):
-        raise OceanError(f"cast {name}: {lat:g} N {lon:g} E is over the ocean's land; leave it out")
+        raise OceanError(f"cast {name}: {lat:g} N {lon:g} E is on land in the ocean; remove the cast")
     return column
 
 
 def _increment(differences: Array, matrix: Array, to_grid: Array) -> Array:
-    """Increment (depth, lat, lon, tracer), from the casts that count at each level."""
+    """Increment (depth, lat, lon, tracer) from the casts that are used at each level."""
     counts = np.isfinite(differences[..., 0])
     increment = np.zeros((counts.shape[1], *to_grid.shape[:2], differences.shape[-1]))
     patterns, which = np.unique(counts, axis=1, return_inverse=True)

@@ -1,4 +1,4 @@
-"""NetCDF files and zarr folders, opened lazily by xarray's engines, and what these do not know."""
+"""Lazy access to NetCDF files and zarr folders through xarray's engines, with additional checks."""
 
 import math
 import os
@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.zarr_metadata import check_zarr
-from pymantaray.records.unpacking import MOST_UNPACKED_BYTES
+from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.records.writing import NETCDF_LOCK
 
 Array = NDArray[np.float64]
 MEMORY_SHARE = 1 / 12
-"""Of the machine's memory, for one of four variables; conversion holds up to three of each."""
+"""Maximum fraction of the machine's memory for one of four variables; conversion needs up to three copies of each."""
 IN_MEMORY = "data set in memory"
-_NEVER_WRITTEN = {  # what the NetCDF library fills in where a variable declares nothing
+_NEVER_WRITTEN = {  # default fill values of the NetCDF library
     "f4": np.float32(9.9692099683868690e36),
     "f8": np.float64(9.9692099683868690e36),
     "i2": np.int16(-32767),
@@ -33,15 +33,16 @@ _NEVER_WRITTEN = {  # what the NetCDF library fills in where a variable declares
 
 def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
     """
-    Header of a data set, its values read where they are asked for: see `numbers`. To be closed.
+    Open a data set without reading values; `numbers` reads them. The caller closes it.
 
-    Fill values become NaN, scale and offset are applied; times stay numbers. A data set in memory takes the form of a file.
+    Fill values become NaN, scale and offset are applied, and times stay numbers. A data set in memory is converted to the
+    form of a file.
     """
     if isinstance(path, xr.Dataset):
         return _from_memory(path)
-    address = re.search(r"[a-z][a-z0-9+]+:/.*", str(path))  # also where a folder was put before it
+    address = re.search(r"[a-z][a-z0-9+]+:/.*", str(path))  # also behind the name of a folder
     if address:
-        line = "an address, not a file; get it with mantaray ocean fetch, or download it"
+        line = "a URL, not a file; download it, or use mantaray ocean fetch (in Python: fetch_hycom)"
         raise OceanError(f"{address[0]}: {line}")
     path = Path(path)
     engine = _engine(path)
@@ -58,7 +59,7 @@ def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
             except BaseException:
                 raw.close()
                 raise
-        except Exception as error:  # noqa: BLE001  the engines raise whatever they stumble over
+        except Exception as error:  # noqa: BLE001  the engines raise many types
             raise unreadable(path, error) from None
 
     def close() -> None:
@@ -71,7 +72,7 @@ def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
 
 
 def _from_memory(data: xr.Dataset) -> xr.Dataset:
-    """Data set whose instants are numbers again, as in a file; values are shared, not copied."""
+    """Convert the instants of a data set to numbers, as in a file; values are shared, not copied."""
     data = data.copy(deep=False)
     for name, variable in data.variables.items():
         dates = variable.dtype.kind == "O" and str(name) in data.coords
@@ -80,7 +81,7 @@ def _from_memory(data: xr.Dataset) -> xr.Dataset:
                 encoded = xr.conventions.encode_cf_variable(variable, name=name)
             except Exception as error:  # noqa: BLE001  objects of any kind
                 raise OceanError(
-                    f"data set in memory: {name} holds no instants ({one_line(error, 80)})"
+                    f"data set in memory: {name} does not contain instants ({one_line(error, 80)})"
                 ) from None
             data = data.drop_vars([name]).assign_coords({name: encoded})
     data.encoding = {"source": str(data.encoding.get("source") or IN_MEMORY)}
@@ -88,7 +89,7 @@ def _from_memory(data: xr.Dataset) -> xr.Dataset:
 
 
 def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -> None:
-    """Give variables of open files the standard names, and the units in brackets behind them, that a user says they have."""
+    """Set standard names, and units in brackets behind them, of variables in open files."""
     for name, meaning in names.items():
         match = re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", meaning)
         if not match:
@@ -100,13 +101,13 @@ def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -
         if not holders:
             there = ", ".join(dict.fromkeys(str(variable) for data in files for variable in data.variables))
             where = ", ".join(map(file_name, files))
-            raise OceanError(f"{where}: no variable {name!r} to name {match[1]}; there are {one_line(there)}")
+            raise OceanError(f"{where}: no variable {name!r} for {match[1]}; available: {one_line(there)}")
         for data in holders:
             data[name].attrs |= {"standard_name": match[1]} | ({"units": match[2]} if match[2] else {})
 
 
 def decoded(raw: xr.Dataset) -> xr.Dataset:
-    """Data set whose fill values, scale and offset are applied as CF has it, in double precision; times are not."""
+    """Apply fill values, scale and offset according to CF, in double precision; times are not decoded."""
     for title, variable in raw.variables.items():
         for name in ("scale_factor", "add_offset"):
             if name in variable.attrs:
@@ -115,23 +116,23 @@ def decoded(raw: xr.Dataset) -> xr.Dataset:
         if "_FillValue" not in variable.attrs and kind in _NEVER_WRITTEN:
             variable.attrs["_FillValue"] = _NEVER_WRITTEN[kind]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of fill values that differ from each other: all are
+        warnings.simplefilter("ignore")  # several fill values: all are applied
         return xr.decode_cf(
             raw, decode_times=False, decode_coords=False, decode_timedelta=False, concat_characters=False
         )
 
 
 def numbers(data: xr.Dataset, name: str, selection: Mapping[str, slice] | None = None) -> Array:
-    """Values of a variable, or of the block that slices by dimension select; NaN where one is missing."""
+    """Values of a variable, or of a block selected by slices per dimension; NaN if missing."""
     variable = data.variables[name].isel(selection or {}, missing_dims="ignore")
     if variable.dtype.kind not in "biuf":
-        raise OceanError(f"{file_name(data)}: {name} holds text or records, not numbers; write it as numbers")
+        raise OceanError(f"{file_name(data)}: {name} contains text or records; it must contain numbers")
     needed = 8 * math.prod(variable.shape)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > MEMORY_SHARE * memory:
         raise OceanError(
-            f"{file_name(data)}: {name} alone takes {needed / 2**30:.1f} GiB, the machine has"
-            f" {memory / 2**30:.0f}; read a window, south, north, west, east"
+            f"{file_name(data)}: {name} alone needs {needed / 2**30:.1f} GiB of memory, and this machine has"
+            f" {memory / 2**30:.0f} GiB; read a window (south, north, west, east)"
         )
     try:
         with NETCDF_LOCK:
@@ -146,22 +147,22 @@ def file_name(data: xr.Dataset) -> str:
 
 
 def text(variable: xr.Variable | xr.DataArray | xr.Dataset, attribute: str) -> str:
-    """Attribute as text; empty where it is missing or a number."""
+    """Attribute as text; empty if it is missing or a number."""
     value = variable.attrs.get(attribute, "")
     return value.strip() if isinstance(value, str) else ""
 
 
 def unreadable(path: str | Path, error: Exception) -> OceanError:
-    """Damage that a library stumbled over, as one line."""
+    """Convert an error of a library to a one-line error."""
     if isinstance(error, OceanError):
         known = str(error).startswith((Path(path).name, str(path)))
         return error if known else OceanError(f"{Path(path).name}: {error}")
     reason = one_line(error, 120) or type(error).__name__
-    return OceanError(f"{Path(path).name}: cannot be read, perhaps cut short or damaged ({reason})")
+    return OceanError(f"{Path(path).name}: cannot be read; it may be incomplete or damaged ({reason})")
 
 
 def is_netcdf(path: Path) -> bool:
-    """Whether a file begins as NetCDF does; not for what is no ordinary file."""
+    """Return True if a path is a regular file that begins like NetCDF."""
     with suppress(OSError, ValueError):  # a name with a null character is a ValueError
         if path.is_file():
             with path.open("rb") as stream:
@@ -173,11 +174,11 @@ def _engine(path: Path) -> str:
     if path.is_dir():
         return _zarr_engine(path)
     if not path.is_file():
-        what = "not an ordinary file" if path.exists() else "no such file"
+        what = "not a regular file" if path.exists() else "no such file"
         raise OceanError(f"{path}: {what}; name an existing NetCDF file")
     if is_netcdf(path):
         return "netcdf4"
-    raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; was an error page saved instead?")
+    raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page")
 
 
 def _zarr_engine(path: Path) -> str:
@@ -185,14 +186,12 @@ def _zarr_engine(path: Path) -> str:
     try:
         import zarr  # noqa: F401
     except ImportError:
-        raise OceanError(
-            f'{path.name}: reading zarr needs the extra; pip install "pymantaray[zarr]"'
-        ) from None
+        raise OceanError(f'{path.name}: zarr is not installed; pip install "pymantaray[zarr]"') from None
     return "zarr"
 
 
 def _check_length(raw: xr.Dataset, path: Path) -> None:
-    """Refuse a NetCDF-3 file that is cut short: the library gives zeros for what is not there."""
+    """Raise an error if a NetCDF-3 file is truncated: the library returns zeros for missing data."""
     with path.open("rb") as stream:
         if stream.read(3) != b"CDF":
             return
@@ -201,44 +200,41 @@ def _check_length(raw: xr.Dataset, path: Path) -> None:
         return -(-(len(value) if isinstance(value, str) else np.asarray(value).nbytes) // 4) * 4
 
     tables = [raw.attrs, *(variable.attrs for variable in raw.variables.values())]
-    least = (  # of the header and of the values, as the format lays them out
+    least = (  # header and values in the layout of the format
         sum(8 + padded(str(dim)) for dim in raw.sizes)
         + sum(12 + padded(str(key)) + padded(value) for table in tables for key, value in table.items())
         + sum(28 + padded(str(name)) + 4 * v.ndim + v.nbytes for name, v in raw.variables.items())
     )
     if least > path.stat().st_size:
         raise OceanError(
-            f"{path.name}: cannot be read, it declares {least} bytes and has {path.stat().st_size}; it is cut"
-            " short, fetch it again"
+            f"{path.name}: incomplete: it declares {least} bytes and has {path.stat().st_size}; fetch it again"
         )
 
 
 def _check_chunks(raw: xr.Dataset, path: Path) -> None:
-    """Refuse a chunk that does not fit into memory: it is unpacked whole, however little of it is asked for."""
+    """Raise an error if a chunk is too large for memory: any access unpacks a whole chunk."""
     for name, variable in raw.variables.items():
         size = math.prod(variable.encoding.get("chunksizes") or ()) * variable.dtype.itemsize
-        if size > MOST_UNPACKED_BYTES:
+        if size > MAX_UNPACKED_BYTES:
             raise OceanError(
-                f"{path.name}: {name}: one of its chunks takes {size / 1e9:,.1f} GB unpacked; at most"
-                f" {MOST_UNPACKED_BYTES / 1e9:g} GB are allowed: write it with smaller chunks"
+                f"{path.name}: {name}: a chunk unpacks to {size / 1e9:,.1f} GB; the limit is"
+                f" {MAX_UNPACKED_BYTES / 1e9:g} GB; write the file with smaller chunks"
             )
 
 
 def _packing(title: str, name: str, value: Any) -> float:
-    """Scale factor or offset of a variable; one that makes no numbers of what is stored is refused."""
+    """Scale factor or offset of a variable; an invalid one raises an error."""
     number = np.asarray(value)
     if number.size != 1 or number.dtype.kind not in "iuf" or not np.isfinite(number).all():
         raise OceanError(
-            f"{title} has {name} {one_line(value, 40)!r}; needs one finite number: correct the attribute"
+            f"{title}: {name} is {one_line(value, 40)!r}; it must be one finite number; correct the attribute"
         )
     if name == "scale_factor" and number.item() == 0.0:
-        raise OceanError(
-            f"{title} has scale_factor 0, which makes all its values equal; correct the attribute"
-        )
+        raise OceanError(f"{title}: scale_factor is 0, so all values would be equal; correct the attribute")
     return _decimal(float(number.item()))
 
 
 def _decimal(number: float) -> float:
-    """Shortest decimal number of a float32: HYCOM packs in steps of 0.001, not of 0.0010000000474974513."""
+    """Shortest decimal representation of a float32: HYCOM packs in steps of 0.001, not 0.0010000000474974513."""
     single = np.float32(number)
     return float(str(single)) if float(single) == number else number

@@ -1,4 +1,4 @@
-"""Ice cover: the depth of its underside, one value or a file's field, on a local ocean."""
+"""Ice cover on a local ocean: its draft as one value or as a field from a file."""
 
 from pathlib import Path
 
@@ -17,35 +17,35 @@ from pymantaray.ocean.sea_floor import HorizontalField, horizontal_axes
 Array = NDArray[np.float64]
 _DRAFT_PER_THICKNESS = 917.0 / 1026.0  # densities of ice and of sea water [kg/m3]; Archimedes, without snow
 _SHARE = {"sea_ice_draft": 1.0, "sea_ice_thickness": _DRAFT_PER_THICKNESS}
-_THICKEST = 100.0  # m; beyond, a fill value or a unit is wrong
+_MAX_DRAFT = 100.0  # m; a larger value means a wrong fill value or unit
 
 
 def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
     """
-    Put an ice cover on an ocean in its local frame.
+    Add an ice cover to a local ocean.
 
     Parameters
     ----------
     local : xarray.Dataset
-        From `to_local`.
+        Ocean from `to_local`.
     ice : float or str or Path
-        Draft [m], the same everywhere, or a NetCDF file with a variable of CF standard name ``sea_ice_draft``, or
-        ``sea_ice_thickness``, of which 917/1026 are under water, on latitude and longitude or a map projection.
+        Uniform draft [m], or a NetCDF file with one variable of CF standard name ``sea_ice_draft`` or
+        ``sea_ice_thickness`` on latitude and longitude or a map projection. The draft is 917/1026 of the thickness.
 
     Returns
     -------
     xarray.Dataset
-        With ``sea_ice_draft``, a number or on (north, east), 0 where the file has no value. [m]
+        The ocean with ``sea_ice_draft``, a scalar or on (north, east), 0 where the file has no value. [m]
 
     Raises
     ------
     OceanError
-        If the draft is negative, or the file cannot be read, has no such variable or several, or does not cover the ocean.
+        If the draft is negative, or the file is unreadable, has no such variable or several, or does not cover the ocean.
     """
     attrs = {"standard_name": "sea_ice_draft", "units": "m"}
     if isinstance(ice, (int, float)):
-        if not 0.0 <= ice <= _THICKEST:
-            raise OceanError(f"ice: a draft of {ice:g} m; it must lie in 0 to {_THICKEST:g} m")
+        if not 0.0 <= ice <= _MAX_DRAFT:
+            raise OceanError(f"ice: the draft is {ice:g} m; it must be 0 to {_MAX_DRAFT:g} m")
         return local.assign(sea_ice_draft=((), float(ice), {**attrs, "source": "one value"}))
     frame = LocalFrame(local.attrs["centre_latitude_deg"], local.attrs["centre_longitude_deg"])
     lat, lon = frame.to_geodetic(local["north"].values[:, None], local["east"].values[None, :])
@@ -56,8 +56,10 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
         at_lat, at_lon, values = field.on_geographic(window, None)
         source = f"{file_name(data)}: {field.name}"
     draft = share * np.nan_to_num(values, nan=0.0)
-    if draft.min() < 0.0 or draft.max() > _THICKEST:
-        raise OceanError(f"{source}: drafts of {draft.min():g} to {draft.max():g} m; check the units")
+    if draft.min() < 0.0 or draft.max() > _MAX_DRAFT:
+        raise OceanError(
+            f"{source}: drafts are {draft.min():g} to {draft.max():g} m; allowed: 0 to {_MAX_DRAFT:g} m; check the units"
+        )
     at_lon = wrapped(at_lon, about=frame.longitude_deg)
     places = np.stack([lat.ravel(), lon.ravel()], axis=-1)
     on_nodes = linear_interpolator((at_lat, at_lon), draft)(places).reshape(lat.shape)
@@ -65,7 +67,7 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
 
 
 def _ice_of(data: xr.Dataset) -> tuple[HorizontalField, float]:
-    """The variable that holds the ice, and the share of it that is under water."""
+    """Variable with the ice, and the fraction of its values that is under water."""
     named = {
         text(variable, "standard_name"): (str(name), axes)
         for name, variable in data.variables.items()
@@ -76,9 +78,9 @@ def _ice_of(data: xr.Dataset) -> tuple[HorizontalField, float]:
             name, axes = named[standard_name]
             unit = text(data.variables[name], "units")
             if unit and not is_our_unit("length", unit):
-                raise OceanError(f"{file_name(data)}: {name} is in {unit!r}; needs metres")
+                raise OceanError(f"{file_name(data)}: {name} is in {unit!r}; it must be in metres")
             return HorizontalField(data, name, *axes, "down"), share
     raise OceanError(
-        f"{file_name(data)}: no ice at one instant on two horizontal axes; needs a variable with the CF standard name"
-        f" {' or '.join(_SHARE)}"
+        f"{file_name(data)}: no ice; it needs a variable with CF standard name {' or '.join(_SHARE)}"
+        " at one instant on two horizontal axes"
     )

@@ -1,9 +1,9 @@
 """
-Casts as instruments and their programs write them: text with a header, as columns with names and units of this package.
+Readers of text files from instruments and their programs, as columns with names and units of this package.
 
-Read by their content, whatever the ending: Sea-Bird ``.cnv`` (Seasoft manual, converted data format), Sippican ``.edf`` (XBT, XCTD,
-XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport (VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV), RBR Ruskin's text.
-The grammar of headers is that of the Simrad ME70's manual (EDF) and of files that HydrOffice's Sound Speed Manager takes.
+The content, not the suffix, identifies the format: Sea-Bird ``.cnv`` (Seasoft manual, converted data format), Sippican ``.edf``
+(XBT, XCTD, XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport (VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV) and
+text of RBR Ruskin. Sources for the headers are the manual of the Simrad ME70 (EDF) and files for HydrOffice's Sound Speed Manager.
 """
 
 import re
@@ -17,25 +17,25 @@ from pymantaray.errors import OceanError
 
 Lines = Sequence[str]
 Rows = dict[int, list[str]]
-"""Cells by line of the file, from 1."""
+"""Cells by line of the file, starting at 1."""
 
 
-class Sheet(NamedTuple):
-    """Columns of one instrument's file."""
+class InstrumentTable(NamedTuple):
+    """Columns of an instrument's file."""
 
     instrument: str
     titles: list[str]
-    """Names of quantities with units, as tables of casts have them; empty for columns that are not read."""
+    """Names of quantities with units, as in tables of casts; empty for unused columns."""
     rows: Rows
     place: tuple[float, float] | None
     """Latitude and longitude. [degrees]"""
     time: str
-    """UTC in ISO 8601; empty if the file does not say."""
+    """UTC in ISO 8601; empty if the file has no time."""
     notes: tuple[str, ...] = ()
 
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_QUANTITIES = (  # the first that is found in a column's title
+_QUANTITIES = (  # the first match in a column's title counts
     (r"potential temp|^potemp", "potential_temperature"),
     (r"specific|conductance|density|anomaly", ""),
     (r"^cond", "measured_conductivity"),
@@ -75,11 +75,11 @@ _CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
 _MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
 _DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
 _MONTH_FIRST = r"(?P<month>\d{1,2})/(?P<day>\d{1,2})/(?P<year>\d{4}|\d\d)$"
-_SURFACE = 10.1325  # dbar of air in absolute pressure
+_AIR_PRESSURE = 10.1325  # dbar
 
 
-def instrument_sheet(path: Path, lines: Lines) -> Sheet | None:
-    """Columns of an instrument's file; None if the text is no format of an instrument's."""
+def instrument_table(path: Path, lines: Lines) -> InstrumentTable | None:
+    """Read the columns of an instrument's file; None if the text has no known instrument format."""
     head = [line.strip() for line in lines[:400]]
     reader = next((read for known, read in _FORMATS if known(head)), None)
     if reader is None:
@@ -87,14 +87,16 @@ def instrument_sheet(path: Path, lines: Lines) -> Sheet | None:
     try:
         sheet = reader(lines)
     except (IndexError, KeyError, StopIteration, ValueError):
-        raise OceanError(f"{path}: looks like an instrument's file, but its header is damaged") from None
+        raise OceanError(
+            f"{path}: the header of this instrument's file is damaged; export it again"
+        ) from None
     if not any(sheet.titles) or not sheet.rows:
         what = "columns" if not any(sheet.titles) else "rows"
         raise OceanError(f"{path}: a file of {sheet.instrument} without {what} that are known")
     return sheet
 
 
-def _sea_bird(lines: Lines) -> Sheet:
+def _sea_bird(lines: Lines) -> InstrumentTable:
     end = next(i for i, line in enumerate(lines) if line.startswith("*END*"))
     head = [line.lstrip("*# ").strip() for line in lines[:end]]
     names = [m[1] for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):", line))]
@@ -102,7 +104,7 @@ def _sea_bird(lines: Lines) -> Sheet:
     rows: Rows = {}
     for i, line in enumerate(lines[end + 1 :], end + 2):
         cells = line.split()
-        if len(cells) != len(names):  # numbers of eleven letters may touch
+        if len(cells) != len(names):  # numbers of eleven characters may touch
             cells = [line[k : k + 11].strip() for k in range(0, len(line.rstrip()), 11)]
         if len(cells) == len(names):
             rows[i] = ["" if _value(cell) == bad else cell for cell in cells]
@@ -116,21 +118,21 @@ def _sea_bird(lines: Lines) -> Sheet:
         for i in flagged:
             del rows[i]
         if flagged:
-            notes.append(f"{len(flagged)} rows with a bad flag left out")
+            notes.append(f"{len(flagged)} rows rejected by a bad flag")
     for k, title in enumerate(titles):
         if title.endswith("68"):
             titles[k] = title.removesuffix(" 68")
-            notes.append("temperature of ITS-68 divided by 1.00024")
+            notes.append("temperature converted from ITS-68 to ITS-90 (divided by 1.00024)")
             for cells in rows.values():
                 cells[k] = repr(_value(cells[k]) / 1.00024) if cells[k] else ""
     lat, lon = (_angle(_after(head, rf"(?:NMEA )?{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
     for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
         if time := _iso(_after(head, key), _MONTH_NAME_FIRST):
             break
-    return Sheet("Sea-Bird", titles, rows, _place(lat, lon), time, tuple(notes))
+    return InstrumentTable("Sea-Bird", titles, rows, _place(lat, lon), time, tuple(notes))
 
 
-def _sippican(lines: Lines) -> Sheet:
+def _sippican(lines: Lines) -> InstrumentTable:
     start = next(
         (i for i, line in enumerate(lines) if re.match(r"\s*(Depth \(m\)|// Data\s*$)", line)), len(lines)
     )
@@ -146,7 +148,7 @@ def _sippican(lines: Lines) -> Sheet:
     lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     salinity = _NUMBER.search(_after(head, r"Sound velocity derived with assumed salinity\s*:?|Salinity\s*:"))
     notes = [f"sound speed computed with an assumed salinity of {salinity[0]}"] if salinity else []
-    return Sheet(
+    return InstrumentTable(
         "Sippican",
         _titles(titles),
         _numeric_rows(lines, start + 1, None),
@@ -156,19 +158,19 @@ def _sippican(lines: Lines) -> Sheet:
     )
 
 
-def _kongsberg(lines: Lines) -> Sheet:
+def _kongsberg(lines: Lines) -> InstrumentTable:
     first = next(i for i, line in enumerate(lines) if line.strip())
     words = lines[first].strip("() \t").split()
     time, lat, lon = [*words[3:6], "", "", ""][:3]
     digits = re.fullmatch(r"(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)?", time)
     stamp = "{}-{}-{}T{}:{}:{}".format(*digits.groups(default="00")) if digits else ""
     place = _place(_value(lat), _value(lon))
-    return Sheet(
+    return InstrumentTable(
         "Kongsberg", ["depth [m]", "sound_speed [m/s]"], _numeric_rows(lines, first + 1, None), place, stamp
     )
 
 
-def _castaway(lines: Lines) -> Sheet:
+def _castaway(lines: Lines) -> InstrumentTable:
     head = [line.lstrip("% ").strip() for line in lines if line.startswith("%")]
     start = next(
         (i for i, line in enumerate(lines) if line.strip() and not line.startswith("%")), len(lines) - 1
@@ -176,11 +178,11 @@ def _castaway(lines: Lines) -> Sheet:
     lat, lon = (_value(_after(head, rf"Start {axis}\s*,")) for axis in ("latitude", "longitude"))
     time = _after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
     titles = _titles(lines[start].split(","))
-    return Sheet("CastAway", titles, _numeric_rows(lines, start + 1, ","), _place(lat, lon), time)
+    return InstrumentTable("CastAway", titles, _numeric_rows(lines, start + 1, ","), _place(lat, lon), time)
 
 
-def _sections(lines: Lines) -> Sheet:
-    """Valeport's and AML's files with ``[sections]`` of ``key=value``, the last of them the data."""
+def _sections(lines: Lines) -> InstrumentTable:
+    """Read files of Valeport and AML with ``[sections]`` of ``key=value``; the last section contains the data."""
     start = next(i for i, line in enumerate(lines) if line.strip().lower() in ("[data]", "[measurementdata]"))
     pairs = (line.split("=", 1) for line in lines[:start] if "=" in line)
     keys = {key.strip().lower(): value.strip() for key, value in pairs}
@@ -198,17 +200,17 @@ def _sections(lines: Lines) -> Sheet:
         titles = [f"{t} ({u.strip('()[] ')})" if u.strip() else t for t, u in zip(titles, units, strict=True)]
     lat = _angle(keys.get("gpslatitude") or keys.get("latitude", ""))
     lon = _angle(keys.get("gpslongitude") or keys.get("longitude", ""))
-    lat, lon = (np.nan, np.nan) if (lat, lon) == (0.0, 0.0) else (lat, lon)  # no fix
+    lat, lon = (np.nan, np.nan) if (lat, lon) == (0.0, 0.0) else (lat, lon)  # 0, 0 means no GNSS fix
     stamps = (keys.get(k) for k in ("datastarttime", "datestarttime", "time_stamp", "timestamp"))
     time = next((s for s in stamps if s), "")
     if not time and "date" in keys:
         time = f"{_iso(keys['date'], _MONTH_FIRST) or keys['date']} {keys.get('time', '')}".strip()
     time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
     rows = _numeric_rows(lines, start + 1, separator)
-    return Sheet("AML" if aml else "Valeport", _titles(titles), rows, _place(lat, lon), time)
+    return InstrumentTable("AML" if aml else "Valeport", _titles(titles), rows, _place(lat, lon), time)
 
 
-def _valeport_midas(lines: Lines) -> Sheet:
+def _valeport_midas(lines: Lines) -> InstrumentTable:
     start = next(
         (i for i, line in enumerate(lines) if line.upper().startswith("DATE / TIME")), len(lines) - 1
     )
@@ -216,10 +218,12 @@ def _valeport_midas(lines: Lines) -> Sheet:
     titles = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
     lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     time = _iso(_after(head, r"Time Stamp\s*:"), _DAY_FIRST)
-    return Sheet("Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place(lat, lon), time)
+    return InstrumentTable(
+        "Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place(lat, lon), time
+    )
 
 
-def _valeport_mini(lines: Lines) -> Sheet:
+def _valeport_mini(lines: Lines) -> InstrumentTable:
     start = next((i for i, line in enumerate(lines) if line.startswith("Pressure units:")), len(lines) - 1)
     head = [line.strip() for line in lines[: start + 1]]
     metres = _after(head, "Pressure units:").lower().startswith("m")
@@ -231,10 +235,10 @@ def _valeport_mini(lines: Lines) -> Sheet:
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
     lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     time = _iso(_after(head, r"Now\s*:"), _DAY_FIRST)
-    return Sheet("Valeport", columns, _numeric_rows(lines, start + 1, None), _place(lat, lon), time)
+    return InstrumentTable("Valeport", columns, _numeric_rows(lines, start + 1, None), _place(lat, lon), time)
 
 
-def _rbr(lines: Lines) -> Sheet:
+def _rbr(lines: Lines) -> InstrumentTable:
     start = next(
         i
         for i, line in enumerate(lines)
@@ -254,23 +258,23 @@ def _rbr(lines: Lines) -> Sheet:
         and (k := next((k for k, title in enumerate(titles) if title.startswith("pressure")), None))
         is not None
     ):
-        notes.append(f"{_SURFACE} dbar of air taken from the absolute pressure")
+        notes.append(f"{_AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure")
         for cells in rows.values():
-            cells[k] = repr(_value(cells[k]) - _SURFACE) if cells[k] else ""
+            cells[k] = repr(_value(cells[k]) - _AIR_PRESSURE) if cells[k] else ""
     head = [line.strip() for line in lines[:start]]
     lat, lon = (_angle(_after(head, rf"{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
     first = next((line for line in lines[start + 1 :] if line.strip()), "")
     time = re.match(r"\s*(\d{4})[-/](\d\d)[-/](\d\d)[ T](\d\d:\d\d:\d\d)", first)
     stamp = f"{time[1]}-{time[2]}-{time[3]}T{time[4]}" if time else ""
-    return Sheet("RBR", titles, rows, _place(lat, lon), stamp, tuple(notes))
+    return InstrumentTable("RBR", titles, rows, _place(lat, lon), stamp, tuple(notes))
 
 
 def _any(pattern: str) -> Callable[[Lines], bool]:
-    """Whether a line of a file's head begins so."""
+    """Test for a line in the head of a file that begins with a pattern."""
     return lambda head: any(re.match(pattern, line, re.IGNORECASE) for line in head)
 
 
-_FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], Sheet]], ...] = (
+_FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], InstrumentTable]], ...] = (
     (_any(r"\*END\*"), _sea_bird),
     (_any(r"\(\s*SoundVelocity\b"), _kongsberg),
     (_any(r"(//\s*)?(Date of Launch|Probe Type)\s*:"), _sippican),
@@ -284,7 +288,7 @@ _FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], Sheet]], ...] =
 
 
 def _titles(cells: Iterable[str]) -> list[str]:
-    """Titles of ours for those of a file, as ``Pressure (Decibar)``; empty where one is not read."""
+    """Convert titles of a file, such as ``Pressure (Decibar)``, to titles of this package; empty for unused columns."""
     return _first_of_each(_title(cell) for cell in cells)
 
 
@@ -299,7 +303,7 @@ def _title(cell: str) -> str:
 
 
 def _first_of_each(titles: Iterable[str]) -> list[str]:
-    """Titles without second columns of a quantity."""
+    """Remove the titles of second columns of a quantity."""
     out: list[str] = []
     for title in titles:
         quantity = title.split(" [")[0]
@@ -308,7 +312,7 @@ def _first_of_each(titles: Iterable[str]) -> list[str]:
 
 
 def _numeric_rows(lines: Lines, start: int, separator: str | None) -> Rows:
-    """Rows from a line on of which a cell at least is a number; cells that are none are empty."""
+    """Rows from a line onward with at least one number; other cells become empty."""
     rows = {}
     for i, line in enumerate(lines[start:], start + 1):
         cells = [cell.strip() for cell in line.split(separator)]
@@ -319,7 +323,7 @@ def _numeric_rows(lines: Lines, start: int, separator: str | None) -> Rows:
 
 
 def _after(head: Iterable[str], pattern: str) -> str:
-    """What stands in a header behind a key, in the first line that has it."""
+    """Text behind a key, from the first line of a header with this key."""
     for line in head:
         if match := re.match(rf"(?:{pattern})(.*)", line, re.IGNORECASE):
             return match[1].strip()
@@ -334,7 +338,7 @@ def _value(cell: str) -> float:
 
 
 def _angle(words: str) -> float:
-    """Degrees of text as ``74.5``, ``74 30.5N`` or ``74 30 12 S``; NaN where there is none. [degrees]"""
+    """Convert text such as ``74.5``, ``74 30.5N`` or ``74 30 12 S`` to degrees; NaN for other text. [degrees]"""
     numbers = [float(n) for n in _NUMBER.findall(words)][:3]
     if not numbers:
         return float("nan")
@@ -348,7 +352,7 @@ def _place(lat: float, lon: float) -> tuple[float, float] | None:
 
 
 def _iso(words: str, layout: str) -> str:
-    """Date of a text in ISO 8601, with its time if the text has one; empty if the text has no date of this layout."""
+    """Convert a date, with its time if present, to ISO 8601; empty if the text has no date of this layout."""
     match = re.match(layout, words)
     if match is None:
         return ""

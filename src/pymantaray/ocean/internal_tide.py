@@ -1,11 +1,11 @@
-"""Water that an internal tide lifts and lowers: the first mode of a flat bottom, running east through a local ocean."""
+"""Internal tide in a local ocean: the first mode over a flat bottom, which travels east."""
 
 import numpy as np
 import xarray as xr
 
 from pymantaray.errors import OceanError
 
-PRESSURE_GRADIENT = 0.0163  # of sound speed in water of one temperature and salinity [s-1]
+PRESSURE_GRADIENT = 0.0163  # vertical gradient of sound speed at constant temperature and salinity [s-1]
 _AMPLITUDE, _PERIOD, _WAVELENGTH = (
     f"internal_tide_{what}" for what in ("amplitude_m", "period_s", "wavelength_m")
 )
@@ -14,25 +14,25 @@ _AMPLITUDE, _PERIOD, _WAVELENGTH = (
 def with_internal_tide(
     local: xr.Dataset, *, amplitude: float, period: float, wavelength: float
 ) -> xr.Dataset:
-    """Local ocean that is as it is between the wave's crests, and says which wave runs through it [m, s, m]."""
+    """Add the parameters of an internal tide [m, s, m] to a local ocean, which is the undisturbed state."""
     if not all(value > 0.0 for value in (amplitude, period, wavelength)):
         raise OceanError(
-            f"internal tide of {amplitude:g} m, {period:g} s and {wavelength:g} m; needs positive numbers"
+            f"internal tide: amplitude {amplitude:g} m, period {period:g} s, wavelength {wavelength:g} m; all must be positive"
         )
     return local.assign_attrs({_AMPLITUDE: amplitude, _PERIOD: period, _WAVELENGTH: wavelength})
 
 
 def has_internal_tide(local: xr.Dataset) -> bool:
-    """Whether an internal tide runs through it."""
+    """Return True if a local ocean has an internal tide."""
     return _AMPLITUDE in local.attrs
 
 
 def displaced(local: xr.Dataset, time: float) -> xr.Dataset:
     r"""
-    Local ocean at a time [s]: water is lowered by :math:`A \sin(\pi z / H) \cos(k x - \omega t)`, x east.
+    Local ocean at a time [s], displaced downward by :math:`A \sin(\pi z / H) \cos(k x - \omega t)`, x east.
 
-    H is the greatest depth of the sea floor. Water takes its temperature and salinity along, so that its sound speed changes by
-    the pressure alone: at a fixed depth by :math:`-\zeta (dc/dz - \gamma)`.
+    H is the greatest depth of the sea floor. Displaced water keeps its temperature and salinity, so its sound speed changes
+    only with pressure. At a fixed depth, the change is :math:`-\zeta (dc/dz - \gamma)`.
     """
     attrs, z, x = local.attrs, local["depth"].values, local["east"].values
     bottom = float(local["sea_floor_depth"].max())

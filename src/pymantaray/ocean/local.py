@@ -1,4 +1,4 @@
-"""From latitude and longitude to the local frame: every node is looked up where it truly lies."""
+"""Interpolation of an ocean from latitude and longitude to a regular grid in the local frame."""
 
 from collections.abc import Callable
 from typing import Any
@@ -35,21 +35,21 @@ def to_local(
     equation: Equation = "teos-10",
 ) -> xr.Dataset:
     """
-    Sound speed, currents and sea floor of an ocean on a regular grid in the local NED frame.
+    Interpolate an ocean to sound speed, currents and sea floor on a regular grid in the local NED frame.
 
-    Each node of the local grid is projected back to its latitude and longitude and interpolated there:
-    a cubic tensor spline for sound speed and currents, bilinear for the sea floor. One row's metres per
-    degree for all rows would be 12 % wrong across the paper's Fram Strait.
+    Each node of the local grid is projected to its latitude and longitude and interpolated there, with a cubic tensor
+    spline for sound speed and currents, and bilinearly for the sea floor. A constant number of metres per degree of longitude
+    would be wrong by 12 % across the paper's Fram Strait.
 
     Parameters
     ----------
     ocean : xarray.Dataset
         A valid ocean, see `validate_ocean`.
     centre : tuple of float, optional
-        Latitude and longitude of the frame's centre, by default the window's middle. [degrees]
+        Latitude and longitude of the frame's centre. Default: the middle of the window. [degrees]
     half_extent : tuple of float, optional
-        Half sides (north, east) of the domain about the centre, by default of the rectangle of largest
-        area that the window holds. [m]
+        Half sides (north, east) of the domain around the centre. Default: those of the rectangle of largest area inside
+        the window. [m]
     sea_floor : xarray.DataArray, optional
         From `open_sea_floor`. It is taken if its grid is as fine as the ocean's
         or finer; otherwise, and by default, the sea floor is where the ocean's levels end. [m]
@@ -59,29 +59,27 @@ def to_local(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``(north, east, depth)`` [m], depth being the ocean's own levels. Variables
-        ``sound_speed``, ``current_north``, ``current_east`` (components along the frame's axes) [m/s] and
-        ``sea_floor_depth`` (north, east) [m]. Attributes ``centre_latitude_deg``,
-        ``centre_longitude_deg``, ``proj_string``, ``scale_error_max`` (largest distortion of lengths in
-        the domain), ``time``, ``title``, ``source``, ``synthetic``.
+        Dimensions ``(north, east, depth)`` [m]; depth has the levels of the ocean. Variables ``sound_speed``,
+        ``current_north``, ``current_east`` (components along the frame's axes) [m/s] and ``sea_floor_depth`` (north, east)
+        [m]. Attributes ``centre_latitude_deg``, ``centre_longitude_deg``, ``proj_string``, ``scale_error_max`` (largest
+        distortion of lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``.
 
-        A sea floor that is taken lies on axes of its own, ``(floor_north, floor_east)`` [m], spaced about as
-        its file is, and levels are added down to its deepest point. Where one was given, taken or not,
-        attribute ``sea_floor_source`` says which it is and why; ``sea_floor_spacing`` [m] and
-        ``levels_added`` [m] say what was done. An equation other than TEOS-10 is named in
-        ``sound_speed_equation``.
+        A separate sea floor has its own axes ``(floor_north, floor_east)`` [m] with about the spacing of its file, and
+        levels are added down to its deepest point. If ``sea_floor`` was given, attribute ``sea_floor_source`` says which sea
+        floor is used and why. ``sea_floor_spacing`` [m] and ``levels_added`` [m] describe it. ``sound_speed_equation`` names
+        an equation other than TEOS-10.
 
     Raises
     ------
     OceanError
-        If the ocean is not valid, or the domain does not fit into its window or the sea floor's.
+        If the ocean is invalid, or the domain does not fit into its window or the window of the sea floor.
 
     Notes
     -----
-    Sound speed is computed from temperature and salinity at the ocean's own grid points. Beneath the sea
-    bed both are carried downward first, so that sound speed goes on rising with pressure there and the
-    spline meets no step where the coarse floor lies between two levels. Added levels carry them on in the
-    same way, and the currents, which no vehicle above the coarse floor meets.
+    Sound speed is computed from temperature and salinity at the grid points of the ocean. Below the sea bed, both are
+    first extended downward. Sound speed then increases with pressure there, and the spline has no step if the coarse floor
+    is between two levels. Added levels extend temperature and salinity in the same way. They also extend the currents, which
+    do not affect vehicles above the coarse floor.
     """
     validate_ocean(ocean)
     window, depth = Window.of(ocean, centre), np.asarray(ocean["depth"].values, dtype=float)
@@ -130,9 +128,9 @@ def assemble_local(
     axes: dict[str, Array], sound_speed: Array, current: tuple[Array, Array], floor: Array | xr.DataArray
 ) -> xr.Dataset:
     """
-    Local ocean of fields (north, east, depth) on its axes [m], currents along them [m/s].
+    Assemble a local ocean from fields (north, east, depth) on axes [m], with currents along the axes [m/s].
 
-    The sea floor is on (north, east), or a data array with axes ``floor_north`` and ``floor_east`` of its own. [m]
+    The sea floor is on (north, east), or a data array with its own axes ``floor_north`` and ``floor_east``. [m]
     """
     grid, floor_grid = ("north", "east", "depth"), ("north", "east")
     letters = {"north": "y", "east": "x", "floor_north": "y", "floor_east": "x"}
@@ -159,7 +157,7 @@ def assemble_local(
 def floor_in_domain(
     ocean: xr.Dataset, window: Window, half: tuple[float, float], sea_floor: xr.DataArray | None
 ) -> Callable[[ArrayLike], Array]:
-    """Depth of the sea floor at places (..., 2) north and east of a domain, as `to_local` has it. [m]"""
+    """Sea-floor depth at places (..., 2), north and east, of a domain, as in `to_local`. [m]"""
     finer = None if sea_floor is None else local_floor(sea_floor, window, half)
     if finer is not None:
         return linear_interpolator((finer["floor_north"].values, finer["floor_east"].values), finer.values)
@@ -174,26 +172,26 @@ def _axes(window: Window, half: tuple[float, float]) -> tuple[Array, Array]:
 
 
 def _own_floor(ocean: xr.Dataset, window: Window, at_lat: Array, at_lon: Array) -> Array:
-    """Where an ocean's levels end, at the nodes of its local grid. [m]"""
+    """Sea-floor depth from an ocean's deepest wet levels, at the nodes of its local grid. [m]"""
     own = sea_floor_depth(ocean).values
     floor = TensorSpline(window.lat, window.lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
-    return np.clip(floor, own.min(), own.max())  # not even by rounding below the deepest level
+    return np.clip(floor, own.min(), own.max())  # rounding must not put it below the deepest level
 
 
 def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
-    """Components along the frame's north and east of true eastward and northward ones; bearing of true north. [rad]"""
+    """Rotate true eastward and northward components to the frame's north and east by the bearing of true north. [rad]"""
     cos, sin = np.cos(bearing), np.sin(bearing)
     return v * cos - u * sin, v * sin + u * cos
 
 
 def _notes(sea_floor: xr.DataArray | None, finer: xr.DataArray | None) -> dict[str, object]:
-    """What there is to record about a sea floor, and what of it is taken."""
+    """Attributes that describe a separate sea floor and its use."""
     if finer is not None:
         return {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
     if sea_floor is None:
         return {}
     name = sea_floor.attrs.get("source", "sea_floor")
-    return {"sea_floor_source": f"where the ocean's levels end; the grid of {name} is coarser"}
+    return {"sea_floor_source": f"deepest wet levels of the ocean, because the grid of {name} is coarser"}
 
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:
@@ -207,25 +205,25 @@ def _checked(half_extent: tuple[float, float], window: Window) -> tuple[float, f
     if not window.holds(north, east):
         largest = window.largest_rectangle()
         raise OceanError(
-            f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east about"
+            f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east around"
             f" {window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E does not fit into the data;"
-            f" the largest that fits is {half_sides_within(largest)}"
+            f" set half_extent to at most {half_sides_within(largest)}"
         )
     return north, east
 
 
 def _axis(half: float, spacing: float) -> Array:
-    """Nodes from -half to half with one on the centre, as near to the native spacing as that allows."""
+    """Nodes from -half to half, with one at the centre and a spacing close to the native spacing."""
     cells = max(_MIN_CELLS, round(half / spacing))
     return np.linspace(-half, half, 2 * cells + 1)
 
 
 class TensorSpline:
     """
-    Tensor-product spline through values on a rectangular grid, evaluated at fixed points of any shape inside it.
+    Tensor-product spline through values on a rectangular grid, evaluated at fixed points inside the grid.
 
-    Degree 1 is bilinear, 3 the C2 cubic spline with not-a-knot ends. The weights of the points are worked out once; a
-    field is then interpolated by one sparse product for all its levels.
+    Degree 1 is bilinear. Degree 3 is the C2 cubic spline with not-a-knot ends. The weights of the points are computed once.
+    One sparse product then interpolates all levels of a field.
     """
 
     def __init__(
@@ -235,7 +233,7 @@ class TensorSpline:
         places = np.stack([_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1).reshape(-1, 2)
         knots = tuple(make_interp_spline(axis, axis, k=degree).t for axis in self._axes)
         weights = NdBSpline.design_matrix(places, knots, (degree, degree))
-        self._weights = sp.csr_array(  # whose last columns may have no entry
+        self._weights = sp.csr_array(  # its last columns may be empty
             (weights.data, weights.indices, weights.indptr), shape=(len(places), rows.size * columns.size)
         )
 
@@ -252,8 +250,8 @@ def spline_coefficients(points: Array, values: Array, *, axis: int, degree: int 
     """
     Coefficients and knots of the B-spline through values along one axis, with not-a-knot ends.
 
-    Of the degree where there are points enough, else n - 1. With one point, whose knots are 0 and 1, nothing varies along
-    the axis. By a sparse factorization: LAPACK's banded solver waits for its own threads.
+    The degree is at most n - 1 for n points. With one point, the knots are 0 and 1, and the spline is constant. The solver is
+    a sparse factorization, because LAPACK's banded solver waits for its own threads.
     """
     if points.size == 1:
         return values, np.array([0.0, 1.0])
@@ -267,12 +265,12 @@ def spline_coefficients(points: Array, values: Array, *, axis: int, degree: int 
 
 
 def _on_axis(axis: Array, points: Array) -> Array:
-    """Points of a domain, whose side may lie on the window's edge, on the axis."""
+    """Clip points of a domain to an axis; a side of the domain may be on the edge of the window."""
     slack = 1e-6 * (axis[-1] - axis[0])
     outside = np.count_nonzero((points < axis[0] - slack) | (points > axis[-1] + slack))
     if outside:
         raise OceanError(
-            f"regridding: {outside} of {points.size} points lie outside {axis[0]:g} to {axis[-1]:g} degrees;"
+            f"regridding: {outside} of {points.size} points are outside {axis[0]:g} to {axis[-1]:g} degrees;"
             " shrink the domain"
         )
     return np.clip(points, axis[0], axis[-1])

@@ -1,4 +1,4 @@
-"""Vertical modes of sound speed in the columns of an ocean or in casts, and the covariance of an error in such modes."""
+"""Vertical modes of sound speed in an ocean's columns or in casts, and the covariance of an error in these modes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pymantaray.ocean.schema import layer_edges, validate_ocean
 from pymantaray.ocean.seawater import Equation, sound_speed
 
 Array = NDArray[np.float64]
-_REACH = 0.5  # share of the wet columns that must reach a level for modes to be taken down to it
+_MIN_COLUMNS = 0.5  # fraction of the wet columns that must reach the deepest level of the modes
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +22,8 @@ class SoundSpeedCovariance:
     """
     Covariance C(z, z') exp(-d²/2L²) of a sound-speed error between two places.
 
-    C is a symmetric ``matrix`` (n_levels, n_levels) [m²/s²] at the levels ``depth`` [m], bilinear between them and constant
-    beyond; L is the ``horizontal_scale`` [m].
+    C is a symmetric ``matrix`` (n_levels, n_levels) [m²/s²] at the levels ``depth`` [m]. It is bilinear between levels and
+    constant beyond them. L is the ``horizontal_scale`` [m].
     """
 
     depth: Array
@@ -35,7 +35,7 @@ class SoundSpeedCovariance:
         n = np.size(self.depth)
         if self.matrix.shape != (n, n) or not np.allclose(self.matrix, self.matrix.T, rtol=0, atol=1e-12):
             raise OceanError(
-                f"covariance: shape {self.matrix.shape} for {n} levels; a symmetric square matrix is needed"
+                f"covariance: shape is {self.matrix.shape} for {n} levels; it must be symmetric, ({n}, {n})"
             )
         if not self.horizontal_scale > 0.0:
             raise OceanError(
@@ -43,7 +43,7 @@ class SoundSpeedCovariance:
             )
 
     def __call__(self, a: ArrayLike, b: ArrayLike) -> Array:
-        """Covariance (...) between places (..., 3), north, east and down in one local frame [m]; they broadcast. [m²/s²]"""
+        """Covariance (...) between places (..., 3), north, east, down in one local frame [m]. They broadcast. [m²/s²]"""
         p, q = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
         apart = np.sum(((p[..., :2] - q[..., :2]) / self.horizontal_scale) ** 2, axis=-1)
         down = np.stack([p[..., 2], q[..., 2]], axis=-1)
@@ -52,16 +52,28 @@ class SoundSpeedCovariance:
 
 
 def layer_weights(depth: ArrayLike) -> Array:
-    """Share of the water column that each of rising levels [m] stands for, half-way to its neighbours; their sum is 1."""
+    """
+    Fractions of the water column that levels represent.
+
+    Parameters
+    ----------
+    depth : array_like, shape (n,)
+        Strictly increasing levels. Each represents the layer half-way to its neighbours. [m]
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Their sum is 1. [-]
+    """
     z = np.asarray(depth, dtype=float)
     return np.asarray(np.diff(layer_edges(z)) / (z[-1] - z[0]))
 
 
 def _weighted_eigen(matrix: Array, weights: Array) -> tuple[Array, Array]:
     """
-    Principal axes of a covariance when each level counts by its weight: variances, falling, and modes.
+    Principal axes of a covariance with weighted levels: variances in descending order, and modes.
 
-    The modes stand in rows, orthonormal under the weights (of sum 1), positive where largest.
+    Modes are rows. They are orthonormal under the weights (sum 1) and positive at their maximum.
     """
     root = np.sqrt(weights)
     values, vectors = np.linalg.eigh(root[:, None] * matrix * root)
@@ -73,21 +85,21 @@ def _weighted_eigen(matrix: Array, weights: Array) -> tuple[Array, Array]:
 @dataclass(frozen=True, eq=False)
 class VerticalModes:
     """
-    Shapes in which sound speed varies with depth, each with the variance that it carries.
+    Vertical modes of sound speed and their variances.
 
     Attributes
     ----------
     depth : ndarray, shape (n_levels,)
-        [m]
+        Levels. [m]
     mean : ndarray, shape (n_levels,)
-        Sound speed about which they vary. [m/s]
+        Mean sound speed. [m/s]
     modes : ndarray, shape (n_modes, n_levels)
-        Orthonormal under `layer_weights`: the mean over the water column of the product of two modes is 1 or
+        Modes, orthonormal under `layer_weights`: the mean over the water column of the product of two modes is 1 or
         0. [-]
     variance : ndarray, shape (n_modes,)
-        Of the modes' amplitudes, falling. [m²/s²]
+        Variances of the amplitudes in descending order. [m²/s²]
     total_variance : float
-        Mean over the water column, the modes left out included. [m²/s²]
+        Mean variance over the water column, including omitted modes. [m²/s²]
     """
 
     depth: Array
@@ -97,12 +109,35 @@ class VerticalModes:
     total_variance: float
 
     def at(self, depth: ArrayLike) -> Array:
-        """Modes (n_modes, ...) at other depths [m], linear between the levels and constant beyond them."""
+        """
+        Interpolate the modes linearly to other depths; they are constant beyond the levels.
+
+        Parameters
+        ----------
+        depth : array_like, shape (...)
+            [m]
+
+        Returns
+        -------
+        ndarray, shape (n_modes, ...)
+            [-]
+        """
         z = np.asarray(depth, dtype=float)
         return np.stack([np.interp(z, self.depth, mode) for mode in self.modes])
 
     def covariance(self, horizontal_scale: float) -> SoundSpeedCovariance:
-        """Covariance of these modes, with Gaussian amplitudes of this scale; infinite for the same everywhere. [m]"""
+        """
+        Covariance of a sound-speed error in these modes.
+
+        Parameters
+        ----------
+        horizontal_scale : float
+            Scale of the Gaussian correlation of the amplitudes; infinite for a horizontally uniform error. [m]
+
+        Returns
+        -------
+        SoundSpeedCovariance
+        """
         matrix = np.einsum("k,ki,kj->ij", self.variance, self.modes, self.modes)
         return SoundSpeedCovariance(self.depth, matrix, horizontal_scale)
 
@@ -120,29 +155,30 @@ def vertical_modes(
     Parameters
     ----------
     columns : xarray.Dataset or sequence of Cast
-        A valid ocean, each of whose wet columns counts the same, or at least two casts.
+        A valid ocean, whose wet columns have equal weights, or at least two casts.
     n_modes : int, optional
-        Default: those that carry 99.99 % of the variance.
-    levels : array_like, optional
-        For casts only: levels onto which they are averaged, within the samples of all. Default: every 5 m
-        between the deepest first and the shallowest last sample. [m]
+        Number of modes. Default: enough for 99.99 % of the variance.
+    levels : array_like, shape (n_levels,), optional
+        For casts only: levels for averaging, within the samples of all casts. Default: every 5 m between the deepest first
+        and the shallowest last sample. [m]
     equation : {"teos-10", "del-grosso", "unesco"}
+        Equation of sound speed.
 
     Returns
     -------
     VerticalModes
-        An ocean's are on its levels down to the deepest that half of its columns reach; shallower columns
-        are left out. Signs are such that each mode is positive where it is largest.
+        For an ocean, on its levels down to the deepest level that half of its columns reach; shallower columns are
+        excluded. Each mode is positive at its maximum.
 
     Raises
     ------
     OceanError
-        If there are fewer than two columns, they do not differ, or the levels leave the casts' samples.
+        If there are fewer than two columns, all columns are equal, or a level is outside the samples of a cast.
 
     Notes
     -----
-    Eigenvectors of the columns' covariance, each level weighted by the layer that it stands for, so that
-    the sum of variances is the mean square anomaly over the water column whatever the spacing of levels.
+    The modes are eigenvectors of the covariance of the columns. Each level is weighted by the layer that it represents, so
+    the sum of variances is the mean square anomaly over the water column for any spacing of levels.
     """
     depth, speed = (
         _ocean_columns(columns, equation)
@@ -150,19 +186,19 @@ def vertical_modes(
         else _cast_columns(columns, levels, equation)
     )
     if len(speed) < 2:
-        raise OceanError(f"modes: {len(speed)} column(s) down to {depth[-1]:g} m; at least 2 are needed")
+        raise OceanError(f"modes: {len(speed)} column(s) down to {depth[-1]:g} m; at least 2 are required")
     mean = speed.mean(axis=0)
     anomaly = speed - mean
     matrix = anomaly.T @ anomaly / (len(speed) - (0 if isinstance(columns, xr.Dataset) else 1))
     variance, modes = _weighted_eigen(matrix, layer_weights(depth))
     total = float(variance.sum())
     if not total > 1e-12:
-        raise OceanError("modes: the columns do not differ; take an ocean that varies, or several casts")
+        raise OceanError("modes: all columns are equal; use an ocean that varies, or several casts")
     share = 1 + int(np.searchsorted(np.cumsum(variance), 0.9999 * total))
     rank = int(np.count_nonzero(variance > 1e-12 * total))
     count = min(share if n_modes is None else n_modes, rank)
     if count < 1:
-        raise OceanError(f"modes: n_modes is {n_modes}; at least 1 is needed")
+        raise OceanError(f"modes: n_modes is {n_modes}; it must be at least 1")
     return VerticalModes(depth, mean, modes[:count], variance[:count], total)
 
 
@@ -170,7 +206,7 @@ def _ocean_columns(ocean: xr.Dataset, equation: Equation) -> tuple[Array, Array]
     validate_ocean(ocean)
     depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
     wet = np.isfinite(ocean["water_temp"].values)
-    reach = wet.sum(axis=(1, 2)) >= _REACH * wet[0].sum()
+    reach = wet.sum(axis=(1, 2)) >= _MIN_COLUMNS * wet[0].sum()
     used = max(int(np.count_nonzero(reach)), 2)
     rows, cols = np.nonzero(wet[used - 1])
     speed = sound_speed(
@@ -186,11 +222,11 @@ def _ocean_columns(ocean: xr.Dataset, equation: Equation) -> tuple[Array, Array]
 
 def _cast_columns(casts: Sequence[Cast], levels: ArrayLike | None, equation: Equation) -> tuple[Array, Array]:
     if not casts:
-        raise OceanError("modes: no cast given; at least 2 are needed")
+        raise OceanError("modes: no cast; give at least 2")
     first, last = max(c.depth[0] for c in casts), min(c.depth[-1] for c in casts)
     every_5_m = np.arange(5.0 * np.ceil(first / 5.0), last + 1e-9, 5.0)
     z = every_5_m if levels is None else np.asarray(levels, dtype=float)
     if z.size < 2 or z[0] < first or z[-1] > last:
-        raise OceanError(f"modes: levels must lie within the samples of all casts, {first:g} to {last:g} m")
+        raise OceanError(f"modes: levels must be within the samples of all casts, {first:g} to {last:g} m")
     speed = [sound_speed(*c.cell_means(z), z, c.lat, c.lon, equation=equation) for c in casts]
     return z, np.array(speed)

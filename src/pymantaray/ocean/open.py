@@ -1,4 +1,4 @@
-"""One door to all oceans: files that belong together, or the name of a synthetic region."""
+"""Opening of oceans: files that belong together, data sets in memory, or the name of a synthetic region."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -31,12 +31,12 @@ Array = NDArray[np.float64]
 FileSource = str | Path | Sequence[str | Path]
 Source = FileSource | xr.Dataset | Sequence[str | Path | xr.Dataset]
 Names = Mapping[str, str]
-"""CF standard names by variable, for files that lack them; a unit may follow in brackets."""
+"""CF standard names by variable, for variables without one; a unit may follow in brackets."""
 Currents = Literal["required", "rest"]
 _ROLES = tuple(v.name for v in VARIABLES)
-_MOST_LISTED = 2  # files whose variables a message lists
+_MAX_LISTED_FILES = 2  # in messages
 _SYNTHETIC = "synthetic:"
-_SYNTHETIC_STEP = np.timedelta64(3, "h")  # HYCOM's
+_SYNTHETIC_STEP = np.timedelta64(3, "h")  # as in HYCOM
 
 
 def open_ocean(
@@ -48,30 +48,30 @@ def open_ocean(
     names: Names | None = None,
 ) -> xr.Dataset:
     """
-    Open an ocean and check it.
+    Open and validate an ocean.
 
     Parameters
     ----------
     source : str, Path, xarray.Dataset or sequence of them
-        A NetCDF file, zarr folder or data set in memory with HYCOM's variables or CF standard names, several that belong
-        together, or ``"synthetic:beaufort"`` or ``"synthetic:fram"``. Axes may have any order and direction. A valid ocean
-        that was written as NetCDF comes back unchanged.
+        A NetCDF file, zarr folder or data set in memory with HYCOM's variables or CF standard names; several of these that
+        belong together; or ``"synthetic:beaufort"`` or ``"synthetic:fram"``. Axes may have any order and direction. A valid
+        ocean written as NetCDF is returned unchanged.
     time : str or numpy.datetime64, optional
-        Instant (UTC). For files by default their only time; for synthetic oceans 15 July 2014, 12 h.
+        Instant (UTC). Default: the only time of files; 15 July 2014, 12 h for synthetic oceans.
     window : tuple of float, optional
-        South, north, west, east: only grid points inside are read. West may be the greater, across the
-        antimeridian. By default everything. [degrees]
+        South, north, west, east. Only grid points inside are read. West may be greater than east, across the antimeridian.
+        Default: all grid points. [degrees]
     currents : {"required", "rest"}
-        Whether a data set without currents is refused, or taken with zero ones.
+        If a data set has no currents: ``"required"`` raises an error, ``"rest"`` sets them to zero.
     names : mapping of str to str, optional
-        CF standard names of variables that lack one, such as ``{"temp": "sea_water_potential_temperature"}``; with a unit,
-        if the variable lacks it too, ``{"temp": "sea_water_temperature[degC]"}``.
+        CF standard names of variables without one, such as ``{"temp": "sea_water_potential_temperature"}``. A unit may
+        follow, ``{"temp": "sea_water_temperature[degC]"}``.
 
     Returns
     -------
     xarray.Dataset
-        Valid in the sense of `pymantaray.ocean.validate_ocean`; ``attrs["synthetic"]`` says
-        whether it is made up, ``attrs["history"]`` what was converted, a line each.
+        A valid ocean, see `pymantaray.ocean.validate_ocean`. ``attrs["synthetic"]`` is 1 for a synthetic ocean.
+        ``attrs["history"]`` lists conversions, one per line.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def read_ocean(
     currents: Currents,
     names: Names | None = None,
 ) -> xr.Dataset:
-    """Ocean in the form of the schema, converted but not validated; otherwise as `open_ocean`."""
+    """Read and convert an ocean without validation; otherwise as `open_ocean`."""
     sources, region = _sources(source)
     if region is not None:
         return crop(synthetic_ocean(region, EPOCH if time is None else time), window)
@@ -116,14 +116,24 @@ def open_ocean_series(
     names: Names | None = None,
 ) -> tuple[xr.Dataset, ...]:
     """
-    Open the oceans at a source's own instants that enclose a span of time (UTC); otherwise as `open_ocean`.
+    Open the oceans of a source at all instants that enclose a time span.
 
-    They are valid, on one grid, times rising: the last at or before the start, the first at or after the stop, and all
-    between. Synthetic oceans are given every 3 h. A source that does not cover the span is refused.
+    Parameters
+    ----------
+    source, window, currents, names
+        As in `open_ocean`.
+    start, stop : str or numpy.datetime64
+        Time span (UTC). The source must cover it.
+
+    Returns
+    -------
+    tuple of xarray.Dataset
+        Valid oceans on one grid in order of time: the last at or before ``start``, the first at or after ``stop``, and all
+        between. Synthetic oceans have a step of 3 h.
     """
     first, last = parse_instant(start), parse_instant(stop)
     if last < first:
-        raise OceanError(f"ocean: span from {start} to {stop} runs backward; exchange them")
+        raise OceanError(f"ocean: start {start} is after stop {stop}; exchange them")
     sources, region = _sources(source)
     if region is not None:
         origin = first.astype("datetime64[D]").astype("datetime64[ns]")
@@ -138,18 +148,26 @@ def open_ocean_series(
         for name in ("depth", "lat", "lon"):
             if not np.array_equal(ocean[name], oceans[0][name]):
                 raise OceanError(
-                    f"{collection.names}: {name} at {ocean['time'].values} differs from that at"
-                    f" {oceans[0]['time'].values}; a series needs one grid"
+                    f"{collection.names}: {name} differs between {oceans[0]['time'].values} and"
+                    f" {ocean['time'].values}; a series must have one grid"
                 )
     return oceans
 
 
 def ocean_times(source: Source, names: Names | None = None) -> NDArray[np.datetime64]:
     """
-    Instants (UTC), rising, at which a source of `open_ocean` has an ocean, shape (time,).
+    Instants at which a source has an ocean.
 
-    Those at which temperature and salinity are there, and currents where the source has any. Synthetic oceans exist at all
-    times: their epoch.
+    Parameters
+    ----------
+    source, names
+        As in `open_ocean`.
+
+    Returns
+    -------
+    ndarray of datetime64, shape (time,)
+        Increasing instants (UTC) with temperature and salinity, and with currents if the source has any. For a synthetic
+        ocean, which exists at all times: its epoch.
     """
     sources, region = _sources(source)
     if region is not None:
@@ -159,20 +177,20 @@ def ocean_times(source: Source, names: Names | None = None) -> NDArray[np.dateti
 
 
 class OceanIndex(NamedTuple):
-    """What a source of `open_ocean` covers, without its fields."""
+    """Coverage of a source of `open_ocean`, without its fields."""
 
     lat: Array
-    """Rising. [degrees]"""
+    """Increasing. [degrees]"""
     lon: Array
-    """Rising, across any seam, their middle in -180 to 180. [degrees]"""
+    """Increasing, also across a seam; the middle is in -180 to 180. [degrees]"""
     times: Instants
-    """As `ocean_times` has them."""
+    """As in `ocean_times`."""
     files: tuple[tuple[str, ...], ...]
-    """Those of the source that hold each of the times."""
+    """Files of the source for each of the times."""
 
 
 def ocean_index(source: Source, names: Names | None = None) -> OceanIndex:
-    """Grid and times of a source, and which of its files hold each time."""
+    """Grid and times of a source, and its files for each time."""
     sources, region = _sources(source)
     if region is not None:
         lat, lon = synthetic_axes(region)
@@ -187,11 +205,11 @@ def ocean_index(source: Source, names: Names | None = None) -> OceanIndex:
 
 
 def _sources(source: Source) -> tuple[list[str | Path | xr.Dataset], str | None]:
-    """Sources as a list, and the name of the synthetic region if they are one."""
+    """Sources as a list, and the name of a synthetic region."""
     sources = [source] if isinstance(source, str | Path | xr.Dataset) else list(source)
     regions = [str(s) for s in sources if isinstance(s, str) and s.startswith(_SYNTHETIC)]
     if regions and len(sources) > 1:
-        raise OceanError(f"ocean: {regions[0]} cannot be combined with other sources; give it alone")
+        raise OceanError(f"ocean: {regions[0]} cannot be combined with other sources; use it alone")
     return sources, regions[0].removeprefix(_SYNTHETIC) if regions else None
 
 
@@ -204,11 +222,11 @@ def _validate(ocean: xr.Dataset, source: Source) -> None:
 
 
 def _enclosing(times: Instants, start: np.datetime64, stop: np.datetime64, names: str) -> Instants:
-    """Those of rising instants that enclose a span."""
+    """Select the instants that enclose a span from increasing instants."""
     low = int(np.searchsorted(times, start, side="right")) - 1
     high = int(np.searchsorted(times, stop, side="left"))
     if low < 0 or high >= len(times):
-        there = f"there is {listing(times)}" if len(times) else "no time has everything"
+        there = f"available: {listing(times)}" if len(times) else "no time has all variables"
         raise OceanError(
             f"{names}: does not cover {np.datetime_as_string(start, unit='m')} to"
             f" {np.datetime_as_string(stop, unit='m')}; {there}"
@@ -222,26 +240,26 @@ def _names(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Part:
-    """One file: what is in it and which of it the window takes."""
+    """One file of a collection: its layout and the grid points inside the window."""
 
     data: xr.Dataset
     layout: cf.Layout
     times: Instants
     grid: Selection
     levels: Array
-    """Rising. [m] or [dbar]"""
+    """Increasing. [m] or [dbar]"""
     upward: bool
-    """Whether levels fall in the file."""
+    """True if levels decrease in the file."""
     is_pressure: bool
 
     @classmethod
     def of(cls, data: xr.Dataset, window: GeographicWindow | None) -> Self:
-        """Part of an ocean that an open file is."""
+        """Make a part from an open file."""
         layout = cf.layout_of(data)
         axis, is_pressure = levels(data, layout.depth)
         steps = np.diff(axis)
         if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
-            raise OceanError(f"{file_name(data)}: {layout.depth} neither rises nor falls throughout; sort it")
+            raise OceanError(f"{file_name(data)}: {layout.depth} is not monotonic; sort it")
         upward = bool(steps.size and steps[0] < 0.0)
         grid = select(numbers(data, layout.lat), numbers(data, layout.lon), window, file_name(data))
         times = instants(data, layout.time)
@@ -249,15 +267,15 @@ class Part:
 
     @property
     def axes(self) -> dict[str, Array]:
-        """Of the window, rising."""
+        """Increasing axes of the window."""
         return {"depth": self.levels, "lat": self.grid.lat, "lon": self.grid.lon}
 
     def field(self, role: str) -> cf.Field | None:
-        """Variable of a role, if the file has it."""
+        """Variable of a role, or None if the file does not have it."""
         return next((f for f in self.layout.fields if f.role == role), None)
 
     def read(self, field: cf.Field, instant: np.datetime64) -> Array:
-        """Values of a variable at one of the file's instants, shape (depth, lat, lon), in the unit of the file."""
+        """Values (depth, lat, lon) of a variable at one of the file's instants, in the unit of the file."""
         layout, variables = self.layout, self.data.variables
         dims = variables[field.variable].dims
         lat, lon, depth = (variables[n].dims[0] for n in (layout.lat, layout.lon, layout.depth))
@@ -268,7 +286,7 @@ class Part:
         columns = [numbers(self.data, field.variable, {**block, str(lon): c}) for c in self.grid.blocks]
         whole = np.concatenate(columns, axis=dims.index(lon))
         whole = np.moveaxis(whole, [dims.index(d) for d in (depth, lat, lon)], (-3, -2, -1))
-        whole = whole.reshape(whole.shape[-3:])  # what is left has one element
+        whole = whole.reshape(whole.shape[-3:])  # all other dimensions have one element
         whole = self.grid.in_order(whole[:: -1 if self.upward else 1])
         return without_scaled_fill(field.variable, np.ascontiguousarray(whole))
 
@@ -276,12 +294,12 @@ class Part:
 def _part(data: xr.Dataset, window: GeographicWindow | None) -> Part:
     try:
         return Part.of(data, window)
-    except Exception as error:  # noqa: BLE001  what no check foresaw in a damaged file
+    except Exception as error:  # noqa: BLE001  a damaged file can cause errors of any type
         raise unreadable(file_name(data), error) from None
 
 
 class Collection:
-    """Files that together hold an ocean, open until the block ends."""
+    """Files that together contain an ocean; they are open until the block ends."""
 
     def __init__(
         self,
@@ -290,7 +308,7 @@ class Collection:
         names: Names | None = None,
     ) -> None:
         if not paths:
-            raise OceanError("ocean: no file given; name at least one NetCDF file")
+            raise OceanError("ocean: no file; name at least one NetCDF file")
         with ExitStack() as stack:
             data = [open_file(path) for path in paths]
             for one in data:
@@ -310,20 +328,20 @@ class Collection:
         self._stack.close()
 
     def times(self) -> Instants:
-        """All instants that a file has, rising."""
+        """All instants in the files, increasing."""
         return np.unique(np.concatenate([part.times for part in self.parts]))
 
     def whole_times(self, currents: Currents) -> Instants:
-        """Instants at which everything is there, rising."""
+        """Increasing instants with all required variables."""
         times = self.times()
         for role in self.needed(currents):
             times = np.intersect1d(times, np.concatenate([p.times for p in self.parts if p.field(role)]))
         return times
 
     def needed(self, currents: Currents) -> tuple[str, ...]:
-        """Variables that must be there; at rest, currents only where a file has one of them."""
+        """Required variables; with ``currents="rest"``, currents are required only if a file has one of them."""
         if currents not in ("required", "rest"):
-            raise OceanError(f"currents is {currents!r}; allowed are 'required' and 'rest'")
+            raise OceanError(f"currents is {currents!r}; allowed: 'required' or 'rest'")
         absent = [r for r in _ROLES[2:] if not any(p.field(r) for p in self.parts)]
         if not absent:
             return _ROLES
@@ -332,7 +350,7 @@ class Collection:
         return _ROLES[:2]
 
     def at(self, instant: np.datetime64, roles: Sequence[str]) -> dict[str, tuple[Part, cf.Field]]:
-        """File and variable of each role at an instant, all on one grid."""
+        """File and variable of each role at an instant; all must have one grid."""
         fields: dict[str, tuple[Part, cf.Field]] = {}
         for part in self.parts:
             for role in roles if instant in part.times else ():
@@ -342,11 +360,11 @@ class Collection:
                     _check_same_grid(part, role, *next(iter(fields.items())))
         absent = [r for r in roles if r not in fields]
         if absent:
-            raise OceanError(f"{self.names}: no {' and no '.join(absent)} at {instant}; choose another time")
+            raise OceanError(f"{self.names}: no {' and no '.join(absent)} at {instant}; select another time")
         return fields
 
     def ocean(self, instant: np.datetime64, currents: Currents) -> xr.Dataset:
-        """Ocean at one of the instants, converted, not validated."""
+        """Read and convert the ocean at one of the instants, without validation."""
         fields = self.at(instant, self.needed(currents))
         try:
             return ocean_of(fields, instant, self)
@@ -356,13 +374,13 @@ class Collection:
 
     def _lacks(self, roles: Sequence[str]) -> OceanError:
         relative = [n for p in self.parts for n in p.layout.grid_relative]
-        rest = 'or take water at rest: currents = "rest" (under [ocean], in Python), --currents rest (mantaray ocean)'
+        rest = 'or set them to zero with --currents rest (in TOML under [ocean] and in Python: currents = "rest")'
         if relative and set(roles) <= set(_ROLES[2:]):
             return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, {rest}")
         line = (
             f"{self.names}: no {' and no '.join(roles)}; an ocean needs water_temp, salinity, water_u and"
-            " water_v, or their CF standard names (HYCOM's ts3z and uv3z files together); found"
-            f" {'; '.join(cf.found_variables(part.data) for part in self.parts[:_MOST_LISTED])}"
+            " water_v, or their CF standard names (for HYCOM the ts3z and uv3z files together); it contains"
+            f" {'; '.join(cf.listed_variables(part.data) for part in self.parts[:_MAX_LISTED_FILES])}"
         )
         return OceanError(line + (f", {rest}" if list(roles) == list(_ROLES[2:]) else ""))
 
@@ -372,4 +390,6 @@ def _check_same_grid(part: Part, role: str, first_role: str, first: tuple[Part, 
         b = first[0].axes[name]
         same = a.shape == b.shape and np.max(np.abs(a - b)) <= SAME_DEGREES
         if not same or part.is_pressure != first[0].is_pressure:
-            raise OceanError(f"{file_name(part.data)}: {name} of {role} differs from that of {first_role}")
+            raise OceanError(
+                f"{file_name(part.data)}: {role} and {first_role} have different {name} axes; interpolate both to one grid"
+            )

@@ -1,4 +1,4 @@
-"""Oceans that are believed instead of the true one: random members, the mean, or one column everywhere."""
+"""Perturbed oceans for estimators: random members, the horizontal mean, or one column everywhere."""
 
 import math
 from collections.abc import Callable
@@ -17,13 +17,13 @@ from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound
 from pymantaray.ocean.window import counted_place
 
 Array = NDArray[np.float64]
-_NODES_PER_SCALE = 4.0  # of a random field; a cubic spline then misses 0.1 % of the standard deviation
+_NODES_PER_SCALE = 4.0  # of a random field; the cubic spline then loses 0.1 % of the standard deviation
 _MARGIN = 3  # nodes beyond the window
 _MAX_NODES = 1500  # along one axis
 _ACCURACY = 1e-6  # m/s, of a change of sound speed
-_STEP = 0.01  # degC, or share of the salinity, for the slope of sound speed
+_STEP = 0.01  # degC, or fraction of the salinity, for the derivative of sound speed
 _ITERATIONS = 30
-_SALTIEST = 2.0  # times what it is
+_MAX_SALINITY_FACTOR = 2.0
 
 
 def perturb_ocean(
@@ -37,39 +37,39 @@ def perturb_ocean(
     equation: Equation = "teos-10",
 ) -> xr.Dataset:
     """
-    One ocean whose sound speed differs at random from that of the given one, in its vertical modes.
+    Perturb the sound speed of an ocean at random, in vertical modes.
 
     Parameters
     ----------
     ocean : xarray.Dataset
         A valid ocean.
     rms : float
-        Of the error, pooled over the water and all members. [m/s]
+        Expected rms of the perturbation over the water and all members. [m/s]
     horizontal_scale : float
-        L of the error's correlation exp(-d²/2L²); infinite for the same error everywhere. [m]
+        Scale L of the correlation exp(-d²/2L²); infinite for a horizontally uniform perturbation. [m]
     rng : numpy.random.Generator
-        One member for each state of it. A study's come from `pymantaray.geometry.streams.stream`.
+        Source of the random amplitudes. Studies use `pymantaray.geometry.streams.stream`.
     modes : VerticalModes or int, optional
-        Modes, for example of casts, or how many of this ocean's own columns. Default: these, as many as carry
-        99.99 % of the variance.
+        Modes, for example of casts, or a number of modes of this ocean's columns. Default: modes of its columns with 99.99 %
+        of the variance.
     down_to : float, optional
-        Depth down to which ``rms`` is pooled. Default: the sea bed. [m]
+        Depth limit of the water for ``rms``. Default: the sea bed. [m]
     equation : {"teos-10", "del-grosso", "unesco"}
-        Of the sound speed that changes.
+        Equation of sound speed.
 
     Returns
     -------
     xarray.Dataset
-        A valid ocean on the same grid; its history says what was done.
+        A valid ocean on the same grid. Its history describes the perturbation.
 
     Notes
     -----
-    A member has sound speed c + s Σ a_k φ_k(z), the a_k being independent Gaussian fields of variance v_k, φ_k and v_k
-    shapes and variances of `VerticalModes`. The factor s makes the expected mean square, each wet grid point weighted by
-    its layer's thickness, ``rms`` squared; a single member's differs, the more so the longer the scales. Temperature is
-    changed until sound speed is right within 1e-6 m/s, salinity only where no temperature would do; currents stay, and so
-    density no longer balances them. The same generator state gives errors in proportion to ``rms``. Water may come out
-    colder than its freezing point: it is a belief.
+    A member has sound speed c + s Σ a_k φ_k(z). The a_k are independent Gaussian fields with variance v_k; φ_k and v_k are
+    shapes and variances of `VerticalModes`. The factor s makes the expected mean square equal to ``rms`` squared, with wet
+    grid points weighted by the thickness of their layers. The rms of a single member differs, more so for longer scales.
+    Temperature is changed until sound speed is exact within 1e-6 m/s; salinity is changed only where no temperature suffices.
+    Currents are unchanged and no longer balance the density. The same generator state gives errors in proportion to
+    ``rms``. Water may become colder than its freezing point.
     """
     validate_ocean(ocean)
     for name, value in (("rms", rms), ("horizontal_scale", horizontal_scale), ("down_to", down_to)):
@@ -83,16 +83,28 @@ def perturb_ocean(
     fields = random_fields(lat, lon, count=variance.size, scale=horizontal_scale, rng=rng)
     error = factor * np.einsum("kz,kyx->zyx", np.sqrt(variance)[:, None] * shapes, fields)
     member = change_sound_speed(ocean, error, equation=equation)
-    reach = "the water column" if down_to is None else f"the upper {down_to:g} m"
+    layer = "the water column" if down_to is None else f"the upper {down_to:g} m"
     return with_history(
         member,
-        f"sound speed perturbed by {variance.size} vertical modes, expected {rms:g} m/s rms over {reach}, horizontal"
+        f"sound speed perturbed by {variance.size} vertical modes, expected {rms:g} m/s rms over {layer}, horizontal"
         f" scale {horizontal_scale:g} m, by temperature ({equation}); no longer in balance with the currents",
     )
 
 
 def mean_ocean(ocean: xr.Dataset) -> xr.Dataset:
-    """Ocean that has the horizontal mean of each level of a valid one everywhere, of the currents too, down to the same sea bed."""
+    """
+    Replace each level of an ocean by its horizontal mean.
+
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+
+    Returns
+    -------
+    xarray.Dataset
+        A valid ocean with uniform levels, including currents, and the same sea bed.
+    """
     validate_ocean(ocean)
     columns = {}
     for v in VARIABLES:
@@ -102,21 +114,26 @@ def mean_ocean(ocean: xr.Dataset) -> xr.Dataset:
         total = np.where(wet, field, 0.0).sum(axis=(1, 2))
         columns[v.name] = np.divide(total, count, out=np.full(count.size, np.nan), where=count > 0)
     return with_history(
-        _uniform(ocean, columns), "replaced by the horizontal mean of each level, currents too"
+        _uniform(ocean, columns), "replaced by the horizontal mean of each level, including currents"
     )
 
 
 def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     """
-    Ocean that has its column at a place everywhere, at rest, as one cast at the start would give.
+    Replace an ocean by one of its columns everywhere, at rest, as from a single cast.
 
     Parameters
     ----------
     ocean : xarray.Dataset
-        A valid ocean, whose grid and sea bed are kept; where that is deeper than the column, its deepest value is carried
-        down.
+        A valid ocean.
     place : tuple of float
-        Latitude and longitude inside the window, else `OceanError`; the nearest wet grid point is taken. [degrees]
+        Latitude and longitude inside the window; the function uses the column of the nearest wet grid point. [degrees]
+
+    Returns
+    -------
+    xarray.Dataset
+        A valid ocean with the same grid and sea bed. Where the sea bed is deeper than the column, the deepest value is
+        extended downward.
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
@@ -136,7 +153,7 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
 
 
 def _uniform(ocean: xr.Dataset, columns: dict[str, Array]) -> xr.Dataset:
-    """Columns everywhere, down to the ocean's own sea bed."""
+    """Apply columns everywhere, down to the sea bed of the ocean."""
     wet = np.isfinite(ocean["water_temp"].values)
     uniform = ocean.copy()
     for name, column in columns.items():
@@ -147,11 +164,12 @@ def _uniform(ocean: xr.Dataset, columns: dict[str, Array]) -> xr.Dataset:
 
 def random_fields(lat: Array, lon: Array, *, count: int, scale: float, rng: np.random.Generator) -> Array:
     """
-    Independent fields (count, lat, lon) of mean 0, variance 1 and correlation exp(-d²/2L²), L being the scale [m].
+    Draw independent fields (count, lat, lon) with mean 0, variance 1 and correlation exp(-d²/2L²) of scale L [m].
 
-    The correlation factors into one along north and one along east of the local frame about the window's middle. On a
-    lattice of L/4 a field is F_n Z F_eᵀ with standard normal Z and F Fᵀ the correlation along an axis: exactly Gaussian,
-    of the stated covariance. A cubic spline carries it to the grid's points. An infinite scale gives one number a field.
+    The correlation is a product of correlations along north and east of the local frame around the middle of the window. On a
+    lattice with spacing L/4, a field is F_n Z F_eᵀ with standard normal Z, where F Fᵀ is the correlation along an axis. The
+    field is exactly Gaussian with the stated covariance. A cubic spline interpolates it to the grid. With an infinite scale,
+    each field is one number.
     """
     if math.isinf(scale):
         return np.broadcast_to(rng.standard_normal((count, 1, 1)), (count, lat.size, lon.size)).copy()
@@ -172,8 +190,8 @@ def _lattice(x: Array, scale: float) -> Array:
     count = math.ceil((high - low) / step) + 1
     if count > _MAX_NODES:
         raise OceanError(
-            f"random field: horizontal_scale {scale:g} m needs {count} nodes across the window, {_MAX_NODES} are allowed;"
-            f" take at least {scale * count / _MAX_NODES:.0f} m or a smaller window"
+            f"random field: horizontal_scale {scale:g} m needs {count} nodes across the window; the limit is {_MAX_NODES}; use"
+            f" at least {scale * count / _MAX_NODES:.0f} m or a smaller window"
         )
     return np.asarray(low + step * np.arange(count), dtype=float)
 
@@ -181,31 +199,49 @@ def _lattice(x: Array, scale: float) -> Array:
 def _factor(axis: Array, scale: float) -> Array:
     correlation = np.exp(-0.5 * ((axis[:, None] - axis) / scale) ** 2)
     values, vectors = np.linalg.eigh(correlation)
-    true = values > 1e-12 * values[-1]  # the rest is rounding
+    true = values > 1e-12 * values[-1]  # smaller eigenvalues are rounding errors
     return np.asarray(vectors[:, true] * np.sqrt(values[true]))
 
 
 def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> float:
     """
-    Root of the mean over the water of a variance (depth,) [m²/s²] that depends on depth, down to one [m] or all the way. [m/s]
+    Square root of the mean over the water of a variance that depends on depth.
 
-    Levels count by the thickness of their layers and their wet points. A mean of zero is refused.
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean. Weights are the thickness of layers times their numbers of wet points.
+    variance : ndarray, shape (depth,)
+        [m²/s²]
+    down_to : float or None
+        Depth limit of the mean; None for the sea bed. [m]
+
+    Returns
+    -------
+    float
+        [m/s]
+
+    Raises
+    ------
+    OceanError
+        If the mean is zero.
     """
     z = np.asarray(ocean["depth"].values, dtype=float)
     edges = np.minimum(layer_edges(z), np.inf if down_to is None else down_to)
     weight = np.diff(edges) * np.isfinite(ocean["water_temp"].values).sum(axis=(1, 2))
     pooled = float(np.sqrt(np.sum(weight * variance) / np.sum(weight)))
     if not pooled > 0.0:
-        raise OceanError("perturbation: nothing varies where rms is pooled; take other modes or down_to")
+        raise OceanError(
+            "perturbation: the modes are zero above down_to; use other modes or a greater down_to"
+        )
     return pooled
 
 
 def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equation = "teos-10") -> xr.Dataset:
     """
-    Ocean whose sound speed is changed by given amounts (depth, lat, lon) [m/s], right within 1e-6 m/s.
+    Change the sound speed of an ocean by amounts (depth, lat, lon) [m/s], exact within 1e-6 m/s.
 
-    Temperature alone is changed; where it would leave the span of a valid ocean it stays at its end, and salinity makes
-    the rest.
+    The function changes temperature. Where temperature reaches the limit of a valid ocean, it also changes salinity.
     """
     depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
     wet = np.isfinite(ocean["water_temp"].values)
@@ -213,11 +249,11 @@ def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equati
     start = np.asarray(ocean["water_temp"].values, dtype=float)[wet]
     salinity = np.asarray(ocean["salinity"].values, dtype=float)[wet]
 
-    if equation == "teos-10":  # absolute salinity is in proportion to the practical one, and slow to compute
+    if equation == "teos-10":  # absolute salinity is proportional to practical salinity, and slow to compute
         SA, _, p = absolute_and_conservative(start, salinity, depth[k], lat[y], lon[x])
 
     def speed(t: Array, share: Array) -> Array:
-        """Sound speed at a temperature and a share of the salinity."""
+        """Sound speed at a temperature and a fraction of the salinity."""
         if equation == "teos-10":
             return np.asarray(gsw.sound_speed(SA * share, gsw.CT_from_t(SA * share, t, p), p))
         return sound_speed(t, salinity * share, depth[k], lat[y], lon[x], equation=equation)
@@ -231,7 +267,11 @@ def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equati
     if beyond.any():
         fresh, now = 0.0 * full, speed(possible, full)
         share = _root(
-            lambda s: speed(possible, s), full, np.where(beyond, target, now), fresh, _SALTIEST * full
+            lambda s: speed(possible, s),
+            full,
+            np.where(beyond, target, now),
+            fresh,
+            _MAX_SALINITY_FACTOR * full,
         )
         fields["salinity"] = np.where(beyond, salinity * share, salinity)
     changed = ocean.copy()
@@ -243,7 +283,7 @@ def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equati
         validate_ocean(changed)
     except OceanError as error:
         raise OceanError(
-            f"{error} (after a change of sound speed; ask for a smaller one, or for rms in the upper water, down_to)"
+            f"{error} (after a change of sound speed; reduce rms, or limit it to the upper water with down_to)"
         ) from None
     return changed
 
@@ -255,7 +295,7 @@ def _root(
     low: Array | float = -np.inf,
     high: Array | float = np.inf,
 ) -> Array:
-    """Argument that gives the target, by the secant method from start, element by element, within bounds."""
+    """Solve speed(argument) = target within bounds, element by element, with the secant method from start."""
     with np.errstate(all="ignore"):
         base = speed(start)
         slope = (speed(start + _STEP) - base) / _STEP
@@ -269,6 +309,6 @@ def _root(
             moved = np.abs(step) > 1e-6
             slope = np.where(moved, (before - off) / step, slope)
     raise OceanError(
-        f"ocean: no temperature or salinity changes sound speed as far as {np.nanmax(np.abs(target - base)):.3g} m/s; ask for"
-        " less"
+        f"ocean: no temperature or salinity changes sound speed by {np.nanmax(np.abs(target - base)):.3g} m/s; reduce the"
+        " change"
     )

@@ -1,4 +1,4 @@
-"""What a valid ocean is: a geographic data set with HYCOM's names, units and signs. One list of rules says so."""
+"""Schema of a valid ocean: a geographic data set with HYCOM's names, units and signs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need f
 
 @dataclass(frozen=True)
 class Variable:
-    """Name, CF attributes, quantity and physically possible span of one variable."""
+    """Name, CF attributes, quantity and physically possible range of a variable."""
 
     name: str
     standard_name: str
@@ -30,7 +30,7 @@ class Variable:
 
     @property
     def units(self) -> str:
-        """As CF writes them."""
+        """Unit in CF notation."""
         return our_unit(self.quantity)
 
 
@@ -50,7 +50,7 @@ _COORDINATES = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong (the ocean cannot be used) or doubtful (it can; someone should look)."""
+    """An error (wrong: the ocean is unusable) or a doubt (doubtful: a person should look)."""
 
     severity: Literal["wrong", "doubtful"]
     what: str
@@ -61,10 +61,10 @@ class Finding:
     """Limit with unit."""
     remedy: str = ""
     where: str = ""
-    """Place and depth, variable or axis; empty if it is the ocean as a whole."""
+    """Place and depth, variable or axis; empty for the whole ocean."""
 
     def __str__(self) -> str:
-        """One line."""
+        """Finding as one line."""
         place = f" ({self.where})" if self.where else ""
         limit = f"; allowed {self.allowed}" if self.allowed else ""
         remedy = f"; {self.remedy}" if self.remedy else ""
@@ -82,7 +82,7 @@ def assemble_ocean(
     validate: bool = True,
 ) -> xr.Dataset:
     """
-    Put arrays into a data set of the schema, with CF attributes.
+    Assemble arrays into a data set that follows the schema, with CF attributes.
 
     Parameters
     ----------
@@ -94,11 +94,11 @@ def assemble_ocean(
         ``water_temp`` [degC], ``salinity`` [practical], ``water_u`` and ``water_v`` [m/s]; NaN below
         the sea bed.
     title, source : str
-        What the ocean is called, and where it comes from.
+        Name and origin of the ocean.
     synthetic : bool
-        Whether the fields are made up rather than a model's or a measurement's.
+        True if the fields are made up; False if they are from a model or measurements.
     validate : bool
-        Whether `validate_ocean` has to be satisfied.
+        If True, `validate_ocean` checks the result.
 
     Returns
     -------
@@ -122,42 +122,48 @@ def assemble_ocean(
 
 def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
     """
-    Record in the attribute ``history`` of a copy of an ocean what was done to it; the newest line is the last.
+    Append a line to the attribute ``history`` of a copy of an ocean.
 
     Parameters
     ----------
     ocean : xarray.Dataset
+        Any data set.
     line : str
-        One line of text, else `OceanError`.
+        Description of a change, one line.
+
+    Returns
+    -------
+    xarray.Dataset
     """
     if not line.strip() or len(line.splitlines()) != 1:
-        raise OceanError(f"ocean: history takes one line of text, not {line[:40]!r}")
+        raise OceanError(f"ocean: history line {line[:40]!r} has several lines or is empty; give one line")
     before = str(ocean.attrs.get("history", "")).rstrip("\n")
     return ocean.assign_attrs(history=f"{before}\n{line.strip()}" if before else line.strip())
 
 
 def layer_edges(depth: Array) -> Array:
-    """Depths (n + 1,) between which each of n levels stands for the water: half-way to its neighbours. [m]"""
+    """Edges (n + 1,) of the layers that n levels represent, half-way to their neighbours. [m]"""
     return np.concatenate([depth[:1], 0.5 * (depth[:-1] + depth[1:]), depth[-1:]])
 
 
 def validate_ocean(ocean: xr.Dataset) -> None:
     """
-    Check that a data set is an ocean that the rest of MantaRay can take.
+    Check that a data set is a valid ocean.
 
-    Dimensions are ``(depth, lat, lon)``; depth [m] is positive down and rises strictly from 0; latitude
-    and longitude [degrees] rise strictly, longitude in any 360 degree window; ``time`` is a scalar. The
-    variables are in-situ ``water_temp`` [degC], practical ``salinity``, ``water_u`` and ``water_v``
-    (true east and north) [m/s], all NaN below the sea bed, which has no wet level beneath it.
+    Dimensions are ``(depth, lat, lon)``. Depth [m] is positive down and strictly increases from 0. Latitude and longitude
+    [degrees] strictly increase, longitude in any 360 degree window. ``time`` is a scalar. The variables are in-situ
+    ``water_temp`` [degC], practical ``salinity``, and ``water_u`` and ``water_v`` (true east and north) [m/s]. All are NaN
+    below the sea bed, and no wet level is below a dry one.
 
     Parameters
     ----------
     ocean : xarray.Dataset
+        Data set to check.
 
     Raises
     ------
     OceanError
-        With the first violation.
+        If the data set is invalid. The message is the first violation.
     """
     for finding in violations(ocean):
         if finding.severity == "wrong":
@@ -166,15 +172,14 @@ def validate_ocean(ocean: xr.Dataset) -> None:
 
 def violations(ocean: xr.Dataset) -> Iterator[Finding]:
     """
-    Everything about a data set that is against the schema, or not said.
+    Find all violations of the schema, and missing units.
 
-    ``where`` begins with the variable's or axis' name. What needs a healthy structure (which points are wet) is only
-    compared where there is one.
+    ``where`` begins with the name of the variable or axis. Land masks are compared only if the structure is valid.
     """
     for name in DIMS:
         yield from _axis(ocean, name)
     if "time" not in ocean.coords:
-        yield Finding("wrong", "axis missing", "no such coordinate", "one instant", "add the time", "time")
+        yield Finding("wrong", "axis missing", "no such coordinate", "one instant", "add it", "time")
     elif ocean["time"].ndim or not np.issubdtype(ocean["time"].dtype, np.datetime64):
         axis = f"{ocean['time'].size} of {ocean['time'].dtype}"
         yield Finding("wrong", "axis", axis, "one datetime64", "select one time step", "time")
@@ -193,32 +198,40 @@ def violations(ocean: xr.Dataset) -> Iterator[Finding]:
 def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
     wrong = partial(Finding, "wrong", where=name)
     if name not in ocean.coords:
-        yield wrong("axis missing", "no such coordinate", ", ".join(DIMS), "name it so")
+        yield wrong("axis missing", "no such coordinate", ", ".join(DIMS), "add or rename it")
         return
     axis = ocean[name]
     yield from _unit(axis, _AXES[name], "convert the axis")
     if axis.dims != (name,) or not np.issubdtype(axis.dtype, np.number):
-        yield wrong("axis", f"dimensions {axis.dims}, {axis.dtype}", "one of numbers", "rebuild it")
+        yield wrong(
+            "axis", f"dimensions {axis.dims}, {axis.dtype}", "one dimension, numbers", "rebuild the axis"
+        )
         return
     values = np.asarray(axis.values, dtype=float)
     if values.size < MIN_POINTS[name]:
-        yield wrong("axis too short", f"{values.size} points", f"{MIN_POINTS[name]} or more", "widen it")
+        yield wrong(
+            "axis too short", f"{values.size} points", f"{MIN_POINTS[name]} or more", "use a larger window"
+        )
     rising = np.diff(values) > 0.0
     if not rising.all():
         yield wrong(
             "axis not monotone",
-            f"{np.count_nonzero(~rising)} of {rising.size} steps do not rise, the first after"
+            f"{np.count_nonzero(~rising)} of {rising.size} steps do not increase, the first after"
             f" {values[int(np.argmin(rising))]:g}",
-            "strictly rising",
+            "strictly increasing",
             "sort it and drop duplicates",
         )
     elif name == "depth" and values.size and values[0] != 0.0:
         yield wrong("axis", f"starts at {values[0]:g} m", "0 m, positive down", "add a level at 0 m")
     finite = values[np.isfinite(values)]
     if name == "lat" and np.abs(finite).max(initial=0.0) > 90.0:
-        yield wrong("axis", f"spans {finite.min():g} to {finite.max():g}", "-90 to 90 degrees", "check it")
+        yield wrong(
+            "axis", f"{finite.min():g} to {finite.max():g}", "-90 to 90 degrees", "check its values and unit"
+        )
     if name == "lon" and finite.size and np.ptp(finite) >= 360.0:
-        yield wrong("axis", f"spans {np.ptp(finite):g} degrees", "less than 360", "cut it")
+        yield wrong(
+            "axis", f"spans {np.ptp(finite):g} degrees", "less than 360", "remove duplicate meridians"
+        )
 
 
 def _unit(array: xr.DataArray, quantity: str, remedy: str) -> Iterator[Finding]:
@@ -230,7 +243,7 @@ def _unit(array: xr.DataArray, quantity: str, remedy: str) -> Iterator[Finding]:
 def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
     wrong = partial(Finding, "wrong", where=v.name)
     if v.name not in ocean.data_vars:
-        yield wrong("variable missing", "none", v.standard_name, "add it")
+        yield wrong("variable missing", "no such variable", v.standard_name, "add it")
         return
     field = ocean[v.name]
     if not str(field.attrs.get("units", "")).strip():
@@ -250,7 +263,9 @@ def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
         count = np.count_nonzero(np.isinf(values))
         yield wrong("not finite", f"{count} infinite values", "NaN below the sea bed", "mask them")
     if not finite.any():
-        yield wrong("no valid value", "all missing", "water somewhere", "is the window on land?")
+        yield wrong(
+            "no valid value", "all missing", "some wet points", "check that the window is not on land"
+        )
         return
     outside = finite & ((values < v.lowest) | (values > v.highest))
     if outside.any():
@@ -264,7 +279,7 @@ def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
 
 
 def _wet(ocean: xr.Dataset) -> Iterator[Finding]:
-    """What is wet in one variable and dry in another, or wet beneath a dry point."""
+    """Find points that are wet in one variable and dry in another, or wet below a dry point."""
     fields = {v.name: ocean[v.name] for v in VARIABLES if v.name in ocean and ocean[v.name].dims == DIMS}
     numeric = all(np.issubdtype(field.dtype, np.number) for field in fields.values())
     if "water_temp" not in fields or not numeric:
@@ -276,9 +291,9 @@ def _wet(ocean: xr.Dataset) -> Iterator[Finding]:
             yield Finding(
                 "wrong",
                 "NaN islands",
-                f"{np.count_nonzero(differ)} points are missing in it or in water_temp, not in both",
+                f"{np.count_nonzero(differ)} points are missing either in it or in water_temp",
                 "the same points",
-                "mask all variables alike, or fill the gap",
+                "apply one mask to all variables, or fill the gap",
                 f"{name} {place_of(ocean, np.argwhere(differ)[0])}",
             )
     beneath = wet[1:] & ~np.logical_and.accumulate(wet, axis=0)[:-1]
@@ -287,7 +302,7 @@ def _wet(ocean: xr.Dataset) -> Iterator[Finding]:
         yield Finding(
             "wrong",
             "NaN islands",
-            f"{np.count_nonzero(beneath)} wet points lie beneath a dry one",
+            f"{np.count_nonzero(beneath)} wet points are below a dry one",
             "none",
             "fill the gap above them, or mask them",
             f"water_temp {place_of(ocean, (k + 1, i, j))}",
@@ -295,7 +310,7 @@ def _wet(ocean: xr.Dataset) -> Iterator[Finding]:
 
 
 def place_of(ocean: xr.Dataset, index: Sequence[Any] | NDArray[np.intp]) -> str:
-    """Place of a grid point by its indices, in words, as ``34.64 N, 74.72 W, 50 m``."""
+    """Place of a grid point as text, such as ``34.64 N, 74.72 W, 50 m``, from its indices."""
     if any(name not in ocean.coords or ocean[name].ndim != 1 for name in DIMS):
         return f"index {', '.join(str(int(n)) for n in index)}"
     depth, lat, lon = (float(ocean[name].values[n]) for name, n in zip(DIMS, index, strict=True))
@@ -303,11 +318,11 @@ def place_of(ocean: xr.Dataset, index: Sequence[Any] | NDArray[np.intp]) -> str:
 
 
 def latitude(value: float) -> str:
-    """Latitude in words, as ``74.5 N``."""
+    """Latitude as text, such as ``74.5 N``."""
     return f"{abs(round(value, 3)):g} {'S' if value < 0.0 else 'N'}"
 
 
 def longitude(value: float) -> str:
-    """Longitude of any 360 degree window in words, as ``140 W``."""
+    """Longitude in any 360 degree window as text, such as ``140 W``."""
     turned = wrapped(value)
     return f"{abs(round(turned, 3)):g} {'W' if turned < 0.0 else 'E'}"

@@ -1,5 +1,5 @@
 """
-Sea water by TEOS-10 (gsw): sound speed and density of what ocean models deliver; two older equations of sound speed.
+Sound speed and density of sea water by TEOS-10 (gsw), and two older equations of sound speed.
 
 References
 ----------
@@ -7,10 +7,10 @@ References
    Toolbox, SCOR/IAPSO WG127.
 .. [2] Del Grosso, V. A. (1974), New equation for the speed of sound in natural waters, J. Acoust. Soc. Am. 56, 1084-1091.
 .. [3] Chen, C.-T. and Millero, F. J. (1977), Speed of sound in seawater at high pressures, J. Acoust. Soc. Am. 62,
-   1129-1135; UNESCO Technical Papers in Marine Science 44, whose check value and table were read second-hand.
+   1129-1135; UNESCO Technical Papers in Marine Science 44, whose check value and table were read in secondary sources.
 .. [4] Wong, G. S. K. and Zhu, S. (1995), Speed of sound in seawater as a function of salinity, temperature, and pressure,
-   J. Acoust. Soc. Am. 97, 1732-1736. Read in abstract; the coefficients are those of the National Physical Laboratory's
-   technical guide as several codes reprint it.
+   J. Acoust. Soc. Am. 97, 1732-1736. The abstract was read; the coefficients are those of the National Physical Laboratory's
+   technical guide, as reprinted in several codes.
 """
 
 from typing import Literal, get_args
@@ -27,11 +27,11 @@ Array = NDArray[np.float64]
 Equation = Literal["teos-10", "del-grosso", "unesco"]
 _DBAR_PER_KGF_CM2 = 9.80665
 SUPERCOOLED = 0.05
-"""Water colder than its freezing point by more has a wrong temperature or salinity. [K]"""
-UNFROZEN = "the salinity is too low, or the temperature: calibrate it, or take another source"
-"""What to do about such water."""
+"""Water further below its freezing point has a wrong temperature or salinity. [K]"""
+UNFROZEN = "salinity or temperature is too low; calibrate it, or use another source"
+"""Remedy for such water."""
 
-# of [4], for ITS-90 temperatures: (power of S, of T, of P) and coefficient; P in kgf/cm2
+# Del Grosso's form from [4] for ITS-90: (power of S, of T, of P) and coefficient; P in kgf/cm2
 _DEL_GROSSO = (
     (0, 0, 0, 1402.392),
     (0, 1, 0, 0.5012285e1),
@@ -53,7 +53,7 @@ _DEL_GROSSO = (
     (2, 1, 1, 0.4857614e-5),
     (1, 1, 1, -0.3406824e-3),
 )
-# the same for Chen and Millero's form: [power of P, of T], P in bar, for S^0, S^1, S^3/2 and S^2
+# Chen and Millero's form from [4]: [power of P, of T], P in bar, for S^0, S^1, S^3/2 and S^2
 _PURE_WATER = np.array(
     [
         [1402.388, 5.03830, -5.81090e-2, 3.3432e-4, -1.47797e-6, 3.1419e-9],
@@ -77,7 +77,7 @@ _SQUARE = np.array([[1.727e-3], [-7.9836e-6]])
 def absolute_and_conservative(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> tuple[Array, Array, Array]:
-    """Absolute salinity [g/kg], conservative temperature [degC] and sea pressure [dbar] of what `sound_speed` takes."""
+    """Absolute salinity [g/kg], conservative temperature [degC] and sea pressure [dbar] from the arguments of `sound_speed`."""
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
     return SA, gsw.CT_from_t(SA, temperature, p), np.broadcast_to(p, np.shape(SA))
@@ -98,20 +98,20 @@ def sound_speed(
     Parameters
     ----------
     temperature : array_like, shape (...)
-        In situ, ITS-90; NaN stays NaN. [degC]
+        In-situ temperature, ITS-90. NaN gives NaN. [degC]
     salinity : array_like, shape (...)
-        Practical. [-]
+        Practical salinity. [-]
     depth : array_like, shape (...)
-        Positive down. [m]
+        Depth, positive down. [m]
     lat, lon : array_like, shape (...)
-        All arguments broadcast together. [degrees]
+        Place. All arguments broadcast. [degrees]
     equation : {"teos-10", "del-grosso", "unesco"}
-        The latter two in Wong and Zhu's forms for ITS-90. Pressure comes from depth by TEOS-10 in all.
+        The latter two in Wong and Zhu's forms for ITS-90. All use pressure from depth by TEOS-10.
 
     Returns
     -------
     ndarray, shape (...)
-        [m/s]
+        Sound speed. [m/s]
 
     Examples
     --------
@@ -119,9 +119,7 @@ def sound_speed(
     1433.3
     """
     if equation not in get_args(Equation):
-        raise OceanError(
-            f"sound speed equation {equation!r} is unknown; allowed are {', '.join(get_args(Equation))}"
-        )
+        raise OceanError(f"equation {equation!r} is unknown; allowed: {', '.join(get_args(Equation))}")
     if equation != "teos-10":
         p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
         return (del_grosso if equation == "del-grosso" else unesco)(temperature, salinity, p)
@@ -138,9 +136,9 @@ def ocean_sound_speed(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> A
 
 def density_fall(ocean: xr.Dataset) -> Array:
     """
-    Density of the upper water of each pair of levels (depth - 1, lat, lon) of a valid ocean minus that of the lower.
+    Density of the upper minus the lower water of each pair of levels (depth - 1, lat, lon) of a valid ocean. [kg/m3]
 
-    Both are taken at the pressure between them; above 0 the pair is unstable. NaN below the sea bed. [kg/m3]
+    Both densities are at the pressure between the levels. Positive values mean unstable pairs. NaN below the sea bed.
     """
     depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
     water = (ocean["water_temp"].values, ocean["salinity"].values)
@@ -152,7 +150,7 @@ def density_fall(ocean: xr.Dataset) -> Array:
 def density(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:
-    """In-situ density [kg/m3] from what `sound_speed` takes; NaN stays NaN."""
+    """In-situ density [kg/m3] from the arguments of `sound_speed`; NaN gives NaN."""
     SA, CT, p = absolute_and_conservative(temperature, salinity, depth, lat, lon)
     return np.asarray(gsw.rho(SA, CT, p), dtype=float)
 
@@ -161,9 +159,9 @@ def supercooling(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:
     """
-    How far below its in-situ freezing point water without air is, negative above it, from what `sound_speed` takes. [K]
+    In-situ freezing point of air-free water minus its temperature, from the arguments of `sound_speed`. [K]
 
-    By TEOS-10 (``gsw.t_freezing``); water saturated with air freezes 0.002 K lower.
+    The function uses TEOS-10 (``gsw.t_freezing``). Water saturated with air freezes at a temperature 0.002 K lower.
     """
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
@@ -173,7 +171,7 @@ def supercooling(
 def freezing_notes(
     temperature: Array, salinity: Array, depth: Array, lat: float, lon: float
 ) -> tuple[str, ...]:
-    """Say of a profile, from what `sound_speed` takes, where its water is too cold to be liquid; nothing if it is not."""
+    """Note about water of a profile that is too cold to be liquid, from the arguments of `sound_speed`; empty if there is none."""
     cold = supercooling(temperature, salinity, depth, lat, lon)
     count = int(np.count_nonzero(cold > SUPERCOOLED))
     if not count:
@@ -186,19 +184,19 @@ def freezing_notes(
 def in_situ_temperature(
     potential_temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:
-    """In-situ temperature [degC] of water whose potential temperature [degC] is referred to the surface, 0 dbar."""
+    """In-situ temperature [degC] from potential temperature [degC] referred to the surface, 0 dbar."""
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
-    # adiabatic move from 0 dbar to p: the same routine with the pressures exchanged
+    # adiabatic change from 0 dbar to p: the same routine with exchanged pressures
     return np.asarray(gsw.pt_from_t(SA, potential_temperature, 0.0, p), dtype=float)
 
 
 def del_grosso(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike) -> Array:
     """
-    Sound speed [m/s] by Del Grosso (1974), from temperature in situ [degC], practical salinity and sea pressure [dbar].
+    Sound speed [m/s] by Del Grosso (1974) from in-situ temperature [degC], practical salinity and sea pressure [dbar].
 
-    Fitted for 0 to 30 degC, salinity 30 to 40 and 0 to 9807 dbar. Colder and fresher water, as under Arctic ice, is
-    extrapolated: no bound is enforced, since the polynomial stays smooth there.
+    The fit is for 0 to 30 degC, salinity 30 to 40 and 0 to 9807 dbar. The function does not enforce these bounds, because the
+    polynomial extrapolates smoothly to colder and fresher water, as under Arctic ice.
     """
     T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
     P = p / _DBAR_PER_KGF_CM2
@@ -210,9 +208,9 @@ def del_grosso(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike)
 
 def unesco(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike) -> Array:
     """
-    Sound speed [m/s] by Chen and Millero (1977), from what `del_grosso` takes.
+    Sound speed [m/s] by Chen and Millero (1977) from the arguments of `del_grosso`.
 
-    Fitted for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar; extrapolated elsewhere.
+    The fit is for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar. Other values are extrapolated.
     """
     T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
     T, S, P = np.broadcast_arrays(T, S, 0.1 * p)  # bar

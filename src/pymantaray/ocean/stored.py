@@ -1,4 +1,4 @@
-"""Oceans in memory as files, for work that other processes or later sessions do with them."""
+"""Storage of data sets in memory as files, for other processes and later sessions."""
 
 import hashlib
 import os
@@ -15,7 +15,7 @@ from pymantaray.records.writing import NETCDF_LOCK
 
 
 def cache_folder() -> Path:
-    """Folder of files that can be made again: ``$XDG_CACHE_HOME``, or the user's own by the habits of the system."""
+    """Cache folder: ``$XDG_CACHE_HOME``, or the usual cache folder of the system."""
     home = os.environ.get("XDG_CACHE_HOME")
     if home:
         return Path(home) / "pymantaray"
@@ -24,10 +24,18 @@ def cache_folder() -> Path:
 
 def stored_ocean(data: xr.Dataset) -> Path:
     """
-    Write a data set in memory as NetCDF into the cache, and return its file.
+    Write a data set in memory as NetCDF into the cache.
 
-    The name is the hash of the content: the same data are written once, and a run that names the file can be repeated as long
-    as the cache is there.
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Any data set.
+
+    Returns
+    -------
+    pathlib.Path
+        The file. Its name is the hash of the content, so equal data are written once. A run that names the file can be
+        repeated as long as the cache exists.
     """
     folder = cache_folder() / "oceans"
     try:

@@ -1,4 +1,4 @@
-"""What an ocean amounts to: the paper's table of regions and its spread of sound-speed profiles."""
+"""Summaries of an ocean: the paper's table of regions and spread of sound-speed profiles."""
 
 import numpy as np
 import pandas as pd
@@ -16,10 +16,20 @@ _EARTH = pyproj.Geod(ellps="WGS84")
 
 def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.DataFrame:
     """
-    Table of a region's place, size, grid and values (the paper's Table I of a valid ocean).
+    Table of place, size, grid and values of a region, as in the paper's Table I.
 
-    One row a property, named with its unit, and one column named after the ocean's title, so that several oceans go side by
-    side. Widths are along the parallels of the WGS 84 ellipsoid, the height is along the meridian.
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+    equation : {"teos-10", "del-grosso", "unesco"}
+        Equation of sound speed.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per property, with its unit in the name. The column has the title of the ocean, so tables of several oceans
+        can be joined. Widths are along parallels of the WGS 84 ellipsoid; the height is along the meridian.
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
@@ -54,9 +64,20 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
 
 def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> xr.Dataset:
     """
-    ``mean``, ``min`` and ``max`` sound speed [m/s] at each level (depth) of a valid ocean or a part of one, and ``count`` of the wet points.
+    Spread of sound speed over the columns of an ocean, level by level.
 
-    Each grid point counts the same; NaN where none is wet.
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean or a part of it.
+    equation : {"teos-10", "del-grosso", "unesco"}
+        Equation of sound speed.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``mean``, ``min`` and ``max`` [m/s] and ``count`` of wet points along ``depth``. Grid points have equal weights. NaN
+        at levels without wet points.
     """
     attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}
     speed = xr.DataArray(ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS)
@@ -70,7 +91,7 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
 
 
 def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
-    """Extent, levels, time and origin of an ocean in words."""
+    """Extent, levels, time and origin of an ocean as text."""
     validate_ocean(ocean)
     lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
     wet = np.isfinite(ocean["water_temp"].values)
@@ -92,7 +113,7 @@ def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
 
 
 def variable_table(ocean: xr.Dataset, equation: Equation = "teos-10") -> pd.DataFrame:
-    """Least, mean and greatest value of each variable, of the current's speed and of sound speed."""
+    """Minimum, mean and maximum of each variable, of current speed and of sound speed."""
     validate_ocean(ocean)
     fields = {v.name: (v.units.replace("m s-1", "m/s"), ocean[v.name].values) for v in VARIABLES}
     fields["current speed"] = ("m/s", np.hypot(ocean["water_u"].values, ocean["water_v"].values))

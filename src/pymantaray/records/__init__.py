@@ -1,4 +1,4 @@
-"""Nouns that cross folders: frozen, validated, to and from xarray and NetCDF."""
+"""Data records that folders exchange: frozen, validated, convertible to xarray and NetCDF."""
 
 from pymantaray.records.arrivals import Arrivals, FirstArrivals, RayPaths
 from pymantaray.records.base import DatedRecord

@@ -1,4 +1,4 @@
-"""What the two-point solver finds: all arrivals of a set of links, the first of each, and the places through which rays run."""
+"""Results of the two-point solver: all arrivals of links, the first arrival of each link, and ray paths."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -15,17 +15,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FirstArrivals(Record):
-    """Earliest admitted arrival of each link, one row per link; NaN where there is none."""
+    """Earliest admitted arrival of each link, one row per link; NaN without an arrival."""
 
     kind: ClassVar[str] = "first_arrivals"
 
-    status: Column = column("link", "1", "what became of the link", "i1", flags=RayStatus)
+    status: Column = column("link", "1", "outcome of the link", "i1", flags=RayStatus)
     travel_time: Column = column("link", "s", "travel time of the earliest admitted arrival")
     chord_travel_time: Column = column("link", "s", "travel time along the straight chord")
     source_sound_speed: Column = column("link", "m s-1", "sound speed at the source")
     receiver_sound_speed: Column = column("link", "m s-1", "sound speed at the receiver")
     shadow_margin: Column = column(
-        "link", "m", "smallest miss of any ray, 0 where one arrives, NaN where all come by way of the surface"
+        "link",
+        "m",
+        "smallest miss distance of any ray; 0 with an arrival, NaN if all rays are reflected at the surface",
     )
     source_slowness: Column = column("link axis", "s m-1", "slowness vector at the source, along the ray")
     receiver_slowness: Column = column("link axis", "s m-1", "slowness vector at the receiver, along the ray")
@@ -34,7 +36,7 @@ class FirstArrivals(Record):
 @dataclass(frozen=True, eq=False)
 class Arrivals(Record):
     """
-    All admitted arrivals: one row per eigenray, sorted by link and travel time, and per-link outcomes.
+    All admitted arrivals, one row per eigenray, sorted by link and travel time, and outcomes per link.
 
     Launch and arrival angles are from the horizontal, positive down, along the direction of travel.
     """
@@ -45,7 +47,7 @@ class Arrivals(Record):
     travel_time: Column = column("arrival", "s", "travel time")
     surface_bounces: Column = column("arrival", "1", "reflections at the surface", "i2")
     bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i2")
-    turning_points: Column = column("arrival", "1", "vertical turning points, reflections not counted", "i2")
+    turning_points: Column = column("arrival", "1", "vertical turning points, without reflections", "i2")
     caustics: Column = column("arrival", "1", "caustics on the way, in the vertical plane of the ray", "i2")
     launch_angle: Column = column("arrival", "rad", "angle from the horizontal at the source, positive down")
     arrival_angle: Column = column(
@@ -54,19 +56,19 @@ class Arrivals(Record):
     spreading_db: Column = column("arrival", "1", "geometric spreading beyond spherical, in dB")
     source_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the source")
     receiver_slowness: Column = column("arrival axis", "s m-1", "slowness vector at the receiver")
-    ray_axis: Column = column("arrival", "1", "along what the ray was followed", "i1", flags=RayAxis)
-    status: Column = column("n_links", "1", "what became of each link", "i1", flags=RayStatus)
+    ray_axis: Column = column("arrival", "1", "axis of integration of the ray", "i1", flags=RayAxis)
+    status: Column = column("n_links", "1", "outcome of each link", "i1", flags=RayStatus)
     chord_travel_time: Column = column("n_links", "s", "travel time along the straight chord")
     source_sound_speed: Column = column("n_links", "m s-1", "sound speed at the source")
     receiver_sound_speed: Column = column("n_links", "m s-1", "sound speed at the receiver")
     shadow_margin: Column = column(
         "n_links",
         "m",
-        "smallest miss of any ray, 0 where one arrives, NaN where all come by way of the surface",
+        "smallest miss distance of any ray; 0 with an arrival, NaN if all rays are reflected at the surface",
     )
 
     def first(self) -> FirstArrivals:
-        """Earliest arrival of each link; travel time and slowness are NaN where the status is not OK."""
+        """Earliest arrival of each link; travel time and slowness are NaN if the status is not OK."""
         links, rows = np.unique(self.link, return_index=True)
         first = self.of_links(links, rows, self.travel_time[rows])
         if np.any(np.isnan(first.travel_time) != (self.status != RayStatus.OK)):
@@ -104,7 +106,23 @@ class Arrivals(Record):
         return pd.DataFrame(columns)
 
     def of_links(self, links: Column, rows: Column, travel_time: Column) -> FirstArrivals:
-        """One arrival of each of some links, by its row, with these travel times [s]; of the others what needs none."""
+        """
+        Select one arrival for each of several links.
+
+        Parameters
+        ----------
+        links : ndarray of int, shape (n,)
+            Links with an arrival.
+        rows : ndarray of int, shape (n,)
+            Row of the arrival of each of these links.
+        travel_time : ndarray, shape (n,)
+            Travel times of these arrivals. [s]
+
+        Returns
+        -------
+        FirstArrivals
+            All links; NaN for links without an arrival.
+        """
         n = self.status.size
         time, source, receiver = np.full(n, np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan)
         time[links] = travel_time
@@ -124,11 +142,10 @@ class Arrivals(Record):
 @dataclass(frozen=True, eq=False)
 class RayPaths(Record):
     """
-    Nodes along rays, those of one ray together and in order.
+    Nodes along rays; the nodes of a ray are consecutive and in order.
 
-    A reflection has two nodes of equal place and time, with the slowness before and after, and both flagged.
-    Between nodes a path is the cubic Hermite polynomial in travel time with velocity
-    ``slowness / |slowness|**2``.
+    A reflection has two nodes with equal position and time, the slowness before and after, and a flag on both. Between nodes, a
+    path is the cubic Hermite polynomial in travel time with velocity ``slowness / |slowness|**2``.
     """
 
     kind: ClassVar[str] = "ray_paths"
@@ -136,9 +153,7 @@ class RayPaths(Record):
     arrival: Column = column("node", "1", "row of the arrivals, or number of the ray of a fan", "i8")
     travel_time: Column = column("node", "s", "travel time since emission")
     position: Column = column("node axis", "m", "north, east, down")
-    slowness: Column = column(
-        "node axis", "s m-1", "slowness vector, along the ray; NaN where the ends coincide"
-    )
+    slowness: Column = column("node axis", "s m-1", "slowness vector along the ray; NaN if the ends coincide")
     boundary: Column = column(
         "node", "1", "0 in the water, 1 reflected at the surface, 2 at the sea bed", "i1"
     )

@@ -1,4 +1,4 @@
-"""One mechanism for all records: array fields with dimensions, labels and units, to and from xarray."""
+"""Base of all records: array fields with dimensions, labels and units, and conversion to xarray."""
 
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import IntEnum
@@ -29,7 +29,7 @@ LABELS = {
         "translation_down",
     ),
 }
-"""Dimensions of fixed length, and what stands along them; that of the columns of a matrix ends in ``_column``."""
+"""Dimensions of fixed length and their labels; the name of the second dimension of a matrix ends in ``_column``."""
 _COLUMN = "_column"
 _SINCE = "seconds since "
 _TIME = {
@@ -53,7 +53,7 @@ def column(
     default: float | None = None,
 ) -> Any:
     """
-    Array field of a record: dimensions separated by spaces, units as CF writes them.
+    Declare an array field of a record, with dimensions separated by spaces and units in CF notation.
 
     A column that may lack has no rows if it is not given, or not in a file of an older version. A column with a default has this
     value everywhere then. One that labels its dimension is the coordinate of that name in a data set. Flags are the values that a column of integers has, and their
@@ -71,7 +71,7 @@ def column(
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Base of all records: every field made by `column` is an array of declared dimensions, each of one length, and type."""
+    """Base of all records. Every field from `column` is an array with declared type and dimensions of consistent lengths."""
 
     kind: ClassVar[str] = "record"
 
@@ -90,14 +90,14 @@ class Record:
         )
         return f"<{type(self).__name__}: {', '.join(shown)}>"
 
-    @np.errstate(invalid="ignore")  # of NaN where whole numbers are needed, which is refused
+    @np.errstate(invalid="ignore")  # conversion of NaN to integers, which is checked below
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""
         sizes = {name: len(labels) for name, labels in LABELS.items()}
         for f in self._columns():
             dtype, content = f.metadata["dtype"], getattr(self, f.name)
             default = f.metadata["default"]
-            if content is None and default is not None:  # the columns before it say how long it is
+            if content is None and default is not None:  # earlier columns define its length
                 content = np.full([sizes[name] for name in f.metadata["dims"]], default)
             try:
                 values = np.asarray(content)
@@ -105,13 +105,17 @@ class Record:
             except (TypeError, ValueError) as error:
                 raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
             if array.dtype.kind == "i" and not np.array_equal(array, values):
-                raise RecordError(f"{self.kind}: {f.name} holds values that do not fit type {dtype}")
+                raise RecordError(f"{self.kind}: {f.name} has values that do not fit type {dtype}")
             dims = f.metadata["dims"]
             if array.ndim != len(dims):
-                raise RecordError(f"{self.kind}: {f.name} has shape {array.shape}; needs dimensions {dims}")
+                raise RecordError(
+                    f"{self.kind}: {f.name} has shape {array.shape}; it must have dimensions {dims}"
+                )
             for name, size in zip(dims, array.shape, strict=True):
                 if (common := sizes.setdefault(name.removesuffix(_COLUMN), size)) != size:
-                    raise RecordError(f"{self.kind}: {f.name} has {size} along {name!r}, not {common}")
+                    raise RecordError(
+                        f"{self.kind}: {f.name} has length {size} along {name!r}; it must be {common}"
+                    )
             array.setflags(write=False)
             object.__setattr__(self, f.name, array)
 
@@ -141,7 +145,7 @@ class Record:
         )
 
     def to_dataset(self) -> "xr.Dataset":
-        """Give the record as an xarray data set with labels, units and long names."""
+        """Convert the record to an xarray data set with labels, units and long names."""
         import xarray as xr
 
         data = {}
@@ -159,10 +163,10 @@ class Record:
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Build the record from a data set that `to_dataset` made; another kind, or one that lacks a field, is refused."""
+        """Build the record from a data set of `to_dataset`; another kind or a missing field raises `RecordError`."""
         kind = dataset.attrs.get("mantaray_record")
         if kind != cls.kind:
-            raise RecordError(f"data set holds {kind!r}; needs {cls.kind!r}")
+            raise RecordError(f"data set contains {kind!r}; it must be {cls.kind!r}")
         dataset = _today(dataset)
         names = {f.name: _variable(f) for f in cls._columns()}
         names |= {name: name for name in names if name in dataset.data_vars}  # labels of older files
@@ -174,16 +178,16 @@ class Record:
         }
         missing = [name for name, variable in names.items() if variable not in dataset.variables]
         if missing:
-            raise RecordError(f"{cls.kind}: data set lacks {', '.join(missing)}")
+            raise RecordError(f"{cls.kind}: the data set has no {', '.join(missing)}")
         return cls(**{name: dataset[variable].values for name, variable in names.items()})
 
     def save(self, path: Path) -> None:
-        """Write the record as NetCDF-4, whole or not at all."""
+        """Write the record as NetCDF-4, atomically."""
         write_netcdf(self.to_dataset(), path)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a record that `save` wrote; a file that is missing, unreadable or of another kind is a `RecordError`."""
+        """Read a record from a file of `save`; a missing, unreadable or different file raises `RecordError`."""
         try:
             return cls.from_dataset(read_netcdf(path, decode_times=False))
         except RecordError as error:
@@ -192,7 +196,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class DatedRecord(Record):
-    """A record with times of a mission, and the date of the mission's start in UTC, NaT where it has none."""
+    """A record with times of a mission and the date (UTC) of the mission's start, NaT if unknown."""
 
     start: np.datetime64 = field(default=np.datetime64("NaT", "us"), kw_only=True)
 
@@ -202,7 +206,7 @@ class DatedRecord(Record):
         object.__setattr__(self, "start", np.array(self.start, dtype="M8[us]")[()])
 
     def to_dataset(self) -> "xr.Dataset":
-        """Give the record as an xarray data set; times are seconds since the start, of which `xarray.decode_cf` makes dates."""
+        """Convert the record to an xarray data set; times are seconds since the start, which `xarray.decode_cf` decodes."""
         dataset = super().to_dataset()
         if not np.isnat(self.start):
             date = np.datetime_as_string(self.start).removesuffix(".000000")
@@ -211,7 +215,18 @@ class DatedRecord(Record):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Build the record from a data set that `to_dataset` made, its times decoded or not."""
+        """
+        Build the record from a data set of `to_dataset`.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Data set with decoded or raw times.
+
+        Returns
+        -------
+        DatedRecord
+        """
         name, start = cls._time(), np.datetime64("NaT", "us")
         if name in dataset.variables:
             time = dataset[name]
@@ -219,7 +234,9 @@ class DatedRecord(Record):
             if units.startswith(_SINCE):
                 start = np.datetime64(units.removeprefix(_SINCE))
             elif units != "s":
-                raise RecordError(f"{cls.kind}: {name} is in {units!r}; needs seconds since the start")
+                raise RecordError(
+                    f"{cls.kind}: {name} is in {units!r}; it must be in seconds since the start"
+                )
             if time.dtype.kind == "M":
                 seconds = (time.values - start) / np.timedelta64(1, "ns") / 1e9
                 dataset = dataset.assign_coords({name: (time.dims, seconds)})
@@ -227,12 +244,12 @@ class DatedRecord(Record):
 
     @classmethod
     def _time(cls) -> str:
-        """Variable of a data set that holds the times."""
+        """Variable with the times in a data set."""
         return next(_variable(f) for f in cls._columns() if f.name == "time")
 
 
 def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
-    """In words: how many there are of each flag, names, or the least and greatest number and how many there are none of."""
+    """Summary of values as text: counts of flags, names, or minimum, maximum and number of NaN."""
     if flags is not None:
         counts = {flag.name: int(np.count_nonzero(values == flag)) for flag in flags}
         return ", ".join(f"{count} {name}" for name, count in counts.items() if count)
@@ -247,7 +264,7 @@ def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
 
 
 def _variable(f: Field[Any]) -> str:
-    """Name of a column in a data set: that of its dimension if it labels it."""
+    """Name of a column in a data set: its dimension if the column labels it."""
     return str(f.metadata["dims"][0] if f.metadata["labels"] else f.name)
 
 
@@ -258,7 +275,7 @@ def _today(dataset: "xr.Dataset") -> "xr.Dataset":
 
 
 def _label(dataset: "xr.Dataset") -> "xr.Dataset":
-    """Add the labels of dimensions; text is written as characters, which CF allows in a coordinate."""
+    """Add the labels of dimensions; text is encoded as characters, as CF requires for coordinates."""
     for name in dataset.dims:
         root = str(name).removesuffix(_COLUMN)
         if root in LABELS:

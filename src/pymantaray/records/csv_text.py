@@ -1,4 +1,4 @@
-"""Tables as CSV that a spreadsheet shows and does not run: an apostrophe stands before text that it would take for a formula."""
+"""CSV tables that a spreadsheet does not execute: text that looks like a formula has an apostrophe before it."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ _FORMULA = tuple("=+-@\t\n")
 
 
 def csv_text(table: "pd.DataFrame", *, float_format: str | None = None) -> str:
-    """Table with its header as CSV; text that begins as a formula has an apostrophe before it, numbers are as they are."""
+    """Convert a table with its header to CSV, with an apostrophe before text that begins like a formula."""
     shown = table.copy(deep=False)
     for k, dtype in enumerate(table.dtypes):
         cells = table.iloc[:, k]
@@ -21,7 +21,7 @@ def csv_text(table: "pd.DataFrame", *, float_format: str | None = None) -> str:
 
 
 def read_csv(path: Path) -> "pd.DataFrame":
-    """Read a table that `csv_text` wrote."""
+    """Read a table from a file of `csv_text`."""
     import pandas as pd
 
     table = pd.read_csv(path)
@@ -32,16 +32,16 @@ def read_csv(path: Path) -> "pd.DataFrame":
 
 
 def guarded(cell: Any) -> Any:
-    """Cell or title with an apostrophe before it if a spreadsheet would take it for a formula; text that is a number is none."""
+    """Add an apostrophe to a cell or title that a spreadsheet would interpret as a formula; numbers as text are unchanged."""
     if not isinstance(cell, str) or len(cell) < 2 or _is_number(cell):
         return cell
-    if "\r" in cell:  # the writer does not quote it, and a reader would begin a row there
+    if "\r" in cell:  # the writer does not quote it, and a reader would start a new row
         cell = cell.replace("\r\n", "\n").replace("\r", "\n")
     return f"'{cell}" if cell.lstrip(" '").startswith(_FORMULA) else cell
 
 
 def unguarded(cell: Any) -> Any:
-    """Cell or title as it was before `guarded`."""
+    """Remove the apostrophe of `guarded`."""
     return cell[1:] if isinstance(cell, str) and cell[:1] == "'" and guarded(cell[1:]) == cell else cell
 
 

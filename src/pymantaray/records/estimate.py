@@ -1,4 +1,4 @@
-"""What the estimator says: trajectories, how sure it is of them, how its ranges fit, and what it found of modes and clocks."""
+"""Results of estimators: trajectories, covariances, fit of ranges, and shared unknowns such as modes and clocks."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -15,10 +15,8 @@ class Estimates(DatedRecord):
     """
     Estimated poses for every realization and condition, with the health of each solve.
 
-    A solve whose ``solve_status`` is not OK, OVER_CHI_SQUARE, UNDER_CHI_SQUARE or SECOND_MINIMUM has NaN
-    poses. Dead reckoning
-    (condition ``odometry``) has status OK, no iterations and NaN costs. Estimators of a study are conditions
-    too.
+    A solve whose ``solve_status`` is not OK, OVER_CHI_SQUARE, UNDER_CHI_SQUARE or SECOND_MINIMUM has NaN poses. Dead reckoning
+    (condition ``odometry``) has status OK, no iterations and NaN costs. Each estimator of a study is also a condition.
     """
 
     kind: ClassVar[str] = "estimates"
@@ -46,12 +44,23 @@ class Estimates(DatedRecord):
     expected_cost: Column = column("condition realization", "1", "half the degrees of freedom")
     gradient_norm: Column = column("condition realization", "1", "largest gradient component at the optimum")
     gated_links: Column = column(
-        "condition realization", "1", "ranges that the believed ocean does not allow", "i4"
+        "condition realization", "1", "ranges that the estimator's ocean does not allow", "i4"
     )
 
     @classmethod
     def of_nothing(cls, measurements: Measurements) -> Self:
-        """Estimates under no condition, of one realization of these measurements."""
+        """
+        Estimates without conditions, for one realization.
+
+        Parameters
+        ----------
+        measurements : Measurements
+            Measurements with vehicles, times and landmarks.
+
+        Returns
+        -------
+        Estimates
+        """
         m = measurements
         named = {"realization": np.zeros(1), "name": m.name, "time": m.time, "landmark_name": m.landmark_name}
         sizes = {
@@ -76,9 +85,9 @@ class PoseCovariances(DatedRecord):
     """
     Marginal covariances at the optimum of every condition and realization, at a few fixed epochs.
 
-    NaN for a solve that is not usable, and for a system that could not be inverted. Positions of all vehicles at one
-    epoch are joint, since ranges tie them together; poses are one by one. Range innovations are NaN, of
-    dimension 0, where the solve has no range at the epoch.
+    Values are NaN for an unusable solve and for a singular system. Positions of all vehicles at one epoch have a joint covariance,
+    because ranges correlate them; poses have separate covariances. Range innovations are NaN with dimension 0 if the solve has no
+    range at the epoch.
     """
 
     kind: ClassVar[str] = "pose_covariances"
@@ -107,9 +116,10 @@ class PoseCovariances(DatedRecord):
 @dataclass(frozen=True, eq=False)
 class SharedUnknowns(Record):
     """
-    Unknowns that all ranges of a solve share, of the conditions that estimate any.
+    Unknowns that all ranges of a solve share, for the conditions that estimate any.
 
-    NaN where a condition does not estimate an unknown or a solve is not usable. Values, standard deviations and covariances are in the units that ``unit`` names.
+    Values are NaN if a condition does not estimate an unknown or a solve is not usable. Values, standard deviations and covariances
+    are in the units of ``unit``.
     """
 
     kind: ClassVar[str] = "shared_unknowns"
@@ -118,7 +128,7 @@ class SharedUnknowns(Record):
     realization: Column = column("realization", "1", "index of the realization", "i4")
     name: Column = column("unknown", "", "name of the unknown", "U", labels=True)
     unit: Column = column("unknown", "", "its unit", "U")
-    prior_sigma: Column = column("condition unknown", "1", "standard deviation beforehand, in the unit")
+    prior_sigma: Column = column("condition unknown", "1", "prior standard deviation, in the unit")
     value: Column = column("condition realization unknown", "1", "estimate, in the unit")
     truth: Column = column("condition realization unknown", "1", "true value, in the unit")
     covariance: Column = column(

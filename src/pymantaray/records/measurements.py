@@ -1,4 +1,4 @@
-"""What the vehicles measure: odometry, depth, surface GNSS and ranges, noise-free or noisy."""
+"""Measurements of vehicles: odometry, depth, surface GNSS and ranges, with or without noise."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,12 +10,12 @@ from pymantaray.records.status import RayStatus
 @dataclass(frozen=True, eq=False)
 class Measurements(DatedRecord):
     """
-    Measurements of a fleet at common sample times, and the noise level that each is believed to have.
+    Measurements of a fleet at common sample times, and their stated standard deviations.
 
-    A sample is an index into ``time``. In the range table a participant is an index into ``name`` if it
-    is below the number of vehicles, else that number plus an index into ``landmark_name``. Every attempted
-    range has a row; ``range_status`` (`RayStatus`) says whether it was heard. The simulator fills in values
-    without noise, `sensing.perturb` adds it. What an estimator may not know is in `RangingTruth`.
+    A sample is an index into ``time``. In the range table, a participant is an index into ``name`` if it is below the number of
+    vehicles, otherwise this number plus an index into ``landmark_name``. Every range attempt has a row; ``range_status``
+    (`RayStatus`) is its outcome. The simulator writes values without noise, and `sensing.perturb` adds noise. `RangingTruth`
+    contains the data to which estimators have no access.
     """
 
     kind: ClassVar[str] = "measurements"
@@ -56,11 +56,11 @@ class Measurements(DatedRecord):
     range_transmitter: Column = column("range", "1", "participant that transmits", "i4")
     range_receiver: Column = column("range", "1", "participant that receives", "i4")
     range_sample: Column = column("range", "1", "index into time", "i4")
-    range_status: Column = column("range", "1", "what became of the attempt", "i1", flags=RayStatus)
+    range_status: Column = column("range", "1", "outcome of the attempt", "i1", flags=RayStatus)
     transmitter_sound_speed: Column = column("range", "m s-1", "sound speed at the transmitter")
-    straight_range: Column = column("range", "m", "straight distance as measured")
+    straight_range: Column = column("range", "m", "measured straight distance")
     refracted_range: Column = column(
-        "range", "m", "sound speed at the transmitter times travel time as measured, NaN for a dropout"
+        "range", "m", "sound speed at the transmitter times measured travel time, NaN for a dropout"
     )
     range_sigma: Column = column("range", "m", "standard deviation of the range")
 
@@ -70,7 +70,7 @@ class Measurements(DatedRecord):
         "attitude quat", "1", "rotation body to world, (w, x, y, z)", may_lack=True
     )
     attitude_sigma: Column = column(
-        "attitude axis", "rad", "sigma of turns about north, east and down", may_lack=True
+        "attitude axis", "rad", "sigma of rotations about north, east and down", may_lack=True
     )
     attitude_bias_sigma: Column = column("attitude", "rad", "sigma of the heading's bias", may_lack=True)
 

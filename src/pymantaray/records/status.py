@@ -1,26 +1,26 @@
-"""Outcomes that are data, not errors: of a link, of a vehicle and of a solve."""
+"""Outcomes of links, vehicles and solves, which are data, not errors."""
 
 from enum import IntEnum
 from typing import NamedTuple
 
 
 class RayStatus(IntEnum):
-    """What became of one acoustic link."""
+    """Outcome of an acoustic link."""
 
     OK = 0  # an admitted arrival exists
     SHADOW = 1  # no ray within the allowed bounces reaches the receiver
-    BLOCKED = 2  # the rays that would reach it meet the sea bed on their way
+    BLOCKED = 2  # the sea bed blocks the rays that would reach the receiver
     OUTSIDE = 3  # an end point is outside the water or the medium's domain
-    WEAK = 4  # rays exist, all of them below the spreading cut-off
+    WEAK = 4  # rays exist, but all are below the spreading cut-off
     STOPPED = 5  # one of the vehicles has stopped and is silent
-    UNHEARD = 6  # an arrival exists, but by chance it was not heard (detection by the sonar equation)
-    UNRESOLVED = 7  # the search was cut short, there being too many rays to look at, before one was found
-    LEAKED = 8  # no ray, but sound that leaks past the nearest one arrives (a model, off by default)
-    SCATTERED = 9  # no ray, but scattered sound arrives, louder than what leaks (a model, off by default)
+    UNHEARD = 6  # an existing arrival was not detected, by chance (detection by the sonar equation)
+    UNRESOLVED = 7  # the search stopped without an arrival because there were too many rays
+    LEAKED = 8  # no ray, but sound that leaks past the nearest ray arrives (a model, off by default)
+    SCATTERED = 9  # no ray, but scattered sound arrives, louder than leaked sound (a model, off by default)
 
 
 ARRIVES = (RayStatus.OK, RayStatus.LEAKED, RayStatus.SCATTERED)
-"""Outcomes of a link on which something arrives."""
+"""Outcomes of a link with an arrival."""
 
 RAY_STATUS_WORDS = {
     RayStatus.SHADOW: "shadow",
@@ -33,46 +33,46 @@ RAY_STATUS_WORDS = {
     RayStatus.LEAKED: "leaked, no ray",
     RayStatus.SCATTERED: "scattered, no ray",
 }
-"""Outcomes but OK, as figures, pages and commands call them."""
+"""Outcomes other than OK as text for figures, pages and commands."""
 
 
 class RayAxis(IntEnum):
-    """Along what an eigenray was followed; its path is traced in the same way."""
+    """Axis of integration of an eigenray and of its path."""
 
     HORIZONTAL = 0
     CHORD = 1  # the straight line of a steep link
-    VERTICAL = 2  # leg by leg, a reflected ray that is steep or turns back
+    VERTICAL = 2  # leg by leg, for a reflected ray that is steep or turns back
 
 
 class VehicleStatus(IntEnum):
-    """What became of a vehicle; anything but ACTIVE means that it stays where it is, silent."""
+    """Status of a vehicle; unless it is ACTIVE, the vehicle does not move and is silent."""
 
     ACTIVE = 0
-    GROUNDED = 1  # met the sea bed
-    LEFT_DOMAIN = 2  # left the ocean that was given
-    ABSENT = 3  # before the first or after the last pose of a trajectory that was given
+    GROUNDED = 1  # reached the sea bed
+    LEFT_DOMAIN = 2  # left the domain of the ocean
+    ABSENT = 3  # before the first or after the last pose of an existing trajectory
 
 
 class SolveStatus(IntEnum):
     """Verdict of the health gate on one solve of a factor graph."""
 
     OK = 0
-    NO_ITERATION = 1  # the optimizer gave up at once and returned its starting point
-    NOT_CONVERGED = 2  # the iteration limit was met or the gradient is not small
+    NO_ITERATION = 1  # the optimizer stopped at its starting point
+    NOT_CONVERGED = 2  # the iteration limit was reached or the gradient is not small
     COST_ROSE = 3  # the final cost is above the initial one
-    OVER_CHI_SQUARE = 4  # converged, but the cost is above its chi-square bounds where the model is right
+    OVER_CHI_SQUARE = 4  # converged, but the cost is above the chi-square bounds of a correct model
     FAILED = 5  # the linear system could not be solved
-    SECOND_MINIMUM = 6  # converged, but another start ends in another minimum; this is the lower of both
-    UNDER_CHI_SQUARE = 7  # converged, but the cost is below its chi-square bounds where the model is right
+    SECOND_MINIMUM = 6  # converged, but another start ends in another minimum; this is the lower one
+    UNDER_CHI_SQUARE = 7  # converged, but the cost is below the chi-square bounds of a correct model
 
     @property
     def usable(self) -> bool:
-        """Whether a solve of this status ended at an optimum."""
+        """True if a solve with this status ended at an optimum."""
         return self is SolveStatus.OK or self in SOLVE_STATUS_WORDS
 
 
 class StatusWords(NamedTuple):
-    """Meaning of a status, and what a user can do about it."""
+    """Meaning of a status, and advice for the user."""
 
     meaning: str
     advice: str
@@ -93,4 +93,4 @@ SOLVE_STATUS_WORDS = {
         "compare both estimates; more ranges or a prior may decide",
     ),
 }
-"""Usable solves that are not OK, as pages and commands describe them."""
+"""Descriptions of usable solves that are not OK, for pages and commands."""

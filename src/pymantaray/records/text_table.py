@@ -1,4 +1,4 @@
-"""Tables that people write, CSV and its kin, as text: rows with the lines of the file that they stand in."""
+"""Reader of text tables, CSV and similar formats, which keeps the line of the file of each row."""
 
 import io
 import re
@@ -15,30 +15,30 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MAX_BYTES = 200_000_000
-"""A CTD of 24 Hz that goes down 12 km and up again at 1 m/s writes 600,000 rows, 300 bytes at most each."""
+"""A 24 Hz CTD writes 600,000 rows of at most 300 bytes on a cast to 12 km and back at 1 m/s."""
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a table as text, "" where empty, by the line of the file, from 1; comments are lines that begin with ``#``."""
+    """Cells of a table as text, "" if empty, by the line of the file from 1; comments are lines that begin with ``#``."""
 
     path: Path
     frame: "pd.DataFrame"
     comments: list[str]
 
     def require(self, columns: list[str]) -> None:
-        """Refuse a table that lacks a column, naming those that it has, or has it twice."""
+        """Raise an error if a column is missing or present twice."""
         header = list(self.frame.columns)
         missing = [name for name in columns if name not in header]
         if missing:
-            raise RecordError(f"{self.path}: lacks {', '.join(missing)}; found {', '.join(header)}")
+            raise RecordError(f"{self.path}: no {', '.join(missing)}; the columns are {', '.join(header)}")
         twice = [name for name in columns if header.count(name) > 1]
         if twice:
-            raise RecordError(f"{self.path}: has two columns {twice[0]}; keep one")
+            raise RecordError(f"{self.path}: two columns {twice[0]}; remove one")
 
     def numbers(self, columns: list[str]) -> "NDArray[np.float64]":
-        """Columns as finite numbers (n_rows, n_columns); a cell that is none is refused, naming its line."""
+        """Columns as finite numbers (n_rows, n_columns); any other cell raises an error with its line."""
         import numpy as np
 
         self.require(columns)
@@ -49,13 +49,17 @@ class TextTable:
         if wrong.size:
             row, k = wrong[0]
             raise RecordError(
-                f"{self.path}, line {self.frame.index[row]}: every one of {', '.join(columns)} needs a number;"
-                f" {columns[k]} is {self.frame[columns[k]].iloc[row]!r}"
+                f"{self.path}, line {self.frame.index[row]}: {columns[k]} is {self.frame[columns[k]].iloc[row]!r}; it must be a"
+                " number"
             )
         return values
 
     def times(self, column: str) -> "NDArray[Any]":
-        """Column of seconds, or of dates, in UTC where they have no zone; a cell that is neither, or not as most are, is refused by its line."""
+        """
+        Column of seconds or of dates (UTC if they have no zone).
+
+        A cell that is neither, or that differs from most cells, raises an error with its line.
+        """
         import numpy as np
         import pandas as pd
 
@@ -72,8 +76,8 @@ class TextTable:
         if wrong.any():
             row = int(np.argmax(wrong))
             raise RecordError(
-                f"{self.path}, line {self.frame.index[row]}: {column} is {str(cells.iloc[row])[:40]!r}; all are seconds, or all"
-                " are dates as 2014-07-15T12:00:00Z (without a zone: UTC)"
+                f"{self.path}, line {self.frame.index[row]}: {column} is {str(cells.iloc[row])[:40]!r}; all cells must be seconds,"
+                " or all must be dates such as 2014-07-15T12:00:00Z (without a zone: UTC)"
             )
         if dates.dt.tz is not None:
             dates = dates.dt.tz_convert("UTC").dt.tz_localize(None)
@@ -81,7 +85,7 @@ class TextTable:
 
 
 def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
-    """Cells as numbers to the last digit, which pandas before 3.1 reads wrongly of text; NaN where one is none."""
+    """Convert cells to numbers with all digits, which pandas before 3.1 does not for text; NaN for other cells."""
     import numpy as np
     import pandas as pd
 
@@ -94,9 +98,9 @@ def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
 
 def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
     """
-    Read a table with a header, its cells separated by commas, semicolons, tabs or blanks, whichever the header has.
+    Read a table with a header and the separator of the header: comma, semicolon, tab or spaces.
 
-    ``text`` is the content of the file where it is read already.
+    ``text`` is the content of the file, if it is read already.
     """
     import pandas as pd
 
@@ -106,8 +110,8 @@ def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
     comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
     rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
     if len(rows) < 2:
-        there = "nothing" if not rows else f"one line, {next(iter(rows.values()))[:40]!r}"
-        raise RecordError(f"{path}: found {there}; needs a header with names of columns, and rows")
+        content = "is empty" if not rows else f"has one line, {next(iter(rows.values()))[:40]!r}"
+        raise RecordError(f"{path}: {content}; a table needs a header with names of columns, and rows")
     separator = next((s for s in ",;\t" if s in next(iter(rows.values()))), r"\s+")
     try:
         cells = pd.read_csv(
@@ -122,33 +126,33 @@ def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
         if ragged := _RAGGED.search(str(error)):
             titles, row, n = map(int, ragged.groups())
             raise RecordError(
-                f"{path}, line {list(rows)[row - 1]}: {n} cells under a header of {titles}; is a separator missing?"
+                f"{path}, line {list(rows)[row - 1]}: {n} cells, but the header has {titles}; check the separators"
             ) from None
         raise RecordError(f"{path}: not a readable table: {' '.join(str(error).split())[:80]}") from None
     if len(cells) != len(rows):
-        raise RecordError(f"{path}: {len(rows)} lines make {len(cells)} rows; a quote is not closed")
+        raise RecordError(f"{path}: {len(rows)} lines give {len(cells)} rows; close all quotes")
     cells = cells.fillna("").map(str.strip).map(unguarded).set_axis(list(rows))
     return TextTable(path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values()))
 
 
 def read_text(path: Path) -> str:
-    """Content of a file of text; what cannot be one is refused."""
+    """Read a text file; other files raise an error."""
     try:
         if path.exists() and not (path.is_file() or path.is_fifo()):
-            what = "a folder" if path.is_dir() else "not an ordinary file"
-            raise RecordError(f"{path}: {what}; name a table of text, as .csv")
+            what = "is a folder" if path.is_dir() else "not a regular file"
+            raise RecordError(f"{path}: {what}; name a text table such as a .csv file")
         with path.open("rb") as file:
             raw = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         cause = getattr(error, "strerror", None) or error
         raise RecordError(f"{path}: cannot be read: {cause}; name an existing file") from None
     if len(raw) > _MAX_BYTES:
-        raise RecordError(f"{path}: more than {_MAX_BYTES:,} bytes; no table of people's has so many")
+        raise RecordError(f"{path}: more than {_MAX_BYTES:,} bytes; use a smaller file")
     if raw.startswith(b"SQLite format 3"):
-        raise RecordError(f"{path}: a database, not text; of an RBR .rsk export the text in Ruskin")
+        raise RecordError(f"{path}: a database, not text; export an RBR .rsk file as text with Ruskin")
     if b"\0" in raw[:4096]:
-        raise RecordError(f"{path}: not a table of text")
+        raise RecordError(f"{path}: a binary file, not a text table; export it as text")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return raw.decode("latin-1")  # degree signs of older programs
+        return raw.decode("latin-1")  # older programs write degree signs like this

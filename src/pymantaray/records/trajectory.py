@@ -1,4 +1,4 @@
-"""Where vehicles are: poses of a fleet at common times."""
+"""Trajectories: poses of a fleet at common times."""
 
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Self
@@ -18,8 +18,8 @@ class Trajectories(DatedRecord):
     """
     Poses ``T_world_body`` of a fleet at common sample times, in the local NED frame.
 
-    ``status`` holds `VehicleStatus` values; a stopped vehicle stays at its last place. ``centre`` is the latitude and longitude of
-    the frame's centre where that is known; data sets have latitudes and longitudes of all poses then. [degrees]
+    ``status`` contains `VehicleStatus` values; a stopped vehicle stays at its last position. ``centre`` is the latitude and longitude
+    of the frame's centre [degrees], or None if unknown. With a centre, data sets have latitudes and longitudes of all poses.
     """
 
     kind: ClassVar[str] = "trajectories"
@@ -31,16 +31,16 @@ class Trajectories(DatedRecord):
     time: Column = column("time", "s", "time since the start of the mission")
     position: Column = column("vehicle time axis", "m", "north, east, down in the local frame")
     quaternion: Column = column("vehicle time quat", "1", "rotation body to world, (w, x, y, z)")
-    status: Column = column("vehicle time", "1", "what became of the vehicle", "i1", flags=VehicleStatus)
+    status: Column = column("vehicle time", "1", "status of the vehicle", "i1", flags=VehicleStatus)
     centre: tuple[float, float] | None = field(default=None, kw_only=True)
 
     @property
     def frame(self) -> LocalFrame | None:
-        """The local frame, None where its centre is not known."""
+        """Local frame; None if its centre is unknown."""
         return None if self.centre is None else LocalFrame(*self.centre)
 
     def to_dataset(self) -> "xr.Dataset":
-        """Give the record as an xarray data set, with latitudes and longitudes if the frame's centre is known."""
+        """Convert the record to an xarray data set, with latitudes and longitudes if the frame's centre is known."""
         dataset = super().to_dataset()
         frame, dims = self.frame, ("vehicle", "time")
         if frame is None:
@@ -58,7 +58,18 @@ class Trajectories(DatedRecord):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Build the record from a data set that `to_dataset` made."""
+        """
+        Build the record from a data set of `to_dataset`.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Data set with decoded or raw times.
+
+        Returns
+        -------
+        Trajectories
+        """
         record = super().from_dataset(dataset)
         if "centre_latitude_deg" not in dataset.attrs:
             return record
@@ -67,7 +78,7 @@ class Trajectories(DatedRecord):
 
     @property
     def stops(self) -> dict[str, tuple[VehicleStatus, float]]:
-        """Of vehicles that are not active at the end, by name: their status then, and since when. [s]"""
+        """Final status, and its first time [s], of vehicles that are not active at the end, by name."""
         out = {}
         for name, row in zip(self.name.tolist(), self.status, strict=True):
             if row[-1] != VehicleStatus.ACTIVE:

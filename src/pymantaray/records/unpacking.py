@@ -1,4 +1,4 @@
-"""How much compressed files may unpack to: a small file can hold more than the machine's memory or disk."""
+"""Limit for unpacking: a small compressed file can contain more data than the machine's memory or disk."""
 
-MOST_UNPACKED_BYTES = 2_000_000_000
-"""Of what is unpacked into memory at a time: a table, a chunk of an array or of a bag."""
+MAX_UNPACKED_BYTES = 2_000_000_000
+"""Maximum size of data unpacked into memory at a time: a table, or a chunk of an array or of a bag."""

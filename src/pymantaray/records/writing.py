@@ -1,4 +1,4 @@
-"""One way to write a file whole or not at all, and one lock for all that is read and written as NetCDF."""
+"""Atomic writing of files, and one lock for all reading and writing of NetCDF."""
 
 import errno
 import hashlib
@@ -18,20 +18,37 @@ if TYPE_CHECKING:
     import xarray as xr
 
 NETCDF_LOCK = threading.RLock()
-"""Held while a NetCDF file is open: the C libraries behind netCDF4 have one state for all threads of a process."""
+"""Lock for open NetCDF files: the C libraries behind netCDF4 are not thread-safe."""
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _PROBE_BYTES = 1 << 20
-_OVERHEAD_BYTES = 4000  # of a NetCDF file and of each of its variables
+_OVERHEAD_BYTES = 4000  # per NetCDF file and per variable
 
 
 @contextmanager
 def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
     """
-    Temporary name for a file that takes its final name only when all of it is written; a `WriteError` says why it was not.
+    Write a file atomically, through a temporary file in the same folder.
 
-    The temporary file is new, empty, in the same folder and of a name that nobody can foresee. It is renamed when
-    the block ends and removed when the block raises. A file of the final name is replaced, or refused.
+    The temporary file is new and empty and has an unpredictable name. It is renamed when the block ends, and removed if the block
+    raises.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+        Final file.
+    replace : bool
+        If False, an existing file raises an error.
+
+    Yields
+    ------
+    pathlib.Path
+        Temporary file.
+
+    Raises
+    ------
+    WriteError
+        If the file cannot be written. The message gives the cause.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.part")
@@ -43,7 +60,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
         try:
             yield temporary
             with temporary.open("rb+") as file:
-                os.fsync(file.fileno())  # a full disk behind a network is told here at the latest
+                os.fsync(file.fileno())  # reports a full network disk at the latest
             _check_place(path, replace=replace)
             temporary.replace(path)
         except OSError as error:
@@ -58,26 +75,37 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
 def _check_place(path: Path, *, replace: bool) -> None:
     if path.is_symlink() or path.exists():
         if not replace:
-            raise WriteError(f"{path}: is already there; give another name")
+            raise WriteError(f"{path}: already exists; give another name")
         if not (path.is_symlink() or path.is_file()):
-            raise WriteError(f"{path}: cannot be written: not an ordinary file")
+            raise WriteError(f"{path}: cannot be written: not a regular file")
 
 
 def _cause(error: OSError, temporary: Path) -> str:
-    """What stops the writing: netCDF4 says "HDF error" whatever it is, so the system is asked once more."""
+    """Cause of a failed write. netCDF4 reports every cause as "HDF error", so this function writes again to get the cause."""
     if error.errno is None or error.errno < 0:
         try:
             with temporary.open("ab") as file:
                 file.write(bytes(_PROBE_BYTES))
-                file.flush()  # all of it, where an unbuffered file writes what still fits and is content
+                file.flush()  # writes all bytes; an unbuffered file would write a part without an error
                 os.fsync(file.fileno())
-        except OSError as found:
-            error = found
+        except OSError as cause:
+            error = cause
     return error.strerror or str(error).partition("\n")[0]
 
 
 def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = True) -> None:
-    """Write a data set as CF has it, NetCDF-4, whole or not at all as `whole_file` does; title and history if it has none."""
+    """
+    Write a data set atomically as NetCDF-4 with CF attributes.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Data set; missing title and history are added.
+    path : pathlib.Path or str
+        File.
+    replace : bool
+        As in `whole_file`.
+    """
     dataset, path = dataset.copy(), Path(path)
     about = {"title": path.stem.replace("_", " "), "history": f"pymantaray {version('pymantaray')}"}
     dataset.attrs = {"Conventions": "CF-1.11", **about, **dataset.attrs}
@@ -87,12 +115,12 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
         check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
-        except RuntimeError as error:  # netCDF4's word for a full disk
+        except RuntimeError as error:  # netCDF4 raises this for a full disk
             raise OSError(str(error)) from None
 
 
 def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
-    """Content of a NetCDF file with these groups, every number as it is, and behind it a checksum of that content."""
+    """Content of a NetCDF file with unencoded groups, followed by a checksum."""
     with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         path = Path(folder, "groups.nc")
         for name, dataset in groups.items():
@@ -102,7 +130,7 @@ def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
 
 
 def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
-    """Groups of what `netcdf_content` made, times not decoded; a `RecordError` where its checksum is another."""
+    """Read the groups from `netcdf_content` without decoding times; a wrong checksum raises `RecordError`."""
     import xarray as xr
 
     size = hashlib.sha256().digest_size
@@ -120,20 +148,38 @@ def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
 
 
 def check_room(temporary: Path, size: int) -> None:
-    """Have the system say that a disk is full before HDF5 does, which keeps a file open that it could not write."""
+    """Raise the system's error for a full disk before HDF5 does, which keeps a file open after a failed write."""
     if not hasattr(os, "posix_fallocate"):
         return
     with temporary.open("rb+") as file:
         try:
             os.posix_fallocate(file.fileno(), 0, size)
         except OSError as error:
-            if error.errno in _NO_ROOM:  # others: not every file system can do this
+            if error.errno in _NO_ROOM:  # other errors: not every file system supports this
                 raise
         file.truncate(0)
 
 
 def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
-    """Read a NetCDF file into memory, by options of `xarray.open_dataset`; one that is missing or unreadable is a `RecordError`."""
+    """
+    Read a NetCDF file into memory.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+        File.
+    **options
+        Options of `xarray.open_dataset`.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    RecordError
+        If the file is missing or unreadable.
+    """
     import xarray as xr
 
     try:

@@ -26,7 +26,7 @@ from pymantaray.config.estimators import (
 from pymantaray.config.fleet import StationVehicle
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
-from pymantaray.geometry.checks import told_apart
+from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean import (
     SoundSpeedCovariance,
     cast_ocean,
@@ -132,7 +132,7 @@ class Beliefs:
     ) -> tuple[Array, Array, Array]:
         """Levels, shapes and standard deviations of the modes of the ocean, or of casts in files."""
         ocean = self._true
-        columns = read_casts(casts, elsewhere=self._centre) if casts else ocean
+        columns = read_casts(casts, default_place=self._centre) if casts else ocean
         modes = vertical_modes(columns, equation=self.config.ocean.equation)
         depth = np.asarray(ocean["depth"].values, dtype=float)
         shapes = modes.at(depth)
@@ -196,7 +196,7 @@ class Beliefs:
             raise OceanError("several files, the first of casts; name one cast, or files of an ocean")
         ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
         frame = self._frame
-        cast = read_cast(section.source[0], name=section.cast, elsewhere=self._centre)
+        cast = read_cast(section.source[0], name=section.cast, default_place=self._centre)
         geographic = cast_ocean(
             replace(cast, lat=frame.latitude_deg, lon=frame.longitude_deg),
             bottom_depth=bottom,
@@ -232,7 +232,7 @@ class Beliefs:
         there, whole = _reach(local), _reach(self._run.ocean)
         fleet = np.minimum(np.abs(self._run.truth.position).max(axis=(0, 1)), whole)  # some may have left it
         if np.any(fleet > there):
-            (north, far_north), (east, far_east), (depth, deep) = map(told_apart, there, fleet)
+            (north, far_north), (east, far_east), (depth, deep) = map(distinct_digits, there, fleet)
             raise OceanError(
                 f"holds +-{north} m north and +-{east} m east of the study's centre, down to {depth} m; the fleet goes to"
                 f" {far_north}, {far_east} and {deep} m: give a larger ocean"
@@ -307,7 +307,7 @@ def _constant_below(geographic: xr.Dataset, depth: float) -> xr.Dataset:
     levels = geographic["depth"].values
     last = int(np.searchsorted(levels, depth, side="right")) - 1
     if last < 0:
-        end, first = told_apart(depth, levels[0])
+        end, first = distinct_digits(depth, levels[0])
         raise OceanError(f"belief: a cast down to {end} m ends above the first level, {first} m")
     upper = geographic.isel(depth=np.minimum(np.arange(levels.size), last))
     return geographic.assign(

@@ -133,12 +133,12 @@ class RealizationQueue(Queue):
         """Return the number of a realization."""
         return int(key)
 
-    def ended(self, key: str, result: Solved) -> None:
+    def record_result(self, key: str, result: Solved) -> None:
         """Record a solved realization."""
         self.left -= 1
         self._ended(int(key), result)
 
-    def lost(self, key: str, line: str) -> None:
+    def record_failure(self, key: str, line: str) -> None:
         """Raise the reason why a realization could not be solved."""
         raise JobError(f"realization {key}: {line}")
 

@@ -104,7 +104,7 @@ def run_study(
                 kept.use(_job_key(config, inputs))
             known = Run(stage) if mission is None else run_in_memory(config, mission)
             solved = kept.results(count, Solved.from_bytes)
-            with kept.keeping(stage, solved, Solved.to_bytes) as keep:
+            with kept.saving(stage, solved, Solved.to_bytes) as keep:
                 drawing = None if mission_ready is None else mission_ready(stage)
                 if config.solves:
                     with watch.stage("realizations"):

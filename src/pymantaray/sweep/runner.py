@@ -135,7 +135,7 @@ class _Points(SweepQueue):
     store: Store
     count_of_points: TaskCount
 
-    def ended(self, key: str, line: str | None) -> None:
+    def record_result(self, key: str, line: str | None) -> None:
         """Count a point; remove stages that nobody needs any more."""
         if self.kind(key) == POINT:
             self.count_of_points.add(failed=line is not None)
@@ -143,8 +143,8 @@ class _Points(SweepQueue):
             if not self.keeps_stages:
                 self.store.remove(stage_name(stage))
 
-    def lost(self, key: str, line: str) -> None:
+    def record_failure(self, key: str, line: str) -> None:
         """Write down why a task failed whose worker could not."""
         name = point_name if self.kind(key) == POINT else stage_name
         self.store.write(name(key, failed=True), failure_content(SweepError(line)))
-        self.ended(key, line)
+        self.record_result(key, line)

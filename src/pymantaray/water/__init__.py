@@ -1,4 +1,4 @@
-"""What sound runs through, from any source: fields, medium, currents, and what receivers listen for."""
+"""Water from any source: fields, medium, currents and reception."""
 
 from pymantaray.water.water import Source, Water, open_water, open_waters, water_of
 

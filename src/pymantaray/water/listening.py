@@ -1,4 +1,4 @@
-"""From configuration to what receivers listen for: sonar, losses, reflections and timing."""
+"""Builders of sonar, losses, reception and timing from a configuration."""
 
 from pymantaray.acoustics import (
     Absorption,
@@ -16,12 +16,12 @@ from pymantaray.water.ocean import OceanFields
 
 
 def build_timing(section: RangingSection) -> Timing:
-    """Timing scheme of a study."""
+    """Build the timing scheme of a study."""
     return OneWay() if section.timing == "one-way" else TwoWay(turn_around=section.turn_around_s)
 
 
 def build_detector(config: SoundConfig, ocean: OceanFields) -> Detector | None:
-    """Sonar and losses of a study, absorption by its first snapshot; None if every arrival is heard."""
+    """Build sonar and losses of a study, with the absorption of its first snapshot; None if every arrival is detected."""
     s = config.detection
     if s is None:
         return None
@@ -29,7 +29,7 @@ def build_detector(config: SoundConfig, ocean: OceanFields) -> Detector | None:
 
 
 def detector_of(s: DetectionSection, losses: AcousticsSection, absorption: Absorption | None) -> Detector:
-    """Sonar and losses of sections in water of some absorption."""
+    """Build sonar and losses from sections and an absorption."""
     return Detector(
         sonar=sonar_of(s),
         absorption=absorption,
@@ -39,7 +39,7 @@ def detector_of(s: DetectionSection, losses: AcousticsSection, absorption: Absor
 
 
 def build_reception(config: SoundConfig, ocean: OceanFields) -> Reception:
-    """What the receivers of a study listen for."""
+    """Build the reception of a study."""
     acoustics = config.acoustics
     return Reception(
         spreading_cutoff_db=acoustics.cutoff_db,
@@ -52,17 +52,17 @@ def build_reception(config: SoundConfig, ocean: OceanFields) -> Reception:
 
 
 def leakage_of(s: DetectionSection | None) -> Leakage | None:
-    """What arrives where no ray does; None if nothing."""
+    """Build the model of sound that arrives without a ray; None if there is none."""
     return Leakage(s.leakage_reach_m, s.scatter_db) if s is not None and s.leakage else None
 
 
 def build_sonar(s: DetectionSection | None) -> Sonar | None:
-    """Modems of a study; None if every arrival is heard."""
+    """Build the modems of a study; None if every arrival is detected."""
     return None if s is None else sonar_of(s)
 
 
 def sonar_of(s: DetectionSection) -> Sonar:
-    """Modems of a section."""
+    """Build the modems of a section."""
     noise: WenzNoise | float
     if s.noise_spectral_level_db is None:
         noise = WenzNoise(wind_speed=s.wind_speed, shipping=0.5 if s.shipping is None else s.shipping)
@@ -92,7 +92,7 @@ def _surface(s: DetectionSection, losses: AcousticsSection) -> SeaSurface | IceC
 def absorption_of(
     s: DetectionSection, ocean: OceanFields, centre: tuple[float, float] | None
 ) -> Absorption | None:
-    """Absorption of a section in an ocean or a cast, which must have temperature and salinity for most formulas."""
+    """Absorption in an ocean or a cast; most formulas need temperature and salinity."""
     if s.absorption == "none":
         return None
     if s.absorption == "thorp":
@@ -101,7 +101,7 @@ def absorption_of(
         return Absorption.from_dataset(ocean.geographic, centre=centre, formula=s.absorption)
     if ocean.cast is None or ocean.cast.water is None:
         raise StudyError(
-            f"detection.absorption is {s.absorption}, but {ocean.local.attrs.get('title', 'the water')} lacks temperature or"
-            " salinity; take thorp or none"
+            f"detection.absorption is {s.absorption}, but {ocean.local.attrs.get('title', 'the water')} has no temperature or"
+            " salinity; set detection.absorption to thorp or none"
         )
     return Absorption.from_profile(ocean.cast.depth, *ocean.cast.water, formula=s.absorption)

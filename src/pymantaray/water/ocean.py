@@ -1,4 +1,4 @@
-"""From the section `[ocean]` of a configuration to fields in the local frame, and to the medium and currents of rays."""
+"""Fields in the local frame from the section `[ocean]` of a configuration, and the medium and currents for rays."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -38,39 +38,39 @@ from pymantaray.water.varying import series_of, snapshot_at
 
 @dataclass(frozen=True, eq=False)
 class OceanFields:
-    """Fields of an ocean over a mission; if its source varies, all except `series` are of the last snapshot at or before the start."""
+    """Fields of an ocean over a mission; for a varying source, all except `series` are from the last snapshot at or before the start."""
 
     geographic: xr.Dataset | None
-    """Temperature, salinity and currents as the source has them: depth, lat, lon; None of a profile."""
+    """Temperature, salinity and currents of the source (depth, lat, lon); None for a profile."""
     local: xr.Dataset
-    """Dimensions north, east, depth."""
+    """Local ocean (north, east, depth)."""
     profile: xr.Dataset
-    """Mean, least and greatest sound speed of each level: of the domain's size that was asked for, else of the whole region."""
+    """Mean, minimum and maximum sound speed of each level, in the requested domain or else the whole region."""
     region: pd.DataFrame
-    """Properties of the region, one row each."""
+    """Properties of the region, one per row."""
     series: xr.Dataset | None = None
-    """The local ocean over the mission: time [s], north, east, depth; None if it stands still."""
+    """Local ocean over the mission (time [s], north, east, depth); None if it does not vary."""
     cast: Profile | None = None
-    """The profile that the water has everywhere, if it has."""
+    """Profile of uniform water, else None."""
     unbounded: bool = False
-    """True if rays meet no side of the domain: that of a profile without a map, whose size nobody gave."""
+    """True if the domain has no sides for rays: uniform water without a map and without a half extent."""
     record: dict[str, Any] = field(default_factory=dict)
-    """How a profile was reduced, for files."""
+    """Reduction of a profile, for files."""
     notes: tuple[str, ...] = ()
-    """What is doubtful about the source."""
+    """Doubts about the source."""
 
     @property
     def drift(self) -> xr.Dataset:
-        """The local ocean that the fleet drifts in, over time where it varies."""
+        """Local ocean for the simulation of the fleet, over time if it varies."""
         return self.local if self.series is None else self.series
 
     @property
     def varies(self) -> bool:
-        """Whether sound runs through other water at another time."""
+        """True if the sound speed varies in time."""
         return self.series is not None or has_internal_tide(self.local)
 
     def local_at(self, time: float) -> xr.Dataset:
-        """Local ocean at a time since the start of the mission. [s]"""
+        """Local ocean at a time after the start of the mission. [s]"""
         if has_internal_tide(self.local):
             return displaced(self.local, time)
         return self.local if self.series is None else snapshot_at(self.series, time)
@@ -84,23 +84,23 @@ def build_ocean(
     data: xr.Dataset | None = None,
 ) -> OceanFields:
     """
-    Ocean of a configuration over the duration of a mission [s], in its local frame.
+    Build the ocean of a configuration over the duration of a mission [s], in its local frame.
 
-    ``data`` is an ocean in memory in place of the section's source. The medium's interpolation matters to profiles that are
-    thinned.
+    ``data`` is an ocean in memory that replaces the section's source. The interpolation of the medium affects thinned
+    profiles.
     """
     if data is None and is_profile(section):
         return profile_fields(section, one_profile(section), interpolation)
     for key in ("thin", "smooth"):
         if getattr(section, key) is not None:
-            raise OceanError(f"ocean.{key} (--{key}): goes with a profile, not with an ocean; leave it out")
+            raise OceanError(f"ocean.{key} (--{key}) applies to a profile, not to an ocean; remove it")
     oceans, time = _open(section, duration, data)
     geographic = oceans[0]
     sea_floor = build_sea_floor(section, geographic)
 
     def local_ones() -> Iterator[xr.Dataset]:
         oceans.reverse()
-        while oceans:  # each is let go once it is brought to the local grid
+        while oceans:  # frees each ocean after its interpolation to the local grid
             yield local_ocean(section, oceans.pop(), sea_floor)
 
     series = series_of(local_ones(), time) if section.time_varying else None
@@ -114,13 +114,13 @@ def build_ocean(
 
 
 def is_profile(section: OceanSection) -> bool:
-    """True if the source is a profile or cast, the same water everywhere."""
+    """True if the source is a profile or cast: horizontally uniform water."""
     first = section.source[0]
     return Path(first).is_file() and holds_casts(first)
 
 
 def profile_fields(section: OceanSection, profile: Profile, interpolation: Interpolation) -> OceanFields:
-    """Ocean of one profile, the same everywhere."""
+    """Build a horizontally uniform ocean from one profile."""
     water = uniform_water(section, profile, interpolation)
     local = _with_tide(section, water.local)
     return OceanFields(
@@ -136,23 +136,23 @@ def profile_fields(section: OceanSection, profile: Profile, interpolation: Inter
 
 
 def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
-    """Ocean of a configuration, or in memory, over the duration of its mission if it varies."""
+    """Build the ocean of a configuration, or in memory, over the duration of its mission if it varies."""
     section = config.ocean
     duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
-    if data is None and is_profile(section):  # of which the interpolation decides what is thinned
+    if data is None and is_profile(section):  # thinning depends on the interpolation
         return build_ocean(section, duration, interpolation=config.acoustics.interpolation)
     return build_ocean(section, duration, data=data)
 
 
 def _at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
-    """Part of an ocean that encloses the domain of a study; all of it where no size was asked for."""
+    """Crop an ocean to the domain of a study; unchanged without a half extent."""
     if section.half_extent is None:
         return geographic
     return crop_around(geographic, section.centre, section.half_extent)
 
 
 def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:
-    """Ocean in the local frame of a study, under its ice."""
+    """Ocean in the local frame of a study, with ice."""
     local = to_local(
         geographic,
         centre=section.centre,
@@ -173,7 +173,7 @@ def _with_tide(section: OceanSection, local: xr.Dataset) -> xr.Dataset:
 
 
 def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArray | None:
-    """Sea floor on latitude and longitude that a section gives, from a file or of one depth; None if it gives none. [m]"""
+    """Sea floor of a section on latitude and longitude, from a file or of constant depth; None without a sea floor. [m]"""
     bed = section.bathymetry
     if bed is None:
         return None
@@ -184,20 +184,20 @@ def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArr
 
 
 def open_start(section: OceanSection) -> xr.Dataset:
-    """Geographic ocean of a study's start; of a cast, the same water everywhere."""
+    """Open the geographic ocean at a study's start; for a cast, horizontally uniform."""
     if is_profile(section):
         return geographic_of(section, one_profile(section))
     return _open(section, 0.0, None)[0][0]
 
 
 def open_geographic(config: SoundConfig) -> tuple[xr.Dataset, xr.DataArray | None]:
-    """Ocean on latitude and longitude of a configuration at its start, and the sea floor that it gives, if it gives one. [m]"""
+    """Open a configuration's geographic ocean at its start, and its sea floor if it has one. [m]"""
     geographic = open_start(config.ocean)
     return geographic, build_sea_floor(config.ocean, geographic)
 
 
 def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.datetime64:
-    """Start of a mission; the first time of its source if it names none."""
+    """Start of a mission; without one, the first time of the source."""
     if section.time is None:
         return np.datetime64(ocean_times(_source(section, data), section.standard_names)[0], "ns")
     return utc_instant(section.time)
@@ -210,7 +210,7 @@ def _source(section: OceanSection, data: xr.Dataset | None) -> Source:
 def _open(
     section: OceanSection, duration: float, data: xr.Dataset | None
 ) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
-    """Snapshots of a mission, the only one where the ocean stands still, and when they are. [s]"""
+    """Snapshots of a mission, one for a constant ocean, and their times. [s]"""
     source = _source(section, data)
     options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}
     if not section.time_varying:
@@ -224,20 +224,20 @@ def _open(
 
 
 def build_medium(config: SoundConfig, ocean: OceanFields) -> Medium | Callable[[float], Medium]:
-    """Medium of a study's rays; a function of the time since the mission's start [s] if the ocean varies."""
-    at = partial(_medium_at, ocean, config.acoustics.interpolation)  # which another process can be given
+    """Build the medium for rays; if the ocean varies, a function of the time after the start of the mission [s]."""
+    at = partial(_medium_at, ocean, config.acoustics.interpolation)  # a partial can be pickled
     return at if ocean.varies else at(0.0)
 
 
 def _medium_at(ocean: OceanFields, interpolation: Interpolation, time: float) -> Medium:
     local = ocean.local_at(time)
     if ocean.unbounded:
-        local = local.isel(north=[0], east=[0])  # one point of an axis: no variation along it, and no end
+        local = local.isel(north=[0], east=[0])  # an axis with one point has no variation and no end
     return Medium.from_dataset(local, interpolation=interpolation)
 
 
 def build_currents(config: SoundConfig, ocean: OceanFields) -> Currents | Callable[[float], Currents] | None:
-    """Currents along the rays of a study, like `build_medium`; None if rays run through water at rest."""
+    """Build the currents along rays, as in `build_medium`; None if rays do not use currents."""
     if not config.acoustics.currents:
         return None
 

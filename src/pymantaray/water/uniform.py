@@ -1,4 +1,4 @@
-"""Water of one profile or cast, the same everywhere: thinned or smoothed, over a sea bed and under ice."""
+"""Horizontally uniform water from one profile or cast: thinning, smoothing, sea bed and ice."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,14 +24,14 @@ from pymantaray.water.instants import utc_instant
 
 Array = NDArray[np.float64]
 UNBOUNDED = 1e6
-"""Half side of the domain of a profile whose size nobody gave. [m]"""
-_GAP = 100.0  # m; a profile that ends higher above the sea bed is worth a note
-_NODES = 65  # of a horizontal axis under a map of ice
+"""Default half side of the domain of a profile. [m]"""
+_MAX_GAP = 100.0  # m; a larger distance between the end of a profile and the sea bed causes a note
+_NODES = 65  # per horizontal axis under a map of ice
 
 
 @dataclass(frozen=True, eq=False)
 class UniformWater:
-    """Local ocean of one profile, how it was made, and what of that to tell the user."""
+    """Local ocean from one profile, a record of its reduction, and notes for the user."""
 
     profile: Profile
     local: xr.Dataset
@@ -48,53 +48,55 @@ class _Levels:
 
 
 def read_section_profiles(section: OceanSection) -> list[Profile]:
-    """Profiles of the files of a section, by its place where a file does not say its own."""
+    """Read the profiles of a section's files; the place of the section applies to files without a place."""
     return [profile for path in section.source for profile in read_profiles(path, section.centre)]
 
 
 def one_profile(section: OceanSection) -> Profile:
-    """Profile of a section; several are refused."""
+    """Read the only profile of a section; several raise an error."""
     profiles = read_section_profiles(section)
     if len(profiles) > 1:
         names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
         raise AcousticsError(
-            f"{Path(section.source[0]).name}: holds {len(profiles)} casts ({names}); one is needed: keep one"
+            f"{Path(section.source[0]).name}: contains {len(profiles)} casts ({names}); only one is allowed; keep one"
         )
     return profiles[0]
 
 
 def uniform_water(section: OceanSection, profile: Profile, interpolation: Interpolation) -> UniformWater:
     """
-    Local ocean at rest with one profile everywhere.
+    Build a local ocean at rest with one profile everywhere.
 
     Parameters
     ----------
     section : OceanSection
-        Its ``bathymetry`` is needed; ``thin`` and ``smooth`` reduce the profile.
+        Options. ``bathymetry`` is required; ``thin`` and ``smooth`` reduce the profile.
     profile : Profile
+        Sound speed.
     interpolation : {"smooth", "linear"}
-        Of the medium to be made, by which a raw cast is refused or thinned.
+        Interpolation of the medium; "smooth" does not allow raw casts.
 
     Raises
     ------
     MantaRayError
-        If the sea bed is not given, a raw cast is neither thinned nor smoothed, or a map has no domain.
+        If there is no sea bed, a raw cast is neither thinned nor smoothed, or a map has no domain.
     """
     where = label(section, profile)
     if section.bathymetry is None:
         raise OceanError(
-            f"{where}: a profile has no sea bed; give its depth in metres, ocean.bathymetry (--sea-floor)"
+            f"{where}: a profile has no sea bed; give its depth in metres with --sea-floor (in Python: bathymetry; in TOML:"
+            " ocean.bathymetry)"
         )
     if section.time_varying:
-        raise OceanError(f"{where}: one profile does not vary; leave out ocean.time_varying")
+        raise OceanError(f"{where}: one profile does not vary in time; remove ocean.time_varying")
     levels = _reduced(section, profile, interpolation)
     place = section.centre or profile.position
     half = section.half_extent or (UNBOUNDED, UNBOUNDED)
     maps = [name for name in ("bathymetry", "ice") if isinstance(getattr(section, name), str)]
     if maps and (place is None or section.half_extent is None):
         raise OceanError(
-            f"{where}: ocean.{maps[0]} is a map; over a profile it needs the frame's centre and the domain's half extent"
-            " (--centre, --half-extent), or give metres"
+            f"{where}: ocean.{maps[0]} is a map, which needs --centre and --half-extent for a profile (in Python: centre and"
+            " half_extent); or give a value in metres"
         )
     n = _NODES if isinstance(section.ice, str) else 2
     north, east = (np.linspace(-h, h, n) for h in half)
@@ -126,13 +128,13 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
 
 
 def label(section: OceanSection, profile: Profile) -> str:
-    """Name of a profile for messages: that of its file, and its own if it is another."""
+    """Name of a profile for messages: its file, and its own name if that differs."""
     name = Path(section.source[0]).name
     return name if profile.name == Path(name).stem else f"{name}: {profile.name}"
 
 
 def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
-    """Ocean on latitude and longitude of a profile with temperature and salinity, for what needs these on a grid."""
+    """Geographic ocean from a profile with temperature and salinity, for functions that need them on a grid."""
     place, bottom = section.centre or profile.position, section.bathymetry
     if profile.water is None or place is None or not isinstance(bottom, float):
         lacks = (
@@ -143,7 +145,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
             else "a flat sea bed"
         )
         raise OceanError(
-            f"{label(section, profile)}: the profile lacks {lacks}, which is needed here; give a cast that has them, or an ocean"
+            f"{label(section, profile)}: the profile has no {lacks}, which this task needs; use a cast with it, or an ocean"
         )
     temperature, salinity = profile.water
     start: np.datetime64 = np.datetime64(EPOCH) if np.isnat(profile.time) else profile.time
@@ -155,7 +157,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
 
 
 def profile_spread(local: xr.Dataset) -> xr.Dataset:
-    """Sound speed of the levels as `sound_speed_profile_spread` has it: mean, least and greatest are the same."""
+    """Sound speed of the levels, as in `sound_speed_profile_spread`, with equal mean, minimum and maximum."""
     speed = local["sound_speed"][0, 0]
     count = xr.ones_like(speed, dtype=int).assign_attrs(
         long_name="wet grid points", units="1", standard_name=""
@@ -167,7 +169,7 @@ def profile_spread(local: xr.Dataset) -> xr.Dataset:
 
 
 def profile_region(local: xr.Dataset) -> pd.DataFrame:
-    """Properties of the water, one row each, as `region_table` has them of a gridded ocean."""
+    """Properties of the water, one per row, as in `region_table` for a gridded ocean."""
     speed, floor = local["sound_speed"].values, local["sea_floor_depth"].values
     rows: dict[str, object] = {
         "levels": int(local.sizes["depth"]),
@@ -185,7 +187,7 @@ def profile_region(local: xr.Dataset) -> pd.DataFrame:
 
 
 def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:
-    """Levels of a profile, thinned or smoothed as a section says; a raw cast must be."""
+    """Levels of a profile, thinned or smoothed by the options of a section, which raw casts require."""
     depth, speed = profile.depth, profile.sound_speed
     record: dict[str, Any] = {"raw_levels": int(depth.size)}
     if profile.position is not None:
@@ -199,9 +201,9 @@ def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolati
     else:
         if interpolation == "smooth" and is_raw_cast(depth):
             raise AcousticsError(
-                f"{label(section, profile)}: {depth.size} levels less than 2 m apart are a raw cast; thin it, as by --thin 0.1"
-                " (ocean.thin, m/s), smooth it, as by --smooth 10 (ocean.smooth, m), or take --interpolation linear"
-                " (acoustics.interpolation)"
+                f"{label(section, profile)}: {depth.size} levels with a spacing below 2 m are a raw cast; thin it with --thin 0.1"
+                " (in Python: thin, m/s), smooth it with --smooth 10 (smooth, m), or use --interpolation linear"
+                " (interpolation)"
             )
         return _Levels(depth, speed, record)
     record[reduced.method] = size | {
@@ -217,11 +219,11 @@ def _sea_floor(
     half: tuple[float, float],
     shape: tuple[int, int],
 ) -> Array | xr.DataArray:
-    """Flat sea bed on the water's grid, or that of a file on axes of its own. [m]"""
+    """Flat sea bed on the grid of the water, or a sea bed from a file on its own axes. [m]"""
     bed = section.bathymetry
     if not isinstance(bed, str):
         return np.full(shape, bed, dtype=float)
-    assert place is not None  # checked with the maps
+    assert place is not None  # checked for maps
     frame = LocalFrame(*place)
     lat, lon = frame.to_geodetic(*np.meshgrid(*([-1.1 * h, 1.1 * h] for h in half), indexing="ij"))
     box = float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max())
@@ -229,20 +231,20 @@ def _sea_floor(
     floor = local_floor(open_sea_floor(bed, window=box, crs=section.bathymetry_crs), coarse, half)
     if floor is None:
         raise OceanError(
-            f"{bed}: its grid is coarser than the domain of +-{half[0]:g} by +-{half[1]:g} m; give a flat depth"
+            f"{bed}: its grid is coarser than the domain of +-{half[0]:g} by +-{half[1]:g} m; give one depth in metres"
         )
     return floor
 
 
 def _reach_notes(profile: Profile, bottom: float) -> list[str]:
-    """What is doubtful about the first and the last level of a profile."""
+    """Doubts about the first and the last level of a profile."""
     first, last = float(profile.depth[0]), float(profile.depth[-1])
     notes = []
     if first > 0.0:
-        notes.append(f"starts at {first:g} m; the sound speed there is taken up to the surface")
-    if bottom > last + _GAP:
+        notes.append(f"starts at {first:g} m; sound speed above is constant")
+    if bottom > last + _MAX_GAP:
         notes.append(
-            f"ends at {last:g} m, above the sea bed at {bottom:g} m; sound speed is continued from there to a constant"
-            " within some 400 m, so add levels if rays go that deep"
+            f"ends at {last:g} m, above the sea bed at {bottom:g} m; sound speed below is extrapolated to a constant within"
+            " about 400 m; add levels if rays go that deep"
         )
     return notes

@@ -1,4 +1,4 @@
-"""A local ocean that varies in time: snapshots on one grid, linear between their instants."""
+"""Time-varying local ocean: snapshots on one grid with linear interpolation between instants."""
 
 from collections.abc import Iterable
 from itertools import chain
@@ -11,19 +11,19 @@ from pymantaray.errors import StudyError
 
 Array = NDArray[np.float64]
 VARYING = ("sound_speed", "current_north", "current_east")
-"""What varies; the sea floor and everything else is that of the first snapshot."""
+"""Variables that vary; the sea floor and all others are from the first snapshot."""
 
 
 def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
-    """Put local snapshots at these instants [s] after each other; only one of them is held at a time."""
+    """Join local snapshots at instants [s]; only one snapshot is in memory at a time."""
     remaining = iter(snapshots)
     first = next(remaining)
     fields = {name: np.empty((time.size, *first[name].shape)) for name in VARYING}
     for k, snapshot in enumerate(chain([first], remaining)):
         if not all(np.array_equal(snapshot[name], first[name]) for name in ("north", "east", "depth")):
             raise StudyError(
-                f"ocean: the local grid at {snapshot.attrs['time']} differs from that at {first.attrs['time']};"
-                " an ocean that varies in time needs one grid"
+                f"ocean: the local grids at {first.attrs['time']} and {snapshot.attrs['time']} differ;"
+                " a time-varying ocean needs one grid"
             )
         for name, values in fields.items():
             values[k] = snapshot[name].values
@@ -33,11 +33,11 @@ def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
 
 
 def snapshot_at(series: xr.Dataset, time: float) -> xr.Dataset:
-    """Snapshot at a time [s], linear between the instants of a series and on them to the last digit."""
+    """Snapshot at a time [s], linear between the instants of a series and exact at them."""
     instants = series["time"].values
     if not instants[0] <= time <= instants[-1]:
         raise StudyError(
-            f"ocean: {time:g} s is not within its {instants[0]:g} to {instants[-1]:g} s after the mission's start"
+            f"ocean: no water at {time:g} s; it covers {instants[0]:g} to {instants[-1]:g} s after the mission's start"
         )
     after = int(np.searchsorted(instants, time))
     if instants[after] == time:

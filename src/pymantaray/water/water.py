@@ -1,4 +1,4 @@
-"""Water from any source: what sound runs through, how it is heard, and where on the globe that is."""
+"""Water from any source: medium, currents, reception and geographic position."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -35,38 +35,38 @@ from pymantaray.water.uniform import label, read_section_profiles
 
 Array = NDArray[np.float64]
 Source = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
-"""What `open_water` takes: files, a profile or cast, a synthetic ocean's name, a preset, a TOML file, a data set or a medium."""
+"""Source of `open_water`: files, a profile or cast, name of a synthetic ocean, a preset, a TOML file, a data set or a medium."""
 
-_PROJECTING = Lock()  # an object of PROJ serves one thread at a time
+_PROJ_LOCK = Lock()  # PROJ objects are not thread-safe
 
 
 @dataclass(frozen=True, eq=False)
 class Water:
     """
-    What sound runs through, how it is heard, and where that is on the globe; made by `open_water`.
+    Medium, currents, reception and geographic position of water; `open_water` makes it.
 
     Attributes
     ----------
     medium, currents, reception, timing
-        As `pymantaray.sensing.measure_ranges` takes them; functions of time [s] if the ocean varies.
+        Arguments for `pymantaray.sensing.measure_ranges`; functions of time [s] if the ocean varies.
     local : xarray.Dataset or None
-        The local ocean, at the start if it varies; None of a bare medium.
+        Local ocean, at the start if it varies; None for a medium.
     span : tuple of float
-        Times for which there is water; infinite if it does not vary. [s]
+        Time span of the water; infinite if it does not vary. [s]
     start : str or None
-        When time 0 is, in UTC.
+        Time 0 in UTC.
     name : str
-        Of a cast, by which events choose it.
+        Name of a cast, by which events select it.
     time : numpy.datetime64
-        Of a cast, by which events choose it; NaT if it is unknown.
+        Time of a cast, by which events select it; NaT if it is unknown.
     uniform : bool
-        True if the water is the same everywhere, so that only depths and distances matter.
+        True if the water is horizontally uniform, so only depths and distances matter.
     record : dict
-        How the water was made, for files.
+        Description of the water for files.
     notes : tuple of str
-        What is doubtful about it.
+        Doubts about the water.
     frame : LocalFrame or None
-        North and east are 0 at its centre; None if the water has no place on the globe.
+        Local frame; None if the water has no geographic position.
     """
 
     medium: Medium | Callable[[float], Medium]
@@ -85,22 +85,32 @@ class Water:
 
     def to_local(self, places: Array, velocities: Array) -> tuple[Array, Array]:
         """
-        Positions and velocities (n, 3) in the local frame.
+        Convert geographic positions and velocities to the local frame.
 
-        Of latitude, longitude [degrees] and depth, and of components along true north and east.
+        Parameters
+        ----------
+        places : ndarray, shape (n, 3)
+            Latitude, longitude [degrees] and depth [m].
+        velocities : ndarray, shape (n, 3)
+            Components along true north, true east and down. [m/s]
+
+        Returns
+        -------
+        position, velocity : ndarray, shape (n, 3)
+            North, east, down. [m, m/s]
         """
         if self.frame is None:
             raise WaterError(
-                "geographic positions: this water has no place on the globe; give positions north, east, down, or the"
-                " centre of its frame"
+                "geographic positions: this water has no geographic position; give positions north, east, down, or give"
+                " --centre (in Python: centre)"
             )
-        with _PROJECTING:
+        with _PROJ_LOCK:
             north, east = self.frame.to_local(places[:, 0], places[:, 1])
             bearing = self.frame.convergence(places[:, 0], places[:, 1])
         if not np.isfinite([north, east]).all():
             raise WaterError(
-                f"geographic positions: latitudes {places[:, 0].min():g} to {places[:, 0].max():g}; they must lie in -90 to 90,"
-                " and nobody at the other end of the earth"
+                f"geographic positions: latitudes are {places[:, 0].min():g} to {places[:, 0].max():g}; they must be -90 to 90, and"
+                " no position may be antipodal to the frame's centre"
             )
         cos, sin = np.cos(bearing), np.sin(bearing)
         v_north, v_east, v_down = velocities.T
@@ -108,29 +118,48 @@ class Water:
         return np.stack([north, east, places[:, 2]], axis=-1), np.stack(along, axis=-1)
 
     def require(self, time: float) -> None:
-        """Refuse a time for which there is no water. [s]"""
+        """
+        Raise an error if there is no water at a time.
+
+        Parameters
+        ----------
+        time : float
+            [s]
+        """
         if not self.span[0] <= time <= self.span[1]:
             raise WaterError(
-                f"time: {time:g} s; there is water from {self.span[0]:g} to {self.span[1]:g} s after {self.start} UTC"
+                f"time is {time:g} s; it must be {self.span[0]:g} to {self.span[1]:g} s after {self.start} UTC"
             )
 
     def at(self, time: float) -> tuple[Medium, Currents | None]:
-        """Medium and currents at a time. [s]"""
+        """
+        Medium and currents at a time.
+
+        Parameters
+        ----------
+        time : float
+            [s]
+
+        Returns
+        -------
+        medium : Medium
+        currents : Currents or None
+        """
         medium = self.medium(time) if callable(self.medium) else self.medium
         return medium, self.currents(time) if callable(self.currents) else self.currents
 
     @property
     def at_start(self) -> tuple[Medium, Currents | None]:
-        """Medium and currents at time 0, or at the first time for which there is water."""
+        """Medium and currents at time 0, or at the first time of the span."""
         return self.at(max(self.span[0], 0.0))
 
     @property
     def varies(self) -> bool:
-        """True if it differs from time to time."""
+        """True if the water varies in time."""
         return callable(self.medium)
 
     def __repr__(self) -> str:
-        """Name the source, the medium and the reception in a line."""
+        """Source and medium in one line."""
         title = "medium" if self.local is None else self.local.attrs.get("title", "local ocean")
         medium, _ = self.at_start
         return f"<Water {title}{', varying' if self.varies else ''}: {medium!r}>"
@@ -138,19 +167,19 @@ class Water:
 
 def open_water(source: Source, **options: Any) -> Water:
     """
-    Water from any source.
+    Open water from any source.
 
     Parameters
     ----------
     source : str, Path, sequence of them, xarray.Dataset, SoundConfig or Medium
-        Ocean files that belong together, a profile or cast, ``"synthetic:beaufort"`` or ``"synthetic:fram"``, the name of
-        a preset or a study's TOML file; an ocean in memory, geographic as its file would be or local as `to_local` returns it;
-        a configuration (`load_sound`); or a medium, which takes no options.
+        Ocean files that belong together; a profile or cast; ``"synthetic:beaufort"`` or ``"synthetic:fram"``; the name of a
+        preset or a study's TOML file; an ocean in memory, either geographic or local as from `to_local`; a configuration
+        (`load_sound`); or a medium, which allows no options.
     **options
         Keys of the sections ``[ocean]`` and ``[acoustics]`` of a study, such as ``bathymetry=2680.0``, ``ice=1.5``,
         ``interpolation="linear"`` and ``max_surface_bounces=2``, and the sections ``mission``, ``ranging`` and ``detection`` as
-        mappings. Besides them ``centre=(lat, lon)`` [degrees]; ``half_extent``, one number or (north, east) [m]; and
-        ``currents``: "rest", the default except of configurations, "required", or "carry" if they carry sound along the rays.
+        mappings. Also ``centre=(lat, lon)`` [degrees]; ``half_extent``, one number or (north, east) [m]; and ``currents``:
+        "rest" (default except for configurations), "required", or "carry" to include them in travel times along rays.
 
     Returns
     -------
@@ -159,7 +188,7 @@ def open_water(source: Source, **options: Any) -> Water:
     Raises
     ------
     MantaRayError
-        If the source cannot be opened or an option is unknown or not allowed.
+        If the source cannot be opened, or an option is unknown or not allowed.
 
     Examples
     --------
@@ -170,15 +199,27 @@ def open_water(source: Source, **options: Any) -> Water:
     waters = open_waters(source, **options)
     if len(waters) > 1:
         names = ", ".join(water.name for water in waters[:4]) + (", ..." if len(waters) > 4 else "")
-        raise WaterError(f"{source}: holds {len(waters)} casts ({names}); one is needed: keep one")
+        raise WaterError(f"{source}: contains {len(waters)} casts ({names}); only one is allowed; keep one")
     return waters[0]
 
 
 def open_waters(source: Source, **options: Any) -> list[Water]:
-    """Waters of a source that may hold several profiles or casts, one each; otherwise as `open_water`."""
+    """
+    Open one water per profile or cast of a source.
+
+    Parameters
+    ----------
+    source, **options
+        As in `open_water`.
+
+    Returns
+    -------
+    list of Water
+        One element for sources other than profiles and casts.
+    """
     if isinstance(source, Medium):
         if options:
-            raise WaterError(f"a medium takes no options; found {', '.join(options)}")
+            raise WaterError(f"a medium allows no options; remove {', '.join(options)}")
         return [Water(source)]
     if isinstance(source, xr.Dataset):
         return [_in_memory(source, options)]
@@ -197,20 +238,44 @@ def _of_profile(config: SoundConfig, profile: Profile) -> Water:
 
 
 def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
-    """Water of a configuration, by its ocean if that is built already."""
+    """
+    Build the water of a configuration.
+
+    Parameters
+    ----------
+    config : SoundConfig
+        Configuration.
+    ocean : OceanFields, optional
+        Its ocean, if it exists already.
+
+    Returns
+    -------
+    Water
+    """
     return _assembled(config, mission_ocean(config) if ocean is None else ocean)
 
 
 def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **options: Any) -> Water:
     """
-    Water of a local ocean, whose grid, sea floor and ice are as they are; options otherwise as of `open_water`.
+    Build water from a local ocean without changing its grid, sea floor and ice.
 
-    A sonar needs the ``geographic`` ocean, with temperature and salinity, for most formulas of absorption.
+    Parameters
+    ----------
+    local : xarray.Dataset
+        Local ocean, as from `pymantaray.ocean.to_local`.
+    geographic : xarray.Dataset, optional
+        Ocean with temperature and salinity, which most formulas of absorption need.
+    **options
+        As in `open_water`, except options of the grid, sea floor and ice.
+
+    Returns
+    -------
+    Water
     """
     fixed = [key for key in dotted_keys(options) if key.startswith("ocean.") and key != "ocean.currents"]
     if fixed:
         raise WaterError(
-            f"{fixed[0]}: a local ocean is what it is; leave it out, or give the ocean before to_local"
+            f"{fixed[0]}: this option does not apply to a local ocean; remove it, or give the ocean before to_local"
         )
     config = configuration_of(IN_MEMORY, options)
     medium = Medium.from_dataset(local, interpolation=config.acoustics.interpolation)
@@ -234,7 +299,7 @@ def _in_memory(data: xr.Dataset, options: dict[str, Any]) -> Water:
 
 
 def configuration_of(source: Any, options: dict[str, Any]) -> SoundConfig:
-    """Configuration of a source with some of its keys changed."""
+    """Configuration of a source with changed keys."""
     changes = dotted_keys(options)
     if isinstance(source, SoundConfig):
         return source.with_(**changes) if changes else source
@@ -252,7 +317,7 @@ def _frame(local: xr.Dataset) -> LocalFrame | None:
 
 
 def _record(config: SoundConfig, medium: Medium, local: xr.Dataset) -> dict[str, Any]:
-    """How water was made, for files; a reduced profile's record comes on top."""
+    """Description of water for files; a reduced profile adds its own record."""
     out: dict[str, Any] = {"interpolation": medium.interpolation}
     frame = _frame(local)
     if frame is not None:

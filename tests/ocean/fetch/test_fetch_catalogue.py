@@ -59,9 +59,9 @@ datasets = [{ path = "mine", variables = ["water_temp", "salinity", "water_u", "
     ("not = [toml", "mine.toml: not TOML"),
     ("[servers]\nopendap = 'http://a'", "mine.toml: servers: Extra inputs are not permitted"),
     ("[addresses]", "mine.toml: addresses.opendap: Field required"),
-    ("[addresses]\nopendap = 'file:///etc/passwd'", "is not an address"),
+    ("[addresses]\nopendap = 'file:///etc/passwd'", "is not a valid URL"),
     (EXPERIMENT.replace("2020-01-01T00:00:00", "'soon'"), "mine.toml: experiments.0.first"),
-    (EXPERIMENT.replace('"water_v"', '"water_u"'), "water_u, water_u; needs each of"),
+    (EXPERIMENT.replace('"water_v"', '"water_u"'), "water_u, water_u; it must have each of"),
     (None, "mine.toml: cannot be read"),
 ])  # fmt: skip
 def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, line):

@@ -28,10 +28,10 @@ def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monk
     with xr.open_dataset("ocean.nc") as ocean:
         validate_ocean(ocean)
         assert dict(ocean.sizes) == {"depth": 40, "lat": 11, "lon": 8}
-    assert "exists already" in str(run(*words).exception)
+    assert "already exists" in str(run(*words).exception)
     words[words.index("2014-07-15T12")] = "2014-06-28T18"
     noted = run(*words, "--force", "--nearest", "--servers", thredds.root)
-    assert "warning: 2014-06-28T18:00 does not exist: 2014-06-28T09:00 was taken" in noted.stderr
+    assert "warning: 2014-06-28T18:00 does not exist: nearest step 2014-06-28T09:00 used" in noted.stderr
     quiet = run(*words, "--force", "--nearest", "--quiet")
     assert (quiet.stdout, quiet.stderr) == ("ocean.nc\n", "")
 

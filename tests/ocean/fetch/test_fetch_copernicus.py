@@ -157,10 +157,10 @@ def refusal(tmp_path):
 
 
 def test_what_cannot_be_is_refused_before_the_service_is_asked(service, refusal):
-    line = "no product covers 1980-01-01T00:00; there is glorys12 1993-01-01 to today"
+    line = "no product covers 1980-01-01T00:00; available: glorys12 1993-01-01 to today"
     assert line in refusal(time="1980-01-01")
-    assert "no product is called 'mine'; there are glorys12, analysis" in refusal(product="mine")
-    assert "make it smaller" in refusal(lat=(0.0, 80.0), lon=(-170.0, 0.0))
+    assert "unknown product 'mine'; available: glorys12, analysis" in refusal(product="mine")
+    assert "use a smaller window" in refusal(lat=(0.0, 80.0), lon=(-170.0, 0.0))
     assert service == []
 
 
@@ -179,7 +179,7 @@ FAILURES = {
     "no file": (lambda **_: None, f"the service returned no file; {LOGIN}"),
     "no ocean": (
         lambda **a: (a["output_directory"] / a["output_filename"]).write_text("<html>"),
-        "what the service returned is no ocean",
+        "the service did not return a valid ocean",
     ),
 }
 

@@ -90,23 +90,23 @@ def test_a_year_file_that_does_not_reach_the_time_gives_way_to_its_neighbour(
 
 
 def test_between_two_year_files_the_nearest_steps_come_from_both(refusal, fetch, is_true):
-    assert "nearest: 2015-01-01T06:00 and 2015-01-01T12:00" in refusal(time="2015-01-01T09")
+    assert "the nearest are 2015-01-01T06:00 and 2015-01-01T12:00" in refusal(time="2015-01-01T09")
     _, ocean = fetch(time="2015-01-01T10", nearest=True)
     is_true(ocean, "2015-01-01T12:00")
 
 
 def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(refusal, fetch, is_true):
     message = refusal(time="2014-06-28T18")
-    assert "has no step 2014-06-28T18:00; nearest: 2014-06-28T09:00 and 2014-06-29T12:00" in message
+    assert "has no step 2014-06-28T18:00; the nearest are 2014-06-28T09:00 and 2014-06-29T12:00" in message
     assert "2014-07-15T12:00 and 2014-07-15T15:00" in refusal(time="2014-07-15T13:30")
     fetched, ocean = fetch(time="2014-06-28T18", nearest=True)
     is_true(ocean, "2014-06-28T09:00")
-    assert fetched.remarks == ("2014-06-28T18:00 does not exist: 2014-06-28T09:00 was taken",)
+    assert fetched.remarks == ("2014-06-28T18:00 does not exist: nearest step 2014-06-28T09:00 used",)
     assert fetched.remarks[0] in ocean.attrs["history"].splitlines()
 
 
 def test_a_step_that_only_one_of_two_data_sets_has_is_missing(refusal, fetch, is_true):
-    assert "nearest: 2019-03-07T15:00 and 2019-03-07T21:00" in refusal(time="2019-03-07T18")
+    assert "the nearest are 2019-03-07T15:00 and 2019-03-07T21:00" in refusal(time="2019-03-07T18")
     # the axis of ts3z repeats a step
     _, ocean = fetch(time="2019-03-14T09")
     is_true(ocean, "2019-03-14T09:00")
@@ -120,7 +120,7 @@ def test_an_experiment_that_does_not_reach_the_time_gives_way_to_the_next(
     fetched, ocean = fetch(time="2016-06-01T00")
     is_true(ocean, "2016-06-01T00:00")
     assert "expt_56.3" in fetched.title
-    assert "expt_57.2 does not reach 2016-06-01T00:00" in fetched.remarks[0]
+    assert "expt_57.2 on the server does not cover 2016-06-01T00:00" in fetched.remarks[0]
 
 
 def test_a_time_axis_that_moves_during_the_fetch_is_noticed(refusal, thredds, monkeypatch):
@@ -132,7 +132,7 @@ def test_a_time_axis_that_moves_during_the_fetch_is_noticed(refusal, thredds, mo
             monkeypatch.setattr(model, "instants", model.instants[1:])
 
     message = refusal(time="2016-06-01T00", progress=lose_one_step)
-    assert "time axis has moved during the fetch" in message
+    assert "time axis changed during the download" in message
 
 
 def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
@@ -150,18 +150,18 @@ def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
 
 @pytest.mark.parametrize(("options", "line"), [
     ({"lat": (73.0, 73.0)}, "lat is 73,73; the window is empty"),
-    ({"lat": (73.0, 95.0)}, "lat is 73,95; needs two numbers from -90 to 90"),
-    ({"lat": (float("nan"), 1.0)}, "lat is nan,1; needs"),
-    ({"lon": (-130.0, -150.0)}, "lon is -130,-150; it goes 340 degrees eastwards; allowed are 180; write west,east"),
-    ({"lat": (-85.0, -82.0)}, "the data reach from -80 to 90 N"),
-    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; allowed are 20,000,000, make it smaller"),
+    ({"lat": (73.0, 95.0)}, "lat is 73,95; it must be two numbers from -90 to 90"),
+    ({"lat": (float("nan"), 1.0)}, "lat is nan,1; it must be"),
+    ({"lon": (-130.0, -150.0)}, "lon is -130,-150; it spans 340 degrees eastwards; the limit is 180; write west,east"),
+    ({"lat": (-85.0, -82.0)}, "the data, which cover -80 to 90 N"),
+    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; the limit is 20,000,000; use a smaller window"),
     ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
-    ({"out": "nowhere/ocean.nc"}, "no such folder; make it first"),
+    ({"out": "nowhere/ocean.nc"}, "no such folder; create it first"),
     ({"servers": "ftp://example.org"}, "cannot be read"),
-    ({"servers": "http://"}, "is not an address"),
+    ({"servers": "http://"}, "is not a valid URL"),
     ({"time": "last summer"}, "is not an instant"),
-    ({"time": "1980-01-01"}, "no experiment covers 1980-01-01T00:00; there is expt_53.X 1994-01-01"),
-    ({"experiment": "mine"}, "no experiment is called 'mine'"),
+    ({"time": "1980-01-01"}, "no experiment covers 1980-01-01T00:00; available: expt_53.X 1994-01-01"),
+    ({"experiment": "mine"}, "unknown experiment 'mine'"),
     ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)}, "lat 0 to 0.4, lon -49.3 to -48.9: ocean: no valid value (water_temp)"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(refusal, options, line):
@@ -170,7 +170,7 @@ def test_what_cannot_be_is_refused_in_one_line(refusal, options, line):
 
 def test_an_existing_file_is_left_alone_unless_it_may_be_overwritten(fetch, tmp_path, thredds):
     (tmp_path / "mine.nc").write_text("mine")
-    with pytest.raises(OceanError, match=r"mine.nc: exists already"):
+    with pytest.raises(OceanError, match=r"mine.nc: already exists"):
         fetch(out="mine.nc")
     assert (tmp_path / "mine.nc").read_text() == "mine"
     assert thredds.app.asked == []

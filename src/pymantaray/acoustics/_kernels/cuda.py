@@ -24,7 +24,7 @@ from pymantaray.acoustics._kernels.layout import (
     least_shapes,
 )
 from pymantaray.acoustics._kernels.link import solve_links
-from pymantaray.compile import kept_on_disk
+from pymantaray.compile import cached_on_disk
 
 Array = NDArray[np.float64]
 _BLOCK = 64  # threads
@@ -65,7 +65,7 @@ def _solve_wave(domain, bounces, settings, source, receiver, work, results):
     solve_links(domain, bounces, settings, source, receiver, (t, work.path.shape[0]), own, results)
 
 
-solve_wave = kept_on_disk(cuda.jit, _solve_wave)
+solve_wave = cached_on_disk(cuda.jit, _solve_wave)
 
 
 class CudaSolver:

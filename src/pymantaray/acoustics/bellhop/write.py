@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface
-from pymantaray.geometry.checks import told_apart
+from pymantaray.geometry.checks import distinct_digits
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.records.writing import whole_file
 
@@ -220,7 +220,7 @@ def _check_ends(medium: Medium, a: Array, b: Array) -> None:
         outside = np.flatnonzero(~np.all((points >= low) & (points <= high), axis=1))
         if outside.size:
             p = points[outside[0]]
-            deep, last = told_apart(p[2], medium.depth[-1])
+            deep, last = distinct_digits(p[2], medium.depth[-1])
             raise AcousticsError(
                 f"{end} of link {outside[0]}: {p[0]:g} north, {p[1]:g} east, {deep} m deep is outside the grid or"
                 f" its levels (0 to {last} m); Bellhop would move or lose it"

@@ -1,1 +1,1 @@
-"""Kernels of the solver of surveys."""
+"""Kernels of the survey solver."""

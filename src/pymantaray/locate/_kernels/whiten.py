@@ -1,9 +1,9 @@
 """
-Whitening of rows whose noise is white plus processes that forget exponentially: a Kalman filter over many columns at once.
+Whitening of rows with white noise plus exponentially correlated processes: a Kalman filter over many columns at once.
 
-States are one process of all rows, one of each node, and three of the platform's position (north, east, down). A row
-observes ``parts`` of them. Process k keeps ``exp(-step / memory[k])`` of itself and has variance ``variance[k]``, in units
-of the white noise.
+The states are one process common to all rows, one per node, and three of the platform's position (north, east, down). A row
+observes ``parts`` of them. Process k decays by ``exp(-step / memory[k])`` and has variance ``variance[k]``, in units of the white
+noise.
 """
 
 import math
@@ -14,10 +14,10 @@ from pymantaray.compile import entry
 @entry
 def whiten(rows, step, parts, memory, variance, mean, covariance, gain):  # type: ignore[no-untyped-def]
     """
-    Turn rows (n, q) into innovations of unit variance in place; give the sum of the logarithms of their variances.
+    Convert rows (n, q) in place to innovations of unit variance; return the sum of the logarithms of their variances.
 
-    ``step`` (n,) is the time since the row before, ``parts`` (n, S) what each row observes. ``mean`` (S, q) and
-    ``covariance`` (S, S) are of the states after the row before, and are left as those after the last row.
+    ``step`` (n,) is the time since the previous row, ``parts`` (n, S) the observation of each row. ``mean`` (S, q) and
+    ``covariance`` (S, S) are those of the states after the previous row; the function updates them to the last row.
     """
     n_states = memory.size
     total = 0.0

@@ -1,4 +1,4 @@
-"""Which experiment covers a time, and under which address: configuration in TOML."""
+"""Catalogue of experiments and products, their time spans and addresses, from TOML."""
 
 import datetime as dt
 import os
@@ -24,27 +24,27 @@ class Addresses(_Table):
     """Root of a THREDDS server's OPeNDAP service."""
 
     opendap: str
-    """Where paths of data sets begin; another server's, or a mirror's."""
+    """Root of the paths of data sets, of any server or mirror."""
 
 
 class _Span(_Table):
     name: str
-    """As ``--experiment`` takes it."""
+    """Name for ``--experiment``."""
     title: str
-    """For messages and what is written."""
+    """Title in messages and output."""
     first: dt.datetime
-    """Its first instant, UTC."""
+    """First instant, UTC."""
     last: dt.datetime | None = None
-    """Its last instant, UTC; goes on unless given."""
+    """Last instant, UTC; without it, the run continues."""
 
     def covers(self, instant: np.datetime64) -> bool:
-        """Whether the span holds an instant."""
+        """Return True if the span contains an instant."""
         ended = self.last is not None and np.datetime64(self.last) < instant
         return bool(np.datetime64(self.first) <= instant) and not ended
 
     @property
     def text(self) -> str:
-        """Name and span, for messages."""
+        """Name and span for messages."""
         return f"{self.name} {self.first:%Y-%m-%d} to {f'{self.last:%Y-%m-%d}' if self.last else 'today'}"
 
 
@@ -52,30 +52,30 @@ Span = TypeVar("Span", bound=_Span)
 
 
 class Dataset(_Table):
-    """A data set, by its path on a server, ``{year}`` standing for the year, or its identifier, and what it holds."""
+    """A data set: its path on a server, with ``{year}`` for the year, or its identifier, and its variables."""
 
     path: Annotated[str, pydantic.Field(validation_alias=pydantic.AliasChoices("path", "id"))]
-    """On the server below ``opendap``; or ``id``, as Copernicus Marine names it."""
+    """Path below ``opendap``, or ``id`` in Copernicus Marine."""
     variables: tuple[str, ...]
-    """What it holds, by HYCOM's names."""
+    """Variables by HYCOM's names."""
 
 
 class Experiment(_Span):
-    """A run of HYCOM as its server holds it."""
+    """A run of HYCOM on its server."""
 
     year_starts_h: Annotated[int, pydantic.Field(ge=0, le=48)] = 0
-    """Hours after midnight of 1 January at which the data set of a year begins. [h]"""
+    """Start of a yearly data set, after midnight of 1 January. [h]"""
     datasets: tuple[Dataset, ...]
     """What it consists of."""
 
     def year_of(self, instant: np.datetime64) -> int:
-        """Year of the data set that should hold an instant."""
+        """Year of the data set for an instant."""
         shifted = instant - np.timedelta64(self.year_starts_h, "h")
         return int(shifted.astype("datetime64[Y]").astype(int)) + 1970
 
     @property
     def by_year(self) -> bool:
-        """Whether it has a data set for each year."""
+        """True if there is one data set per year."""
         return any("{year}" in d.path for d in self.datasets)
 
 
@@ -87,12 +87,12 @@ class Product(_Span):
 
 
 class Catalogue(_Table):
-    """All that is configuration about servers."""
+    """Configuration of servers."""
 
     addresses: Addresses
-    """Where the server is."""
+    """Address of the server."""
     experiments: tuple[Experiment, ...]
-    """Runs of HYCOM, the preferred one of a time first."""
+    """Runs of HYCOM in order of preference."""
     copernicus: tuple[Product, ...] = ()
     """Products of Copernicus Marine."""
 
@@ -100,34 +100,36 @@ class Catalogue(_Table):
 def covering(
     spans: tuple[Span, ...], instant: np.datetime64, name: str | None, kind: str
 ) -> tuple[Span, ...]:
-    """Those that cover an instant, the preferred one first; only the one of a name where that is given."""
+    """Select the spans that cover an instant, in order of preference, or only the one with a name."""
     named = tuple(s for s in spans if name is None or s.name == name)
     if not named:
         known = ", ".join(s.name for s in spans) or "none"
-        raise OceanError(f"fetch: no {kind} is called {name!r}; there are {known}")
+        raise OceanError(f"fetch: unknown {kind} {name!r}; available: {known}")
     covers = tuple(s for s in named if s.covers(instant))
     if not covers:
         listed = ", ".join(s.text for s in named)
-        raise OceanError(f"fetch: no {kind} covers {minute(instant)}; there is {listed}")
+        raise OceanError(f"fetch: no {kind} covers {minute(instant)}; available: {listed}")
     return covers
 
 
 def split_address(address: str) -> tuple[str, tuple[str, str] | None]:
-    """Address without user and password, and these."""
+    """Split an address into the address without user and password, and these two."""
     try:
         parts = urlsplit(address)
         host, _ = parts.hostname, parts.port
     except ValueError:
         host = None
     if not host or parts.scheme not in ("http", "https"):
-        raise OceanError(f"fetch: {address!r} is not an address; needs http:// or https:// and a host")
+        raise OceanError(
+            f"fetch: {address!r} is not a valid URL; it must have http:// or https:// and a host"
+        )
     account = (unquote(parts.username), unquote(parts.password or "")) if parts.username else None
     root = urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path.rstrip("/"), "", ""))
     return root, account
 
 
 def load_catalogue(servers: str | Path | None = None) -> Catalogue:
-    """Catalogue of the package, with the tables of a TOML file or the address of an OPeNDAP root in their place."""
+    """Load the catalogue of the package; tables of a TOML file or the address of an OPeNDAP root replace its entries."""
     shipped = files("pymantaray.ocean.fetch").joinpath("servers.toml")
     table = tomllib.loads(shipped.read_text(encoding="utf-8"))
     named = os.environ.get("MANTARAY_OCEAN_SERVERS") if servers is None else servers
@@ -135,7 +137,7 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
     if named and re.match(r"https?:", str(named)):
         table["addresses"] = {"opendap": str(named)}
     elif named:
-        try:  # tables as a whole: never one server's address and another's
+        try:  # tables are replaced as a whole, so that entries of two servers do not mix
             table |= tomllib.loads(Path(named).read_text(encoding="utf-8"))
         except OSError as error:
             line = f"cannot be read ({error.strerror}); name a TOML file of servers"
@@ -153,7 +155,7 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
         variables = sorted(name for d in experiment.datasets for name in d.variables)
         if variables != sorted(HYCOM_NAMES):
             raise OceanError(
-                f"{where}: experiment {experiment.name} holds {', '.join(variables)}; needs each of"
+                f"{where}: experiment {experiment.name} has {', '.join(variables)}; it must have each of"
                 f" {', '.join(HYCOM_NAMES)} once"
             )
     return catalogue

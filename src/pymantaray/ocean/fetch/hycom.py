@@ -1,4 +1,4 @@
-"""HYCOM by place and time: the experiment, the step, the window over OPeNDAP, and a valid ocean in a file."""
+"""Download of HYCOM by place and time: experiment, time step, window over OPeNDAP, and a valid ocean in a file."""
 
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -13,8 +13,8 @@ from pymantaray.errors import OceanError
 from pymantaray.jobs.progress import Progress
 from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
 from pymantaray.ocean.fetch.catalogue import Experiment, covering, load_catalogue
-from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError
-from pymantaray.ocean.fetch.region import LARGEST_VALUES, Region
+from pymantaray.ocean.fetch.limits import Limits, ServerError, TransientServerError
+from pymantaray.ocean.fetch.region import MAX_VALUES, Region
 from pymantaray.ocean.files import decoded
 from pymantaray.ocean.schema import DIMS, assemble_ocean, with_history
 from pymantaray.records.writing import write_netcdf
@@ -25,29 +25,29 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 AXES = ("time", *DIMS)
 BLOCK_VALUES = 200_000
-"""Of one request: a variable on some levels."""
-_SAME = 1e-3  # degrees, metres
+"""Maximum size of one request: a variable on a few levels."""
+_AXIS_TOLERANCE = 1e-3  # degrees or metres
 _MINUTE = np.timedelta64(60, "s")
-_FARTHEST = np.timedelta64(72, "h")  # that still counts as nearest; gaps of 51 h have been reported
+_MAX_TIME_OFFSET = np.timedelta64(72, "h")  # of the nearest step; gaps of 51 h are known
 _PACKING = ("scale_factor", "add_offset", "_FillValue", "missing_value", "standard_name")
 
 
 @dataclass(frozen=True)
-class Fetched:
-    """What was fetched, and how."""
+class FetchResult:
+    """A downloaded ocean and the requests for it."""
 
     path: Path
     title: str
     time: np.datetime64
     requests: int
-    """Asked of servers."""
+    """Number of requests to servers."""
     remarks: tuple[str, ...] = ()
-    """What is not as asked for first: another step, another experiment."""
+    """Deviations from the request: another time step, another experiment."""
 
 
 @dataclass(frozen=True)
 class _Remote:
-    """A data set on a server: pydap's, its axes and its times."""
+    """A data set on a server: its pydap object, axes and times."""
 
     url: str
     data: Any
@@ -55,7 +55,7 @@ class _Remote:
     times: Instants
 
     def index(self, instant: np.datetime64) -> int:
-        """Of a step: the first, where the axis repeats itself."""
+        """Index of a time step; the first if the axis contains it more than once."""
         return int(np.flatnonzero(self.times == instant)[0])
 
 
@@ -71,12 +71,12 @@ def fetch_hycom(
     limits: Limits | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
-) -> Fetched:
+) -> FetchResult:
     """
-    Fetch a window of HYCOM at one time and write it as a valid ocean.
+    Download a window of HYCOM at one time and write it as a valid ocean.
 
-    The window is read over OPeNDAP, block by block, each tried several times. The file appears under its name when
-    it is whole.
+    The function reads the window over OPeNDAP block by block, with several attempts per block. The file gets its name when
+    it is complete.
 
     Parameters
     ----------
@@ -85,32 +85,32 @@ def fetch_hycom(
     lon : tuple of float
         West and east in any convention; ``(170, -170)`` crosses the antimeridian. [degrees]
     time : str or numpy.datetime64
-        UTC; HYCOM has a step every three hours.
+        Instant (UTC). HYCOM has a time step of three hours.
     out : str or Path
         File to write; its folder must exist.
     servers : str or Path, optional
-        A TOML file whose tables replace those of the package, or the address of an OPeNDAP root; by default what
-        the environment variable MANTARAY_OCEAN_SERVERS names, else the package's own. A user and password in an
-        address are given to the server and to nobody else.
+        A TOML file whose tables replace those of the package, or the address of an OPeNDAP root. Default: the value of the
+        environment variable MANTARAY_OCEAN_SERVERS, else the package's own tables. Only the server of an address receives
+        its user and password.
     experiment : str, optional
-        Name of an experiment; by default the preferred one that covers the time.
+        Name of an experiment. Default: the preferred experiment that covers the time.
     nearest : bool, optional
-        Take the nearest step where the one asked for does not exist.
+        If True, use the nearest time step if the requested one does not exist.
     limits : Limits, optional
-        How long to wait and how often to ask.
+        Time limits and number of attempts.
     overwrite : bool, optional
-        Replace an existing file.
+        If True, replace an existing file.
     progress : callable, optional
-        Takes the stage's name, the parts done and the parts there are.
+        Called with the name of the stage, the number of finished parts and the total.
 
     Returns
     -------
-    Fetched
+    FetchResult
 
     Raises
     ------
     OceanError
-        With one line: what cannot be had, why, and what to do.
+        If the download fails. The message gives the cause and the remedy.
     """
     region = Region.of(lat, lon)
     asked = parse_instant(time).astype("datetime64[s]")
@@ -121,21 +121,21 @@ def fetch_hycom(
     try:
         from pymantaray.ocean.fetch.transport import Connection
     except ImportError:
-        raise OceanError('fetch: needs the packages of the extra: pip install "pymantaray[fetch]"') from None
+        raise OceanError('fetch: pydap is not installed; pip install "pymantaray[fetch]"') from None
     with Connection(catalogue.addresses.opendap, limits or Limits()) as connection:
         for chosen in candidates:
             step = _find_step(connection, chosen, asked, nearest=nearest)
             if step is not None:
                 break
-            remarks += (f"{chosen.title} does not reach {minute(asked)} on the server",)
+            remarks += (f"{chosen.title} on the server does not cover {minute(asked)}",)
         else:
-            raise OceanError(f"fetch: {'; '.join(remarks)}; choose another time")
+            raise OceanError(f"fetch: {'; '.join(remarks)}; select another time")
         instant, datasets = step
         coordinates, fields = _read_window(
             connection, datasets, instant, region, progress or (lambda *_: None)
         )
     if abs(instant - asked) >= _MINUTE:
-        remarks += (f"{minute(asked)} does not exist: {minute(instant)} was taken",)
+        remarks += (f"{minute(asked)} does not exist: nearest step {minute(instant)} used",)
     title = f"{chosen.title}, {minute(instant)}Z"
     try:
         ocean = assemble_ocean(
@@ -146,23 +146,23 @@ def fetch_hycom(
     for line in (f"fetched over OPeNDAP from {connection.root}: {region.text}", *remarks):
         ocean = with_history(ocean, line)
     write_netcdf(ocean, path, replace=overwrite)
-    return Fetched(path, title, instant, connection.requests, remarks)
+    return FetchResult(path, title, instant, connection.requests, remarks)
 
 
 def check_out(out: str | Path, *, overwrite: bool) -> Path:
-    """Refuse a file that cannot be written before anything is fetched."""
+    """Raise an error if a file cannot be written, before any download."""
     path = Path(out)
     if not path.parent.is_dir():
-        raise OceanError(f"{path.parent}: no such folder; make it first")
+        raise OceanError(f"{path.parent}: no such folder; create it first")
     if path.is_dir() or (path.exists() and not overwrite):
-        raise OceanError(f"{path}: exists already; give another name or --force (overwrite=True)")
+        raise OceanError(f"{path}: already exists; give another name or --force (in Python: overwrite=True)")
     return path
 
 
 def _find_step(
     connection: "Connection", experiment: Experiment, asked: np.datetime64, *, nearest: bool
 ) -> tuple[np.datetime64, dict[str, _Remote]] | None:
-    """Step on the time axes that the server reports, with the data set of each variable; None if they do not reach."""
+    """Time step on the server's axes and the data set of each variable; None if the axes do not cover the time."""
     year = experiment.year_of(asked)
     opened = [_open_all(connection, experiment, year)]
     times = _common(opened[0])
@@ -175,7 +175,7 @@ def _find_step(
                 opened.append(_open_all(connection, experiment, beside))
                 times = np.union1d(times, _common(opened[1]))
             except ServerError:
-                pass  # there may be none, and the answer to the question is the same: no such step
+                pass  # that year may not exist; the message below stays the same
     closest = times[np.argmin(np.abs(times - asked))]
     if abs(closest - asked) >= _MINUTE:
         if not times[0] < asked < times[-1]:
@@ -183,12 +183,12 @@ def _find_step(
         if not nearest:
             sides = (times[times < asked][-1], times[times > asked][0])
             raise OceanError(
-                f"{experiment.title} has no step {minute(asked)}; nearest: {' and '.join(map(minute, sides))};"
-                " choose one, or let the nearest be taken (--nearest)"
+                f"{experiment.title} has no step {minute(asked)}; the nearest are {' and '.join(map(minute, sides))};"
+                " select one, or use --nearest (in Python: nearest=True)"
             )
-        if abs(closest - asked) > _FARTHEST:
+        if abs(closest - asked) > _MAX_TIME_OFFSET:
             raise OceanError(
-                f"{experiment.title}: no step within 72 h of {minute(asked)}; choose another time"
+                f"{experiment.title}: no step within 72 h of {minute(asked)}; select another time"
             )
     return closest, next(datasets for datasets in opened if closest in _common(datasets))
 
@@ -207,17 +207,17 @@ def _open(connection: "Connection", url: str) -> _Remote:
     axes = {}
     for name in AXES:
         if name not in data:
-            raise ServerError(f"no coordinate {name}; is it a data set of HYCOM?")
+            raise ServerError(f"no coordinate {name}; the address must be a HYCOM data set")
         axes[name] = np.asarray(data[name].data[:], dtype=float)
         if axes[name].ndim != 1 or not axes[name].size or not np.all(np.isfinite(axes[name])):
-            raise PassingError(f"coordinate {name} is not an axis of numbers")
+            raise TransientServerError(f"coordinate {name} is not an axis of numbers")
     unit = str(data["time"].attributes.get("units", ""))
     times = decoded_times(axes["time"], unit, where="time")
     return _Remote(url, data, axes, (times + np.timedelta64(500, "ms")).astype("datetime64[s]"))
 
 
 def _common(datasets: dict[str, _Remote]) -> Instants:
-    """Steps that all variables have, rising and once: axes that step back and repeat have been reported."""
+    """Time steps of all variables, increasing and unique; some servers have axes with steps back and repeats."""
     return reduce(np.intersect1d, [remote.times for remote in datasets.values()])
 
 
@@ -233,13 +233,13 @@ def _read_window(
     for remote in datasets.values():
         for name in DIMS:
             a, b = remote.axes[name], first.axes[name]
-            if a.shape != b.shape or np.any(np.abs(a - b) > _SAME):
-                raise ServerError(f"{remote.url}: {name} differs from that of {first.url}")
+            if a.shape != b.shape or np.any(np.abs(a - b) > _AXIS_TOLERANCE):
+                raise ServerError(f"{remote.url}: {name} differs from {first.url}")
     depth, grid = first.axes["depth"], region.of_grid(first.axes["lat"], first.axes["lon"], first.url)
-    if depth.size * grid.lat.size * grid.lon.size > LARGEST_VALUES:
+    if depth.size * grid.lat.size * grid.lon.size > MAX_VALUES:
         raise OceanError(
-            f"fetch: the window has {grid.lat.size} x {grid.lon.size} x {depth.size} points; allowed are"
-            f" {LARGEST_VALUES:,}, make it smaller"
+            f"fetch: the window has {grid.lat.size} x {grid.lon.size} x {depth.size} points; the limit is"
+            f" {MAX_VALUES:,}; use a smaller window"
         )
     blocks = []
     for name in datasets:
@@ -268,22 +268,22 @@ def _read_window(
 
 
 def _check_unmoved(remote: _Remote, instant: np.datetime64) -> None:
-    """Refuse what was read if the index of the step means another one now: steps of running analyses come and go."""
+    """Raise an error if the index of the time step changed during the download, as in running analyses."""
     index = remote.index(instant)
     if remote.data["time"].data[index : index + 1][0] != remote.axes["time"][index]:
-        raise ServerError("its time axis has moved during the fetch; run the same command again")
+        raise ServerError("its time axis changed during the download; run the same command again")
 
 
 def _read_block(data: Any, name: str, key: tuple[slice, ...]) -> Array:
-    """Values (depth, lat, lon) of one step, unpacked."""
+    """Unpacked values (depth, lat, lon) of one time step."""
     if name not in data:
-        raise ServerError(f"holds no {name}")
+        raise ServerError(f"no variable {name}")
     variable = data[name]
     attrs = {k: v for k, v in variable.attributes.items() if k in _PACKING}
     if str(attrs.pop("standard_name", "")).startswith("sea_water_potential"):
-        raise ServerError(f"{name} is potential temperature; in-situ temperature is needed")
+        raise ServerError(f"{name} is potential temperature; it must be in-situ temperature")
     raw = np.asarray(getattr(variable, "array", variable).data[key])
     if raw.shape != tuple(s.stop - s.start for s in key):
-        raise PassingError(f"wrong size: {name} has {raw.shape}")
+        raise TransientServerError(f"wrong size: {name} has {raw.shape}")
     values = decoded(xr.Dataset({name: (AXES, raw, attrs)}))[name].values[0]
     return without_scaled_fill(name, np.asarray(values, dtype=float))

@@ -1,4 +1,4 @@
-"""How long a fetch waits and how often it asks, and what it says when that was in vain."""
+"""Time limits and attempts of a download, and its errors."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ from pymantaray.geometry.checks import check_fields
 
 
 class ServerError(OceanError):
-    """What a server answered cannot be used; asking again cannot help."""
+    """A server's response is unusable, and another attempt cannot help."""
 
 
-class PassingError(ServerError):
-    """What a server answered cannot be used, but the next answer may be better."""
+class TransientServerError(ServerError):
+    """A server's response is unusable, but another attempt may succeed."""
 
     def __init__(self, line: str, retry_after: float = 0.0) -> None:
         super().__init__(line)
@@ -21,18 +21,19 @@ class PassingError(ServerError):
 @dataclass(frozen=True)
 class Limits:
     """
-    How long to wait and how often to ask.
+    Time limits and number of attempts.
 
     Parameters
     ----------
     connect_s, idle_s : float
-        To open a connection, and without a byte. [s]
+        Time limits for opening a connection, and between two bytes. [s]
     request_s, total_s : float
-        For what is asked for at once, and for the whole fetch. [s]
+        Time limits for one request, and for the whole download. [s]
     attempts : int
-        For what is asked for at once, the first included.
+        Maximum number of attempts per request, including the first.
     backoff_s, longest_backoff_s : float
-        Before the second attempt, doubling with each, and at most, also where a server asks for longer. [s]
+        Delay before the second attempt, which doubles with each attempt, and its maximum, also if a server asks for a
+        longer delay. [s]
     """
 
     connect_s: float = 20.0
@@ -44,7 +45,7 @@ class Limits:
     longest_backoff_s: float = 60.0
 
     def __post_init__(self) -> None:
-        """Refuse limits that could not be kept."""
+        """Check the limits."""
         waits = ("connect_s", "idle_s", "request_s", "total_s", "attempts")
         check_fields(OceanError, self, "", *waits, positive=True)
         check_fields(OceanError, self, "", "backoff_s", "longest_backoff_s")

@@ -1,4 +1,4 @@
-"""pydap asked within limits that hold whatever a server does; every outcome is an answer or one line."""
+"""Requests through pydap with strict time limits; the outcome is data or a one-line error."""
 
 import email.utils
 import re
@@ -20,7 +20,7 @@ from requests.adapters import HTTPAdapter
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.fetch.catalogue import split_address
-from pymantaray.ocean.fetch.limits import Limits, PassingError, ServerError
+from pymantaray.ocean.fetch.limits import Limits, ServerError, TransientServerError
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports webob, and that cgi
@@ -29,15 +29,15 @@ with warnings.catch_warnings():
 
 T = TypeVar("T")
 _RETRIED = frozenset({408, 425, 429, 500, 502, 503, 504})
-_LARGEST_ANSWER = 64 << 20  # bytes
+_MAX_ANSWER = 64 << 20  # bytes
 
 
 class Connection:
     """
-    An OPeNDAP server asked for one thing after another, each several times if need be, within a total time limit.
+    Connection to an OPeNDAP server for a sequence of requests with retries and a total time limit.
 
-    Each attempt runs in a thread of its own that is left, and its sockets shut, when its time has passed: a limit
-    of the client library holds for each read from a socket only, and a server can keep that alive for ever.
+    Each attempt runs in its own thread. When its time has passed, the connection abandons the thread and closes its sockets. The
+    client library limits only single reads from a socket, which a server can keep alive forever.
     """
 
     def __init__(self, root: str, limits: Limits) -> None:
@@ -50,7 +50,7 @@ class Connection:
         self._session.headers["User-Agent"] = f"pymantaray/{version('pymantaray')}"
         self._session.auth = account
         self._session.adapters.clear()
-        for scheme in ("https", urlsplit(self.root).scheme):  # never from https to an unprotected address
+        for scheme in ("https", urlsplit(self.root).scheme):  # no redirects from https to http
             self._session.mount(f"{scheme}://", self._adapter)
 
     def __enter__(self) -> Self:
@@ -60,8 +60,8 @@ class Connection:
         self._session.close()
 
     def open(self, url: str) -> DatasetType:
-        """Data set of pydap whose arrays are read where they are indexed; to be called inside `ask`."""
-        # pydap would put a session of its own, without account and limits, in the place of ours: it gets a gateway
+        """Open a pydap data set, which reads its arrays when they are indexed; call it inside `ask`."""
+        # pydap would replace this session by its own, without account and limits; therefore it gets a gateway
         return open_url(url, application=self._gateway, protocol="dap2")
 
     def _gateway(self, environ: dict[str, str], start_response: Callable[..., object]) -> list[bytes]:
@@ -78,25 +78,25 @@ class Connection:
             with self._session.get(url, stream=True, timeout=waits) as answer:
                 body = _whole(answer)
         except requests.ConnectTimeout:
-            raise PassingError(f"no connection within {waits[0]:.3g} s") from None
+            raise TransientServerError(f"no connection within {waits[0]:.3g} s") from None
         except (requests.Timeout, urllib3.exceptions.ReadTimeoutError):
-            raise PassingError(f"no answer within {waits[1]:.3g} s") from None
+            raise TransientServerError(f"no answer within {waits[1]:.3g} s") from None
         except requests.exceptions.TooManyRedirects:
-            raise ServerError("redirects without end") from None
+            raise ServerError("too many redirects") from None
         except requests.exceptions.InvalidSchema:
-            raise ServerError("redirected to an unprotected address; refused") from None
+            raise ServerError("redirect to an address without https is not allowed") from None
         except (requests.RequestException, urllib3.exceptions.HTTPError, OSError) as error:
-            raise PassingError(_connection_line(error)) from None
+            raise TransientServerError(_connection_line(error)) from None
         _check(answer, body)
         return body
 
     def ask(self, url: str, read: Callable[[], T]) -> T:
-        """What a function reads from the server, tried again while that may help."""
+        """Call a function that reads from the server, with retries after transient errors."""
         where = f"{urlsplit(url).hostname}{urlsplit(url).path}"
         for attempt in range(self.limits.attempts):
             try:
                 return self._within(min(self.limits.request_s, self._remaining()), read)
-            except PassingError as error:
+            except TransientServerError as error:
                 reason = str(error)
                 pause = max(self.limits.backoff_s * 2.0**attempt, error.retry_after)
             except ServerError as error:
@@ -109,8 +109,8 @@ class Connection:
         left = self._end - time.monotonic()
         if left <= 0.0:
             raise OceanError(
-                f"fetch: the time limit of {self.limits.total_s:g} s has passed; run the same command again later,"
-                " or allow more (--time-limit)"
+                f"fetch: the time limit of {self.limits.total_s:g} s has passed; try again later, or set --time-limit (in"
+                " Python: limits=Limits(total_s=...))"
             )
         return left
 
@@ -121,7 +121,7 @@ class Connection:
         def work() -> None:
             try:
                 answers.append(read())
-            except BaseException as error:  # noqa: BLE001  a parser given garbage raises whatever it stumbles over
+            except BaseException as error:  # noqa: BLE001  a parser raises any type on invalid data
                 errors.append(error)
 
         thread = threading.Thread(target=work, daemon=True)
@@ -134,19 +134,19 @@ class Connection:
                 self._adapter.hang_up(thread)
         if late:
             self._remaining()
-            raise PassingError(f"answer not complete within {seconds:.3g} s")
+            raise TransientServerError(f"no complete answer within {seconds:.3g} s")
         if answers:
             return answers[0]
         error = errors[0]
         if isinstance(error, ServerError):
             raise error
         if isinstance(error, OceanError):
-            raise PassingError(str(error))
-        raise PassingError(f"answer cannot be read ({one_line(error) or type(error).__name__})")
+            raise TransientServerError(str(error))
+        raise TransientServerError(f"unreadable answer ({one_line(error) or type(error).__name__})")
 
 
 class _Session(requests.Session):
-    """A session whose redirects take no password along and look up none in ``~/.netrc``, which the library does by default."""
+    """A session that does not forward passwords to redirects or read them from ``~/.netrc``, as the library does by default."""
 
     def rebuild_auth(self, prepared_request: requests.PreparedRequest, response: requests.Response) -> None:
         if self.should_strip_auth(response.request.url or "", prepared_request.url or ""):
@@ -154,7 +154,7 @@ class _Session(requests.Session):
 
 
 class _Adapter(HTTPAdapter):
-    """Remembers its sockets, so that they can be shut under a thread that waits, and threads whose time has passed."""
+    """Adapter that records its sockets, to close them under a waiting thread, and threads whose time has passed."""
 
     def __init__(self) -> None:
         super().__init__(pool_maxsize=1)
@@ -169,14 +169,14 @@ class _Adapter(HTTPAdapter):
         return pool
 
     def remember(self, connected: socket.socket) -> None:
-        """Take up a socket of this thread; shut it where the thread's time passed while it was being connected."""
+        """Record a socket of this thread; close it if the thread's time passed while it connected."""
         with self._lock:
             self._sockets.add(connected)
             if threading.current_thread() in self._late:
                 _shut(connected)
 
     def hang_up(self, late: threading.Thread) -> None:
-        """Shut all sockets, and those that a late thread will connect."""
+        """Close all sockets, and later those that a late thread connects."""
         with self._lock:
             self._late.add(late)
             for busy in self._sockets:
@@ -201,38 +201,38 @@ def _whole(answer: requests.Response) -> bytes:
     body = bytearray()
     for piece in answer.iter_content(1 << 16):
         body += piece
-        if len(body) > _LARGEST_ANSWER:
-            raise PassingError(f"wrong size: more than {_LARGEST_ANSWER >> 20} MiB")
+        if len(body) > _MAX_ANSWER:
+            raise TransientServerError(f"wrong size: more than {_MAX_ANSWER >> 20} MiB")
     return bytes(body)
 
 
 def _check(answer: requests.Response, body: bytes) -> None:
-    """Refuse what is no answer to OPeNDAP: an error by its status or by its text, half a description."""
+    """Raise an error if a response is not OPeNDAP: an error status, an error text, or an incomplete description."""
     said = _message(body)
     if answer.status_code >= 400:
         line = f"server error {answer.status_code} {answer.reason or ''}".rstrip()
         line += f" ({said})" if said else ""
         if answer.status_code in _RETRIED:
-            raise PassingError(line, _seconds(answer.headers.get("Retry-After", "")))
+            raise TransientServerError(line, _seconds(answer.headers.get("Retry-After", "")))
         raise ServerError(line)
     if body.lstrip().startswith(b"Error"):
-        raise PassingError(f"server reports: {said}")
+        raise TransientServerError(f"server reports: {said}")
     description = body.partition(b"\nData:")[0]
     if not description.lstrip().lower().startswith((b"dataset", b"attributes")):
-        raise PassingError("something else than data came")
+        raise TransientServerError("the answer is not data")
     if description.count(b"{") != description.count(b"}"):
-        raise PassingError("answer cut short")
+        raise TransientServerError("incomplete answer")
 
 
 def _message(body: bytes) -> str:
-    """What an error page or an OPeNDAP error says, as one line without tags."""
+    """Text of an error page or an OPeNDAP error as one line without tags."""
     text = body[:4000].decode("utf-8", errors="replace")
     said = re.match(r'\s*Error[^"]*"([^"]*)', text)
     return one_line(said[1] if said else re.sub(r"<[^>]*>", "", text), 100)
 
 
 def _seconds(header: str) -> float:
-    """Retry-After as a number of seconds or a date; 0 where it is neither. [s]"""
+    """Retry-After from a number of seconds or a date; 0 for other text. [s]"""
     with suppress(ValueError):
         return float(header)
     with suppress(ValueError, TypeError, OverflowError):
@@ -243,7 +243,7 @@ def _seconds(header: str) -> float:
 def _connection_line(error: Exception) -> str:
     text = str(error)
     if re.search("IncompleteRead|incomplete|ended prematurely", text):
-        return "answer cut short"
+        return "incomplete answer"
     if "refused" in text:
         return "connection refused"
     if re.search("resolve|getaddrinfo|Name or service", text):

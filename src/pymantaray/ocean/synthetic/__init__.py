@@ -1,4 +1,4 @@
-"""The paper's two regions without a download: made-up oceans with HYCOM's grid, levels and names."""
+"""Synthetic oceans of the paper's two regions, with HYCOM's grid, levels and names."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,14 +23,14 @@ HYCOM_DEPTHS = (
     *(1000.0, 1250.0, 1500.0, 2000.0, 2500.0, 3000.0, 4000.0, 5000.0),
 )
 """The 40 levels of HYCOM's public data sets. [m]"""
-_LON_STEP, _LAT_STEP = 0.08, 0.04  # degrees, HYCOM's
+_LON_STEP, _LAT_STEP = 0.08, 0.04  # degrees, as in HYCOM
 EPOCH = "2014-07-15T12:00"
-"""The paper's snapshot; eddies and fronts are where their tables say at this instant (UTC)."""
+"""The paper's snapshot (UTC); tables of eddies and fronts give positions at this instant."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """A region's grid, its water at a time, its sea bed and its currents at the deepest level."""
+    """Grid of a region, and functions for its water, sea bed and reference height."""
 
     title: str
     latitude_deg: float
@@ -66,15 +66,28 @@ REGIONS = {
 
 def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Dataset:
     """
-    Synthetic ocean of one of the paper's regions, ``beaufort`` or ``fram``, at an instant (UTC), by default the paper's.
+    Make a synthetic ocean of one of the paper's regions.
 
-    The grid is HYCOM's: 40 levels, 0.08 degree in longitude, 0.04 in latitude, 251 x 76 points around
-    74.5 N 140 W (Beaufort Sea) and 237 x 75 around 78 N 0 E (Fram Strait). The widths that the paper's
-    Table I gives, 650 and 490 km, are those of the windows' south edges; at the centres they are 595 and
-    437 km (597 and 438 km on the ellipsoid). Temperature and salinity are sums of smooth functions of place and time
-    built from published water masses (see `beaufort` and `fram`); eddies drift and fronts meander with time, nothing is
-    drawn at random. Currents balance the density of the finished fields geostrophically, on top of a weak
-    current that is the same at all depths.
+    Parameters
+    ----------
+    region : {"beaufort", "fram"}
+        Beaufort Sea or Fram Strait.
+    time : str or numpy.datetime64
+        Instant (UTC). Default: the instant of the paper.
+
+    Returns
+    -------
+    xarray.Dataset
+        A valid ocean.
+
+    Notes
+    -----
+    The grid is HYCOM's: 40 levels, steps of 0.08 degrees in longitude and 0.04 in latitude, 251 x 76 points around 74.5 N
+    140 W (Beaufort Sea) and 237 x 75 points around 78 N 0 E (Fram Strait). The widths in the paper's Table I, 650 and 490 km,
+    are those of the south edges. The widths at the centres are 595 and 437 km (597 and 438 km on the ellipsoid). Temperature
+    and salinity are sums of smooth functions of place and time, based on published water masses (see `beaufort` and `fram`).
+    Eddies drift and fronts meander; nothing is random. Currents are in geostrophic balance with the density, plus a weak
+    current that is constant over depth.
     """
     definition = _region(region)
     instant = parse_instant(time)
@@ -83,8 +96,8 @@ def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Datase
     potential_temperature, salinity = np.moveaxis(definition.water(grid, elapsed), -1, 0)
     place = (grid.depth[:, None, None], grid.lat[:, None], grid.lon)
     temperature = in_situ_temperature(potential_temperature, salinity, *place)
-    # one composition for the whole region: TEOS-10's atlas of it has kinks at its nodes, every 4 degrees,
-    # which would be currents
+    # one composition of sea water for the whole region: TEOS-10's atlas has kinks at its nodes, every 4 degrees, which
+    # would cause currents
     composition = (definition.latitude_deg, definition.longitude_deg)
     u, v = geostrophic_currents(
         density(temperature, salinity, grid.depth[:, None, None], *composition),
@@ -112,10 +125,10 @@ def synthetic_axes(region: str) -> tuple[Array, Array]:
 
 def _region(name: str) -> Region:
     if name not in REGIONS:
-        raise OceanError(f"synthetic ocean {name!r} is unknown; there are {', '.join(sorted(REGIONS))}")
+        raise OceanError(f"synthetic ocean {name!r} is unknown; available: {', '.join(sorted(REGIONS))}")
     return REGIONS[name]
 
 
 def _centred(middle: float, step: float, count: int) -> Array:
-    # rounded to HYCOM's own multiples of the step, so that -150 is not -149.99999999999997
+    # rounded to HYCOM's multiples of the step, so -150 does not become -149.99999999999997
     return np.asarray(np.round(middle + step * (np.arange(count) - 0.5 * (count - 1)), 6), dtype=float)

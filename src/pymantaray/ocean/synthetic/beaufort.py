@@ -1,10 +1,9 @@
 """Synthetic Beaufort Sea: cold fresh cap, Pacific layers, Atlantic and deep water, halocline eddies.
 
-Water masses follow the literature named beside each; where a paper gives a span (or the core varies
-between years), the value of summer 2014 is taken. Where no number was found published, temperature and
-salinity of a core are rounded from what the casts of 2014 and 1997 show there, so that the tests against
-those casts check the construction and are no independent evidence. The papers were read in abstract or
-excerpt.
+Water masses follow the references beside each. If a paper gives a range, or a core varies between years, the value is that of
+summer 2014. Without a published value, temperature and salinity of a core are rounded from the casts of 2014 and 1997. Tests
+against these casts therefore check the construction and are not independent evidence. Only abstracts and excerpts of the
+papers were read.
 
 References
 ----------
@@ -87,16 +86,16 @@ _EDDY_WATER = WaterColumn(
 _DAY = 86_400.0
 _COUNT = 20
 HALF_BOX = (230e3, 380e3)
-"""Periodic box of the eddies: the window plus four radii, half extents north and east. [m]"""
+"""Half extents (north, east) of the eddies' periodic box: the window plus four radii. [m]"""
 _GYRE_CENTRE = (80e3, -290e3)  # near 75 N, 150 W
 _GYRE_RADIUS = 350e3
 _GYRE_HEAVE = 35.0  # m, of the halocline between the gyre's centre and its rim
-_GYRE_DEPTH = 170.0  # m, where the halocline is displaced most
-_GYRE_HEIGHT = 0.06  # m, of the sea surface beyond what the density explains
+_GYRE_DEPTH = 170.0  # m, depth of the largest displacement of the halocline
+_GYRE_HEIGHT = 0.06  # m, sea surface height that the density does not explain
 
 
 def _eddies() -> tuple[Eddy, ...]:
-    """Return anticyclones in the upper halocline [5] and in the Pacific Winter Water [7], half and half."""
+    """Make anticyclones, half of them in the upper halocline [5] and half in the Pacific Winter Water [7]."""
     eddies = []
     for i, ((a, b), (c, d, e)) in enumerate(zip(scattered(_COUNT, 2), scattered(_COUNT, 3), strict=True)):
         shallow = i % 2 == 0
@@ -119,7 +118,7 @@ def _eddies() -> tuple[Eddy, ...]:
 
 
 EDDIES = _eddies()
-"""Where the eddies are at the epoch, and how they drift."""
+"""Positions of the eddies at the epoch, and their drift."""
 
 
 def _gyre_distance_squared(grid: Grid) -> Array:
@@ -127,7 +126,7 @@ def _gyre_distance_squared(grid: Grid) -> Array:
 
 
 def water(grid: Grid, elapsed: float) -> Array:
-    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) some time after the epoch [s]."""
+    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) at a time since the epoch [s]."""
     heave, fraction = eddy_fields(EDDIES, elapsed, grid, HALF_BOX)
     bowl = np.exp(-0.5 * _gyre_distance_squared(grid) / _GYRE_RADIUS**2)
     at_centre = np.exp(-0.5 * (_GYRE_CENTRE[0] ** 2 + _GYRE_CENTRE[1] ** 2) / _GYRE_RADIUS**2)
@@ -141,12 +140,12 @@ def water(grid: Grid, elapsed: float) -> Array:
 
 
 def floor(grid: Grid) -> Array:
-    """Depth of the sea bed: the Canada Basin's plain, rising to the south and to Banks Island."""
+    """Depth of the sea bed: the plain of the Canada Basin, shallower to the south and towards Banks Island. [m]"""
     south = 0.5 * (1.0 - np.tanh((grid.north + 130e3) / 45e3))
     banks = 0.5 * (1.0 + np.tanh((grid.east - 0.5 * grid.north - 270e3) / 55e3))
     return np.asarray(3_750.0 - 1_000.0 * south - 1_900.0 * banks)
 
 
 def reference_height(grid: Grid) -> Array:
-    """Sea surface height of the gyre that its density does not explain; a weak current at all depths."""
+    """Sea surface height of the gyre that its density does not explain; it drives a weak current at all depths. [m]"""
     return np.asarray(_GYRE_HEIGHT * np.exp(-0.5 * _gyre_distance_squared(grid) / _GYRE_RADIUS**2))

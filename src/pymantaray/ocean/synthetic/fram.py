@@ -1,9 +1,8 @@
 """Synthetic Fram Strait: polar outflow, Atlantic inflow and its recirculation, fronts and eddies.
 
-Water masses follow the literature named beside each. Where no number was found published, temperature
-and salinity of a core are rounded from what the bottle casts of 1982 show there, so that the tests against
-those casts check the construction and are no independent evidence. The papers were read in abstract or
-excerpt; [1] is cited from general knowledge of its classes.
+Water masses follow the references beside each. Without a published value, temperature and salinity of a core are rounded from
+the bottle casts of 1982. Tests against these casts therefore check the construction and are not independent evidence. Only
+abstracts and excerpts of the papers were read; [1] is cited from general knowledge of its classes.
 
 References
 ----------
@@ -93,18 +92,18 @@ _INFLOW = WaterColumn(
 _DAY = 86_400.0
 _COUNT = 30
 HALF_BOX = (240e3, 300e3)
-"""Periodic box of the eddies: the window plus four radii, half extents north and east. [m]"""
+"""Half extents (north, east) of the eddies' periodic box: the window plus four radii. [m]"""
 _POLAR_FRONT, _POLAR_WIDTH = -95e3, 32e3  # m east of the centre, over the upper Greenland slope
 _INFLOW_FRONT, _INFLOW_WIDTH = 130e3, 34e3  # m east, off the Svalbard slope
 _RECIRCULATION_FRONT, _RECIRCULATION_WIDTH = 40e3, 34e3  # m north: none at 78 10' N, steady at 78 50' N [5]
-_OUTFLOW_SPEED, _INFLOW_SPEED = -0.03, 0.06  # m/s north, the part that is the same at all depths
+_OUTFLOW_SPEED, _INFLOW_SPEED = -0.03, 0.06  # m/s north, constant over depth
 _EDDY_DRIFT = 3.5e3 / _DAY  # 35 km within a lifetime of 10 days [6]
 
 
 def _eddies() -> tuple[Eddy, ...]:
-    """Return anticyclones and cyclones alternately; radii are what a grid of 2 to 4 km can carry.
+    """Make alternating anticyclones and cyclones with radii that a grid of 2 to 4 km resolves.
 
-    Models of 1 km resolution have a mean radius near 5 km, cyclones slightly more frequent [6].
+    In models with a resolution of 1 km, the mean radius is near 5 km and cyclones are slightly more frequent [6].
     """
     eddies = []
     for i, ((a, b), (c, d, e)) in enumerate(zip(scattered(_COUNT, 2), scattered(_COUNT, 3), strict=True)):
@@ -114,7 +113,7 @@ def _eddies() -> tuple[Eddy, ...]:
                 north=(2.0 * a - 1.0) * HALF_BOX[0],
                 east=(2.0 * b - 1.0) * HALF_BOX[1],
                 drift_north=0.5 * _EDDY_DRIFT * (2.0 * d - 1.0),
-                drift_east=-_EDDY_DRIFT * (0.5 + e),  # westward, as the recirculation
+                drift_east=-_EDDY_DRIFT * (0.5 + e),  # westward, like the recirculation
                 radius=10e3 + 7e3 * c,
                 core_depth=200.0 + 120.0 * d if anticyclone else 60.0 + 40.0 * d,
                 half_thickness=160.0 if anticyclone else 45.0,
@@ -127,11 +126,11 @@ def _eddies() -> tuple[Eddy, ...]:
 
 
 EDDIES = _eddies()
-"""Where the eddies are at the epoch, and how they drift."""
+"""Positions of the eddies at the epoch, and their drift."""
 
 
 def _meander(north: Array, elapsed: float) -> Array:
-    """Eastward shift of a front: two waves that travel south with the outflow. [m]"""
+    """Eastward displacement of a front: two waves that travel south with the outflow. [m]"""
     days = elapsed / _DAY
     long = 7e3 * np.sin(2.0 * np.pi * (north / 110e3 + days / 28.0))
     short = 4e3 * np.sin(2.0 * np.pi * (north / 63e3 + days / 13.0) + 1.0)
@@ -143,7 +142,7 @@ def _step(x: Array, width: float) -> Array:
 
 
 def water(grid: Grid, elapsed: float) -> Array:
-    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) some time after the epoch [s]."""
+    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) at a time since the epoch [s]."""
     heave, fraction = eddy_fields(EDDIES, elapsed, grid, HALF_BOX)
     origin = grid.depth[:, None, None] - heave
     shift = _meander(grid.north, elapsed)
@@ -159,13 +158,13 @@ def water(grid: Grid, elapsed: float) -> Array:
         + (between * recirculation)[..., None] * atlantic
         + inflow[..., None] * _INFLOW.evaluate(origin)
     )
-    # eddies shed by the inflow carry Atlantic water; in the two boundary currents they are not foreign
+    # eddies from the inflow carry Atlantic water, which does not differ from the two boundary currents
     foreign = (fraction * between)[..., None]
     return np.asarray((1.0 - foreign) * mixed + foreign * atlantic)
 
 
 def floor(grid: Grid) -> Array:
-    """Depth of the sea bed: Greenland shelf, deep passage with a rise in the north, Svalbard slope."""
+    """Depth of the sea bed: Greenland shelf, deep passage with a rise in the north, Svalbard slope. [m]"""
     greenland = _step(-(grid.east + 118e3 - 0.15 * grid.north), 26e3)
     svalbard = _step(grid.east - 205e3 + 0.25 * grid.north, 26e3)
     rise = np.exp(-0.5 * ((grid.north - 115e3) / 32e3) ** 2 - 0.5 * ((grid.east - 25e3) / 60e3) ** 2)
@@ -175,7 +174,7 @@ def floor(grid: Grid) -> Array:
 
 
 def reference_height(grid: Grid) -> Array:
-    """Sea surface height whose slope drives the two boundary currents at all depths."""
+    """Sea surface height whose slope drives the two boundary currents at all depths. [m]"""
     metres_per_speed = coriolis(np.asarray(78.0)) / GRAVITY
     outflow = 40e3 * np.tanh((grid.east + 110e3 - 0.2 * grid.north) / 40e3)
     inflow = 35e3 * np.tanh((grid.east - 175e3 + 0.2 * grid.north) / 35e3)

@@ -1,4 +1,4 @@
-"""Mesoscale of a region and the currents that balance it: drifting eddies, and the thermal wind of a density field."""
+"""Drifting eddies and geostrophic currents of a density field."""
 
 import math
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ def geostrophic_currents(
     density: Array, depth: Array, lat: Array, lon: Array, reference_height: Array
 ) -> tuple[Array, Array]:
     """
-    Currents to the east and north (depth, lat, lon) [m/s] that balance a density field of that shape [kg/m3].
+    Eastward and northward currents (depth, lat, lon) [m/s] in balance with a density field of that shape [kg/m3].
 
-    ``u = -(dp/dy) / (rho f)`` and ``v = (dp/dx) / (rho f)`` at constant depth, on an even grid away from the equator.
-    Pressure is integrated hydrostatically upward from the deepest level by the trapezoidal rule; there its anomaly is
-    ``density * GRAVITY * reference_height`` (lat, lon) [m], so that a height of zero makes the deepest level one of no
-    motion, and a sloping one adds a current that is the same at all depths.
+    ``u = -(dp/dy) / (rho f)`` and ``v = (dp/dx) / (rho f)`` at constant depth, on a regular grid away from the equator.
+    The trapezoidal rule integrates hydrostatic pressure upward from the deepest level, where the anomaly is
+    ``density * GRAVITY * reference_height`` (lat, lon) [m]. With zero height, there is no motion at the deepest level. A sloping
+    height adds a current that is constant over depth.
     """
     anomaly = density - density.mean(axis=(1, 2), keepdims=True)  # a level's mean has no gradient
     layers = 0.5 * (anomaly[1:] + anomaly[:-1]) * np.diff(depth)[:, None, None]
@@ -44,7 +44,7 @@ def geostrophic_currents(
 
 @dataclass(frozen=True)
 class Grid:
-    """Points of a region: levels, and the horizontal grid in degrees and in local metres."""
+    """Grid of a region: levels, and horizontal points in degrees and in local metres."""
 
     depth: Array
     """Shape (depth,). [m]"""
@@ -63,31 +63,31 @@ class Eddy:
     """
     A round vortex that drifts at constant velocity in a periodic box around its region.
 
-    Isopycnals spread from the core depth where ``heave`` is positive (an anticyclonic lens of weakly
-    stratified water) and gather there where it is negative (a cyclone).
+    Isopycnals diverge from the core depth if ``heave`` is positive (an anticyclonic lens of weakly stratified water) and
+    converge if it is negative (a cyclone).
     """
 
     north: float
-    """Of the centre at the epoch, from the region's. [m]"""
+    """Position of the centre at the epoch, relative to the centre of the region. [m]"""
     east: float
     drift_north: float
     """[m/s]"""
     drift_east: float
     radius: float
-    """Of the fastest currents: the standard deviation of the Gaussian. [m]"""
+    """Radius of the fastest currents: the standard deviation of the Gaussian. [m]"""
     core_depth: float
     """[m]"""
     half_thickness: float
-    """Distance of the largest heave from the core. [m]"""
+    """Vertical distance of the largest heave from the core. [m]"""
     heave: float
-    """Largest displacement; downward beneath the core. [m]"""
+    """Largest displacement; downward below the core. [m]"""
     foreign_fraction: float
-    """Share of the eddy's own water in its core, 0 to 1. [-]"""
+    """Fraction of eddy water in the core, 0 to 1. [-]"""
     from_surface: bool
-    """Whether that share reaches from the core up to the surface, or fades above the core as below it."""
+    """True if this fraction is constant from the core to the surface; False if it decreases above the core as below."""
 
     def centre(self, elapsed: float, half_box: tuple[float, float]) -> tuple[float, float]:
-        """Position [m] after a time [s] in a box of these half extents; what leaves on one side returns on the other."""
+        """Position [m] after a time [s] in a periodic box with these half extents."""
         moved = (self.north + self.drift_north * elapsed, self.east + self.drift_east * elapsed)
         north, east = ((x + h) % (2.0 * h) - h for x, h in zip(moved, half_box, strict=True))
         return north, east
@@ -96,7 +96,7 @@ class Eddy:
 def eddy_fields(
     eddies: Sequence[Eddy], elapsed: float, grid: Grid, half_box: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """How far below its undisturbed depth the water lies [m], and its share of the eddies' own; both (depth, lat, lon)."""
+    """Downward displacement of the water [m], and its fraction of eddy water; both (depth, lat, lon)."""
     horizontal, displacement, core = [], [], []
     for eddy in eddies:
         north, east = eddy.centre(elapsed, half_box)
@@ -116,8 +116,8 @@ def eddy_fields(
 
 
 def scattered(count: int, dimensions: int) -> Array:
-    """Points of the unit cube, scattered evenly by Roberts' additive recurrence: nobody chose them."""
-    root = 2.0  # of x**(d + 1) = x + 1, whose negative powers are the steps
+    """Evenly scattered points of the unit cube from Roberts' additive recurrence."""
+    root = 2.0  # of x**(d + 1) = x + 1; its negative powers are the steps
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))
     steps = root ** -np.arange(1.0, dimensions + 1.0)

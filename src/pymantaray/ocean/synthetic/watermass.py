@@ -1,4 +1,4 @@
-"""Water columns as stacks of named water masses, joined by monotone curves."""
+"""Water columns as named water masses joined by monotone curves."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,20 +12,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WaterMass:
-    """Core of one water mass: where it lies and what it is."""
+    """Core of a water mass: name, depth, temperature and salinity."""
 
     name: str
     depth: float
-    """Of the core. [m]"""
+    """Depth of the core. [m]"""
     potential_temperature: float
-    """Referred to the surface. [degC]"""
+    """Potential temperature referred to the surface. [degC]"""
     salinity: float
-    """Practical. [-]"""
+    """Practical salinity. [-]"""
 
 
 @dataclass(frozen=True)
 class WaterColumn:
-    """Water masses from the surface down; properties run monotonically from core to core."""
+    """Water masses from the surface down; properties are monotonic between cores."""
 
     name: str
     masses: tuple[WaterMass, ...]
