@@ -8,12 +8,12 @@ import pytest
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import LOSSES, GraphSolver, Method, ReplayOptions, SolveOptions, build_graph
+from pymantaray.estimation import LOSSES, GraphSolver, IncrementalOptions, Method, SolveOptions, build_graph
 from pymantaray.evaluation.consistency import nees
 from pymantaray.records import SolveStatus
 
 PING = 5 * factories.PERIOD
-EVERY_SAMPLE = SolveOptions(step_tolerance=1e-9, replay=ReplayOptions(every="sample"))
+EVERY_SAMPLE = SolveOptions(step_tolerance=1e-9, incremental=IncrementalOptions(every="sample"))
 
 
 def poses_at(o, samples):

@@ -104,7 +104,7 @@ def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph)
     all_of_them = "1 landmarks, 2 pose priors, 4 fixes, 12 depth priors, 1 landmark priors, 6 ranges"
     for case, options, message in (
         (graph, {}, all_of_them),
-        (graph, {"leave_out": most}, "the graph has 12 depth priors besides"),
+        (graph, {"leave_out": most}, "the graph also has 12 depth priors"),
         (graph, {"leave_out": ["edges"]}, r"leave out \['edges'\]; allowed: landmarks,"),
         (named, {"leave_out": LEFT_OUT, "symbols": True}, "by one letter; found glider, float"),
     ):

@@ -19,7 +19,7 @@ from pymantaray.estimation.range_models import (
     TransmitterSpeed,
     UnknownsEstimate,
 )
-from pymantaray.estimation.solution import Method, ReplayOptions, Solution, SolveOptions
+from pymantaray.estimation.solution import IncrementalOptions, Method, Solution, SolveOptions
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 
@@ -34,13 +34,13 @@ __all__ = [
     "GraphResult",
     "GraphSolver",
     "GraphValues",
+    "IncrementalOptions",
     "Loss",
     "MeanSlowness",
     "Method",
     "Prediction",
     "RangeLinks",
     "RangeModel",
-    "ReplayOptions",
     "Solution",
     "SolveOptions",
     "TransmitterSpeed",

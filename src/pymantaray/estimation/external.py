@@ -1,4 +1,4 @@
-"""Somebody else's factor graph: read it, run an estimator on it, and keep what came out."""
+"""Read factor graphs from files, solve them, and save the results."""
 
 import json
 from collections.abc import Callable, Collection, Mapping
@@ -40,11 +40,12 @@ _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient
 @dataclass(frozen=True, eq=False)
 class GraphResult:
     """
-    What an estimator made of a graph.
+    Result of an estimator on a graph file.
 
-    ``graph`` has the priors that were added; ``as_in_file`` are the variables that start at the file's values though another
-    start was asked for, because nothing but ranges places them: if the file's values are the truth, so is that part of the
-    start. ``start`` is chordal where the file has no values; ``truth`` is None where it has none; ``diagnosis`` says in one line why the solution is not usable, and is None if it is.
+    ``graph`` includes added priors. ``as_in_file`` lists the variables that start at the file's values in spite of another
+    start, because only ranges constrain them: if the file's values are the truth, so is that part of the start. ``start`` is
+    chordal if the file has no values. ``truth`` is None if the file has none. ``diagnosis`` says in one line why the solution is
+    not usable, and is None if it is.
     """
 
     graph: FactorGraph
@@ -71,13 +72,13 @@ class GraphResult:
 
     @property
     def advice(self) -> str | None:
-        """What to do about a usable solution whose status is not OK."""
+        """Advice for a usable solution whose status is not OK."""
         words = SOLVE_STATUS_WORDS.get(self.solution.status)
         return None if words is None else f"{words.meaning}; {words.advice}"
 
     @property
     def trajectories(self) -> dict[str, GraphValues]:
-        """Values by name: ``start``, ``estimate`` if the solution is usable, ``truth`` if there is one."""
+        """Values by name: ``start``, ``estimate`` if the solution is usable, ``truth`` if known."""
         tables = {
             "start": self.initial,
             "estimate": self.values if self.solution.usable else None,
@@ -109,11 +110,11 @@ class GraphResult:
 
     def save(self, folder: Path, *, more: Mapping[str, Any] | None = None) -> None:
         """
-        Write the graph, and the start, the estimate and the truth, as NetCDF, and the summary as JSON.
+        Write graph, start, estimate and truth as NetCDF, and the summary as JSON.
 
         ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc`` and ``truth.nc`` are `GraphValues` with
-        the poses' vehicles, numbers and times besides. Without a usable solution there is no estimate. The
-        summary has the entries of ``more``, too; what is not finite is null there. The folder must exist.
+        vehicle, number and time of each pose. There is no estimate without a usable solution. The
+        summary includes the entries of ``more``; numbers that are not finite are null. The folder must exist.
         """
         self.graph.save(folder / "graph.nc")
         names = ["vehicle_name", "landmark_name", "pose_vehicle", "pose_number", "pose_time"]
@@ -139,11 +140,11 @@ def open_graph(
     ----------
     path : pathlib.Path or str
     leave_out : collection of str
-        Words whose lines to leave out, and count.
+        Words whose lines to skip and count.
     skip_unknown : bool
-        Leave out, and count, the lines of words that are not in the grammar, instead of refusing them.
+        Skip and count lines of unknown words instead of refusing them.
     half_angles : bool
-        Whether the rotation part of a g2o file's information is for half the angle, as g2o has it.
+        Read the rotation part of a g2o file's information as that of half the angle, as g2o defines it.
 
     Raises
     ------
@@ -156,7 +157,7 @@ def open_graph(
 
 
 def is_pose_graph(path: Path) -> bool:
-    """True for g2o and TORO files, whose vertices are starting points; PyFactorGraph text has the ground truth."""
+    """True for g2o and TORO files, whose vertices are starting values; those of PyFactorGraph text are the ground truth."""
     if path.suffix == G2O:
         return True
     try:
@@ -164,7 +165,7 @@ def is_pose_graph(path: Path) -> bool:
             words = (next(iter(line.split(None, 1)), "#") for line in file)
             return next((word for word in words if not word.startswith("#")), "") in _TORO_WORDS
     except OSError:
-        return False  # the reader says why
+        return False  # the reader reports the cause
 
 
 def solve_graph(
@@ -177,7 +178,7 @@ def solve_graph(
     report: Callable[[int, float], None] | None = None,
 ) -> GraphResult:
     """
-    Run an estimator on a graph that was read from a file; ``diagnosis`` of the result says what is wrong.
+    Run an estimator on a graph from a file; ``diagnosis`` of the result explains a failure.
 
     Parameters
     ----------
@@ -189,17 +190,17 @@ def solve_graph(
         At the values of the file's vertices, at edges composed from the priors, or at linear least squares of all edges; a
         truth hides local minima.
     anchor : bool
-        Give a prior of 1 mm and 1 mrad to the first pose of each part that floats, instead of refusing it. Where nothing at
-        all ties a graph to the world, that is done unasked.
+        Add a prior of 1 mm and 1 mrad to the first pose of each free part, instead of refusing the graph. A graph without
+        any anchor always gets these priors.
     truth : bool
         Whether the file's vertices are the ground truth, as in PyFactorGraph files.
     report : callable, optional
-        Told the number of each step of a named estimator and the cost behind it.
+        Called with the number of each step of a named estimator and the cost after it.
 
     Raises
     ------
     EstimationError
-        If there is no such estimator or start, a part of the graph floats, or it has fewer measurements than
+        If the estimator or start is unknown, a part of the graph is free, or there are fewer measurements than
         unknowns; the message names a variable.
     """
     if isinstance(estimator, str) and estimator not in METHODS:
@@ -233,10 +234,10 @@ def solve_graph(
 
 def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
-    A file's graph, checked and tied to the world, and the poses that were given a prior for that.
+    Check a file's graph and anchor it; return the poses that got a prior, too.
 
-    Where nothing ties it, the first pose of each part is given one; where something does, only with ``all_parts``, else a
-    part that floats is refused.
+    Without any anchor, the first pose of each part gets a prior. Otherwise a free part is refused, or anchored with
+    ``all_parts``.
     """
     graph, values = file.graph, file.values
     check_graph(graph)
@@ -263,13 +264,13 @@ def _solved(
         if isinstance(estimator, str):
             return estimator, GraphSolver(options).solve(graph, initial, method=METHODS[estimator])
         return getattr(estimator, "__name__", "estimator"), estimator(graph, initial)
-    except (RuntimeError, ValueError) as error:  # what GTSAM throws where it does not abort
+    except (RuntimeError, ValueError) as error:  # raised by GTSAM
         reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
         raise EstimationError(reason) from None
 
 
 def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: Solution) -> str:
-    """Reason for a solve that failed although the graph determines every variable."""
+    """Reason of a failed solve of a graph that determines every variable."""
     if solution.status is SolveStatus.FAILED and (start := diagnose_start(graph, initial)) is not None:
         return start
     state = solution.status.name.lower().replace("_", " ")
@@ -289,22 +290,22 @@ def _finite(value: Any) -> Any:
 
 def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) -> tuple[Any, Any]:
     """
-    A graph and values of its variables as GTSAM's own, to be solved or extended there.
+    Convert a graph and values to GTSAM, to solve or extend them there.
 
     Parameters
     ----------
     graph : FactorGraph
-        Every factor becomes one of GTSAM's; those of depth are GPS factors without precision across. Poses of a planar graph
-        are held in the plane by priors, where nothing pulls on them.
+        Every factor becomes a GTSAM factor; depths are GPS factors without horizontal precision. Priors hold the poses of a
+        planar graph in the plane, without effect on the solution.
     values : GraphValues
-        One for each variable of the graph.
+        Values of all variables of the graph.
     loss : Loss, optional
         Robust loss on the ranges.
 
     Returns
     -------
     gtsam.NonlinearFactorGraph, gtsam.Values
-        Keys are the rows of the graph: poses first, landmarks after them. The ranges are the last factors.
+        Keys are the rows of the graph: poses first, then landmarks. The ranges are the last factors.
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, values_of
 

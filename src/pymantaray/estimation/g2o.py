@@ -1,7 +1,7 @@
 """
 Pose graphs as g2o or TORO text, in three dimensions or two: poses, landmarks, edges between poses and sightings of landmarks.
 
-Lines in two dimensions are lifted and flattened as those of PyFactorGraph text are.
+Lines in two dimensions are lifted and flattened as in PyFactorGraph text.
 """
 
 import re
@@ -69,7 +69,7 @@ _FLAT = {POSE: "VERTEX_SE2", LANDMARK: "VERTEX_XY", EDGE: "EDGE_SE2", SIGHTING: 
 
 _KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"edge", "sighting"}}
 LEFT_OUT = ("landmarks", *_KIND_OF)
-"""What a file cannot hold; landmarks are those without a sighting."""
+"""Contents that a file cannot hold; landmarks are those without a sighting."""
 
 _SYMBOL_SHIFT = 56  # GTSAM's symbols: a letter in the uppermost byte, a number below
 _LARGEST_ID = 2**31 - 1  # g2o's ids are C ints
@@ -88,14 +88,14 @@ def write_g2o(
     half_angles: bool = False,
 ) -> dict[str, int]:
     """
-    Write the poses and edges of a factor graph as g2o text, whole or not at all, and count what is left out.
+    Write the poses and edges of a factor graph as g2o text, atomically; return the number of omitted factors by kind.
 
-    What the format [1]_ cannot hold, of `LEFT_OUT`, has to be named in ``leave_out``. Vertices are numbered by the
+    ``leave_out`` must name the kinds of `LEFT_OUT` that the graph has, because the format [1]_ cannot hold them. Vertices are numbered by the
     row of the pose, or with ``symbols`` as GTSAM's symbols, which keep vehicle and number (vehicles of one
     letter only) and are too large for g2o itself. With ``half_angles`` the rotation part of the information is that of
     x, y, z of the quaternion, half the angle, as g2o has it [2]_; else that of the rotation vector, as GTSAM
-    reads the same numbers (checked with 4.3). GTSAM's own writer rounds to six digits; its reader takes ``nan``
-    for 0, numbers that are missing for anything, and skips other lines in silence.
+    reads the same numbers (checked with 4.3). GTSAM's own writer rounds to six digits; its reader reads ``nan``
+    as 0 and missing numbers as arbitrary values, and skips other lines without a message.
 
     References
     ----------
@@ -114,8 +114,8 @@ def write_g2o(
     refused = [f"{n} {what}" for what, n in lost.items() if what not in leave_out]
     if refused:
         raise EstimationError(
-            f"{path}: g2o files hold poses, edges between them and sightings; the graph has {', '.join(refused)} besides:"
-            " agree to leave them out (--leave-out all)"
+            f"{path}: g2o files hold poses, edges between them and sightings; the graph also has {', '.join(refused)}:"
+            " leave them out (--leave-out all, leave_out=LEFT_OUT)"
         )
     ids = _symbols(graph, path) if symbols else list(range(graph.n_variables))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
@@ -135,8 +135,8 @@ def load_g2o(
 
     Lines of the words in ``leave_out`` are skipped and counted, with ``skip_unknown`` those of unknown words, too; others
     are refused. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. A pose's
-    number stands for its time. [s] Where sensors that sight landmarks have offsets, these are taken into what is sighted. A
-    file without vertices has the poses and landmarks of its edges, at values by chordal initialization.
+    number is used as its time [s]. Sensor offsets are applied to sightings. A file without vertices has the poses and
+    landmarks of its edges, with values by chordal initialization.
     """
     path = Path(path)
     lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown)
@@ -195,7 +195,7 @@ def _rows(
 
 
 class _Reader:
-    """Makes a graph of the tables of a file."""
+    """Converts the tables of a file to a graph."""
 
     def __init__(
         self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool
@@ -213,7 +213,7 @@ class _Reader:
         }
 
     def graph(self) -> tuple[FactorGraph, GraphValues, bool]:
-        """Graph, values of its variables, and whether these are no more than places to begin at."""
+        """Convert all lines: graph, values, and whether the file has no values."""
         poses, landmarks, valueless = self._vertices()
         names = [_name(k) for k in poses]
         vehicles = list(dict.fromkeys(letter for letter, _ in names))
@@ -237,7 +237,7 @@ class _Reader:
         return graph.with_factors(edge=self._edges(), sighting=self._sightings()), values, valueless
 
     def _vertices(self) -> tuple[list[int], list[int], bool]:
-        """Ids of poses and landmarks, those of the edges where there are no vertices, and whether that is so."""
+        """Ids of poses and landmarks, taken from edges if there are no vertices; and whether that is so."""
         poses, landmarks = (self._ids(word) for word in (POSE, LANDMARK))
         valueless = not (poses or landmarks)
         if valueless:
@@ -250,7 +250,7 @@ class _Reader:
         return poses, landmarks, valueless
 
     def _ids(self, word: str) -> list[int]:
-        """Ids of vertices; a landmark may have that of a pose, as in files where they are counted apart."""
+        """Ids of vertices; a landmark may have the id of a pose, as in files that number them separately."""
         table, (ids,) = self._of[word], self._id[word]
         if len(set(ids)) != len(ids):
             before: set[int] = set()
@@ -268,7 +268,7 @@ class _Reader:
         )
 
     def _sightings(self) -> Factors:
-        """Sightings in the body frames, whatever the offsets of the sensors."""
+        """Sightings in the body frames, with sensor offsets applied."""
         table, place, covariance = self._of[SIGHTING], self._measured(SIGHTING), self._covariance(SIGHTING)
         if not self._planar:
             offsets = dict(zip(self._id[OFFSET][0], self._values[OFFSET], strict=True))
@@ -319,7 +319,7 @@ class _Reader:
         return lifted_matrix(covariance) if self._planar else covariance
 
     def _checked_ids(self, word: str, table: Table) -> list[list[int]]:
-        """Ids of the lines of a word, by their ends."""
+        """Ids of the lines of a word, for each end."""
         ends = []
         for end in range(table.grammar.names):
             fields = table.names(end)
@@ -343,19 +343,19 @@ class _Reader:
 
 
 def _in_g2o(table: Table, values: Array) -> Array:
-    """Numbers of lines as g2o has them: TORO has angles roll, pitch, yaw, and in two dimensions another order of the triangle."""
+    """Convert TORO numbers to those of g2o: roll, pitch, yaw to a quaternion, and the planar triangle to rows."""
     if table.word == "EDGE2":
         return np.concatenate([values[:, :3], values[:, 3:][:, _TORO_TRIANGLE]], axis=1)
     if table.word not in {"VERTEX3", "EDGE3"}:
         return values
     turn = Rotation.from_euler(
         "ZYX", values[:, 5:2:-1]
-    ).as_quat()  # of yaw, then pitch, then roll, about the turned axes
+    ).as_quat()  # yaw, then pitch, then roll, about the rotated axes
     return np.concatenate([values[:, :3], turn, values[:, 6:]], axis=1)
 
 
 def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int]) -> Array:
-    """Inverses of positive definite matrices (n, k, k) of some lines of a word, by way of their unit-diagonal forms."""
+    """Invert positive definite matrices (n, k, k) of lines of a word, scaled to unit diagonals."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
     fine = (diagonal > 0.0).all(axis=1)
     if not fine.all():
@@ -374,7 +374,7 @@ def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int
 
 
 def _angle_scale(factor: float) -> Array:
-    """Factors of the entries of a matrix (6, 6) when its last three axes are stretched by a factor."""
+    """Factors on the entries of a matrix (6, 6) if its last three axes are scaled by a factor."""
     axis = np.array([1.0] * 3 + [factor] * 3)
     return np.outer(axis, axis)
 

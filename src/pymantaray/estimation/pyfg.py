@@ -1,9 +1,8 @@
 """
 Factor graphs as PyFactorGraph text, in three dimensions or two.
 
-Writer and reader are two directions of one grammar, and so in one room; its lines are refused by number. Lines in two
-dimensions are those in three with what is in the plane alone: they are lifted as they are read, and flattened as they are
-written.
+Writer and reader use one grammar. Lines in two dimensions contain only the coordinates in the plane: the reader lifts them to three
+dimensions, and the writer flattens them.
 """
 
 import csv
@@ -50,9 +49,9 @@ FLAT = {  # words in two dimensions, by those in three
 _IN_PLANE = {6: [0, 1, 5], 3: [0, 1]}  # of x y z rx ry rz, and of x y z
 _LETTERS = "ABCDEFGHIJKMNOPQRSTUVWXYZ"  # of vehicles; L is for landmarks
 _NAME = re.compile(rf"([{_LETTERS}]+|L)([0-9]+)")
-_OUTER_NAME = re.compile("[A-Za-z0-9_-]+")
-_LARGEST_NUMBER = 2**31 - 1  # of a pose; records keep it in 32 bits
-_FREE = 1e12  # an axis with this variance or more is not constrained
+_STUDY_NAME = re.compile("[A-Za-z0-9_-]+")
+_LARGEST_NUMBER = 2**31 - 1  # of a pose; records store it in 32 bits
+_FREE_VARIANCE = 1e12  # an axis with this variance or more is not constrained
 _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
 TO_FILE = [3, 4, 5, 0, 1, 2]  # rotation before translation, and back: the exchange is its own inverse
 TO_XYZW = [1, 2, 3, 0]
@@ -75,9 +74,9 @@ _WORDS = {**_GRAMMAR, **{flat: _GRAMMAR[word].flat for word, flat in FLAT.items(
 
 class GraphFile(NamedTuple):
     """
-    A graph read from a file, the file's values of its variables, and what was left out, counted by word.
+    A graph read from a file, the values of its variables, and the number of omitted lines by word.
 
-    ``valueless`` says that the file has no values: those here are by chordal initialization.
+    ``valueless`` is true if the file has no values; ``values`` are then by chordal initialization.
     """
 
     graph: FactorGraph
@@ -88,23 +87,23 @@ class GraphFile(NamedTuple):
 
 def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:
     """
-    Write a factor graph as PyFactorGraph text, whole or not at all.
+    Write a factor graph as PyFactorGraph text, atomically.
 
     Parameters
     ----------
     graph : FactorGraph
-        Vehicles keep their names if all are single capital letters other than L, and landmarks theirs if all
-        are an L and a number; else they get such names in order, and a table beside the file,
-        ``name.names.csv`` for ``name.pyfg``, says whose they are.
+        Vehicles keep their names if all are single capital letters other than L, and landmarks if all
+        are an L and a number. Otherwise they get such symbols in order, and a table beside the file,
+        ``name.names.csv`` for ``name.pyfg``, lists their names.
     path : pathlib.Path or str
-        File to make or replace; its folder must exist.
+        File to create or replace; its folder must exist.
     initial : GraphValues
-        Values of the vertices: the truth, as PyFactorGraph means it, or any starting point.
+        Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
 
     Raises
     ------
     EstimationError
-        If the values do not fit the graph, or names are used twice or have other characters.
+        If the values do not fit the graph, a name occurs twice or has other characters.
     WriteError
         If the file cannot be written.
 
@@ -130,14 +129,14 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     full = graph.vehicle_name.tolist() + graph.landmark_name.tolist()
     table = names_file(path)
     if vehicles + landmarks != full:
-        odd = next((name for name in full if not _OUTER_NAME.fullmatch(name)), None)
+        odd = next((name for name in full if not _STUDY_NAME.fullmatch(name)), None)
         if odd is not None or len(set(full)) != len(full):
             what = "a name twice" if odd is None else f"the name {odd!r}"
             raise EstimationError(f"{path}: {what}; needs different names of letters, digits, _ and -")
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         file.writelines(_lines(graph, initial, vehicles, landmarks))
         if vehicles + landmarks == full:
-            table.unlink(missing_ok=True)  # of a file that is being replaced
+            table.unlink(missing_ok=True)  # from a replaced file
         else:
             with whole_file(table) as beside, beside.open("w", encoding="utf-8", newline="") as names:
                 csv.writer(names).writerows(
@@ -146,7 +145,7 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
 
 
 def names_file(path: Path) -> Path:
-    """Table of the names that vehicles and landmarks have outside a PyFactorGraph file, beside it."""
+    """Path of the table of vehicle and landmark names beside a PyFactorGraph file."""
     return path.with_name(f"{path.stem}.names.csv")
 
 
@@ -157,34 +156,33 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Parameters
     ----------
     path : pathlib.Path or str
-        If there is a table of names beside it, as `write_pyfg` makes one, vehicles and landmarks have the
-        names in that.
+        If a table of names of `write_pyfg` lies beside it, vehicles and landmarks get the names of the table.
 
     Returns
     -------
     graph : FactorGraph
-        Poses in the order of the file. Vehicles in the order of their first pose.
+        Poses are in the order of the file, vehicles in the order of their first pose.
     values : GraphValues
         Values of the vertices.
 
     Raises
     ------
     EstimationError
-        If the file cannot be read or a line is not in the grammar; the message names the line, what was
-        found and what is allowed.
+        If the file cannot be read or a line is not in the grammar; the message names the line, its error
+        and the allowed input.
 
     Notes
     -----
     A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth prior
-    if north and east are free too. Time stamps of factors are checked and not kept: each is taken to be at the time
-    of its poses. Vertices are the ground truth in files that PyFactorGraph wrote.
+    if north and east are free too. Time stamps of factors are checked and not kept: a factor has the time
+    of its poses. In files of PyFactorGraph, vertices are the ground truth.
     """
     file = load_pyfg(path)
     return file.graph, file.values
 
 
 def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown: bool = False) -> GraphFile:
-    """Read as `read_pyfg` does, without the lines of words that are named, or with ``skip_unknown`` of words that are not known."""
+    """Read like `read_pyfg`, but skip the lines of the words in ``leave_out`` and, with ``skip_unknown``, of unknown words."""
     path = Path(path)
     lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown)
     tables, planar = read_tables(lines, _WORDS, one_space=True)
@@ -198,7 +196,7 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown
 
 
 class _Reader:
-    """Makes a graph of the tables of one file."""
+    """Converts the tables of one file to a graph."""
 
     def __init__(self, lines: TextLines, tables: dict[str, Table], *, planar: bool) -> None:
         self._lines, self._planar = lines, planar
@@ -218,7 +216,7 @@ class _Reader:
         )
 
     def graph(self, names: dict[str, str]) -> tuple[FactorGraph, GraphValues]:
-        """Graph of all lines, and values of its vertices; with names by the symbols of vehicles and landmarks."""
+        """Convert all lines; ``names`` maps symbols of vehicles and landmarks to their names."""
         (poses,), (landmarks,) = self._names[POSE], self._names[LANDMARK]
         if not poses:
             self._lines.refuse(f"no {POSE} or {FLAT[POSE]} in the file", "one pose at least", 0)
@@ -263,11 +261,11 @@ class _Reader:
         return measured, covariance[:, TO_FILE][:, :, TO_FILE] if covariance.shape[1] == 6 else covariance
 
     def _table(self, kind: FactorKind) -> Factors:
-        """Factors of a kind that has a word of its own."""
+        """Factors of a kind with a word of its own."""
         measured, covariance = self._numbers(kind.word)
         variables = self._variables(kind.word)
         if kind.word == EDGE:  # with free rotation it measures the position alone
-            free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
+            free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
             mine = (free == [True] * 3 + [False] * 3).all(axis=1) == bool(kind.axes)
             variables, measured, covariance = variables[mine], measured[mine], covariance[mine]
             if kind.axes:
@@ -276,11 +274,11 @@ class _Reader:
         return kind.table(variables, columns, covariance)
 
     def _pose_priors(self) -> dict[str, Factors]:
-        """Factors of the kinds that are written as pose priors, told apart by their free axes."""
+        """Factors of the kinds that are written as pose priors, distinguished by their free axes."""
         measured, covariance = self._numbers(POSE_PRIOR)
         variables, quaternion = self._variables(POSE_PRIOR), measured[:, 3:]
-        free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
-        # down may be told from across only where the prior's own axes are the world's, up to a turn about down
+        free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
+        # depth is distinct from horizontal axes only if the prior's axes are the world's, up to a rotation about down
         level = np.abs(quaternion[:, 1:3]).max(axis=1, initial=0.0) < 1e-9
         left, allowed, tables = np.ones(len(free), dtype=bool), [], {}
         for name, kind in KINDS.items():
@@ -305,7 +303,7 @@ class _Reader:
             row = int(np.argmax(left))
             self._lines.refuse(
                 f"pose prior with free axes {_axes(free[row])}",
-                f"{', or '.join(allowed)} (free: variance {_FREE:g} or more)",
+                f"{', or '.join(allowed)} (free: variance {_FREE_VARIANCE:g} or more)",
                 self._tables[POSE_PRIOR].line[row],
             )
         return tables
@@ -323,7 +321,7 @@ class _Reader:
         return np.array(columns, dtype=np.int32).T
 
     def _checked_names(self, lifted: str, table: Table) -> list[list[str]]:
-        """Names in the lines of a word without leading zeros, so that A01 and A1 are the same, by their ends."""
+        """Names in the lines of a word, for each end, without leading zeros, so that A01 equals A1."""
         ends = []
         for end in range(_GRAMMAR[lifted].names):
             fields = table.names(end)
@@ -381,14 +379,14 @@ class _Reader:
 
 
 def _free_out_of_plane(covariance: Array) -> None:
-    """Free the axes out of the plane, of priors (n, 6, 6) in the order of the file, where those in the plane are free."""
-    free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
-    covariance[free[:, :2].all(axis=1), 2, 2] = _FREE
-    covariance[free[:, 5], 3, 3] = covariance[free[:, 5], 4, 4] = _FREE
+    """Free the axes out of the plane of priors (n, 6, 6), in the order of the file, if the axes in the plane are free."""
+    free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
+    covariance[free[:, :2].all(axis=1), 2, 2] = _FREE_VARIANCE
+    covariance[free[:, 5], 3, 3] = covariance[free[:, 5], 4, 4] = _FREE_VARIANCE
 
 
 def _read_names(path: Path) -> dict[str, str]:
-    """Names by the symbols of vehicles and landmarks; none without a table."""
+    """Names by symbol of vehicles and landmarks; empty without a table."""
     if not path.is_file():
         return {}
     try:
@@ -396,17 +394,17 @@ def _read_names(path: Path) -> dict[str, str]:
             head, *rows = csv.reader(file)
     except (OSError, ValueError, csv.Error) as error:
         raise EstimationError(f"{path}: not a readable table of names: {error}") from None
-    names = {row[0]: row[1] for row in rows if len(row) == 2 and _OUTER_NAME.fullmatch(row[1])}
+    names = {row[0]: row[1] for row in rows if len(row) == 2 and _STUDY_NAME.fullmatch(row[1])}
     if head != ["symbol", "name"] or len(names) != len(rows) or len(set(names.values())) != len(rows):
         raise EstimationError(
-            f"{path}: needs a line symbol,name, then a symbol of the graph file and a name of letters, digits, _ and -"
-            " in each line, none of them twice"
+            f"{path}: needs a line symbol,name, then in each line a symbol of the graph file and a name of letters, digits, _ and -,"
+            " each once"
         )
     return names
 
 
 def _symbols(graph: FactorGraph) -> tuple[list[str], list[str]]:
-    """What vehicles and landmarks are called in the file."""
+    """Symbols of vehicles and landmarks in the file."""
     vehicles: list[str] = graph.vehicle_name.tolist()
     width = 1
     while len(_LETTERS) ** width < len(vehicles):
@@ -433,7 +431,7 @@ def _lines(
     yield from _rows(LANDMARK, landmarks, initial.landmark_position, planar=planar)
     for table, kind in KINDS.items():
         factors = graph[table]
-        # a factor is at the time of the variable that messages name; landmarks have none
+        # a factor has the time of the variable that messages name; landmarks have no time
         heads = [
             f"{time[after]} {' '.join(names[v] for v in ends)}"
             for after, ends in zip(factors.subject.tolist(), factors.variables.tolist(), strict=True)
@@ -450,7 +448,7 @@ def _in_file(factors: Factors) -> tuple[Array, Array]:
         for column, place in kind.columns_at.items():
             where = slice(3, 7) if column == "quaternion" else axes[axes >= 3] - 3
             measured[:, where] = factors.measured[:, place]
-        covariance = np.tile(_FREE * np.eye(6), (len(factors), 1, 1))
+        covariance = np.tile(_FREE_VARIANCE * np.eye(6), (len(factors), 1, 1))
         covariance[:, axes[:, None], axes] = factors.covariance
     if _GRAMMAR[kind.word].matrix == 6:
         measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_XYZW]], axis=1)

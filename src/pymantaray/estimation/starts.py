@@ -1,4 +1,4 @@
-"""Where to start: dead reckoning over a fleet's odometry or a graph's edges, chordal initialization, and anchors for what floats."""
+"""Starting values: dead reckoning over odometry or a graph's edges, chordal initialization, and anchors of free parts."""
 
 from typing import Any, NamedTuple
 
@@ -16,12 +16,16 @@ from pymantaray.records import Measurements
 Array = NDArray[np.float64]
 Indices = NDArray[Any]
 
-_JUMP = 1e9  # weight of an edge that is not from one pose to the next of its vehicle, which has 1
+_LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1
 
 
 def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     """
-    Trajectories that odometry alone gives, from the mean of each vehicle's first-pose prior.
+    Dead-reckon trajectories by odometry alone, from the mean of each vehicle's first-pose prior.
+
+    Parameters
+    ----------
+    measurements : Measurements
 
     Returns
     -------
@@ -35,29 +39,34 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     EstimationError
         If a vehicle has no first-pose prior or an odometry edge is not finite.
     """
-    o = measurements
     for what, values in (
-        ("first-pose prior", np.concatenate([o.first_position, o.first_quaternion], axis=1)),
-        ("odometry", np.concatenate([o.odometry_rotation, o.odometry_translation], axis=2)),
+        (
+            "first-pose prior",
+            np.concatenate([measurements.first_position, measurements.first_quaternion], axis=1),
+        ),
+        (
+            "odometry",
+            np.concatenate([measurements.odometry_rotation, measurements.odometry_translation], axis=2),
+        ),
     ):
-        fine = np.isfinite(values).reshape(o.name.size, -1).all(axis=1)
+        fine = np.isfinite(values).reshape(measurements.name.size, -1).all(axis=1)
         if not fine.all():
             raise EstimationError(
-                f"vehicle {o.name[np.argmin(fine)]}: {what} is not finite; dead reckoning needs all of it"
+                f"vehicle {measurements.name[np.argmin(fine)]}: {what} is not finite; dead reckoning needs all of it"
             )
-    n_vehicles, n_times = o.depth.shape
-    step = matrix_from_quaternion(o.odometry_rotation)
+    n_vehicles, n_times = measurements.depth.shape
+    step = matrix_from_quaternion(measurements.odometry_rotation)
     rotation = np.empty((n_times, n_vehicles, 3, 3))
-    rotation[0] = matrix_from_quaternion(o.first_quaternion)
+    rotation[0] = matrix_from_quaternion(measurements.first_quaternion)
     for k in range(n_times - 1):
         np.matmul(rotation[k], step[:, k], out=rotation[k + 1])
-    moved = np.einsum("taij,atj->ati", rotation[:-1], o.odometry_translation)
-    position = np.concatenate([o.first_position[:, None], moved], axis=1).cumsum(axis=1)
+    moved = np.einsum("taij,atj->ati", rotation[:-1], measurements.odometry_translation)
+    position = np.concatenate([measurements.first_position[:, None], moved], axis=1).cumsum(axis=1)
     return position, quaternion_from_matrix(np.swapaxes(rotation, 0, 1))
 
 
 class StartingValues(NamedTuple):
-    """Values to start at, and the variables that have the values they had before, because nothing but ranges places them."""
+    """Starting values, and the variables that keep their earlier values because only ranges constrain them."""
 
     values: GraphValues
     unchanged: Indices
@@ -65,11 +74,11 @@ class StartingValues(NamedTuple):
 
 def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> StartingValues:
     """
-    Values that the edges of a graph give when composed from its pose priors.
+    Compose the edges of a graph from its pose priors.
 
-    A pose is reached from the nearest prior over the fewest edges that are not odometry (one pose to the next
-    of a vehicle, either way), and over the fewest edges among these. A landmark is where its prior has it, else its first
-    sighting. The first pose of a chain without a prior and landmarks without either have their ``values``.
+    The path to a pose starts at the nearest prior and has as few edges other than odometry as possible, then as few edges as
+    possible. A landmark has the position of its prior, else of its first sighting. The first pose of a chain without a prior,
+    and landmarks without prior and sighting, keep their ``values``.
     """
     n = graph.n_poses
     prior, edge, survey = graph["prior"], graph["edge"], graph["survey"]
@@ -106,10 +115,10 @@ def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> StartingValues
 
 def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     """
-    Values by chordal initialization: rotations first, then positions, each by linear least squares, whatever was known before.
+    Chordal initialization: linear least squares of all rotations, then of all positions.
 
-    Rotations are any matrices that fit the edges and the priors, and then the nearest rotations; the first pose of a chain
-    without a prior, and landmarks that nothing but ranges sees, have their ``values``. GTSAM's `InitializePose3` does the same
+    Rotations are first solved as unconstrained matrices and then projected to the nearest rotations. The first pose of a chain
+    without a prior, and landmarks that only ranges constrain, keep their ``values``. GTSAM's `InitializePose3` does the same
     for edges alone.
     """
     n, prior, edge, sighting = graph.n_poses, graph["prior"], graph["edge"], graph["sighting"]
@@ -170,9 +179,9 @@ def _linear(
     step: Array | float = 0.0,
 ) -> Array:
     """
-    Blocks X (size, k, 3) with least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known``.
+    Solve linear least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known`` for blocks X (size, k, 3).
 
-    Turns are (n, k, k), steps and what is known (n, k, 3).
+    ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3).
     """
     k, n = turn.shape[1], len(ends)
     row, column = np.indices((k, k)).reshape(2, -1)
@@ -221,9 +230,9 @@ def anchor_loose_parts(
     graph: FactorGraph, values: GraphValues, *, sigma: float = 1e-3
 ) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
-    Give a prior, sigma on each axis [m, rad], to the first pose of each part that nothing ties to the world.
+    Add a prior at the first pose of each part that nothing ties to the world; return these poses, too.
 
-    It is where the values have it. Poses that now have one are named beside; a part without poses gets none.
+    The prior has the mean of ``values`` and ``sigma`` on each axis [m, rad]. A part without poses gets none.
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -241,15 +250,15 @@ def _shortest_tree(
     graph: FactorGraph, starts: Indices
 ) -> tuple[list[int], list[int], dict[tuple[int, int], int]]:
     """
-    Shortest ways from the starts: before each pose the one it is reached from (n_poses at a start), and the order.
+    Shortest paths from the starts: the predecessor of each pose (n_poses at a start), the order of poses, and edge rows.
 
-    Beside, the row of the edge between two poses, either way.
+    The edge rows are indexed by pairs of poses, in both directions.
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)
     vehicle, number = graph.pose_vehicle.astype(int)[ends], graph.pose_number.astype(int)[ends]
     next_one = (vehicle[:, 0] == vehicle[:, 1]) & (np.abs(number[:, 0] - number[:, 1]) == 1)
-    weight = np.where(next_one, 1.0, _JUMP)
+    weight = np.where(next_one, 1.0, _LOOP_CLOSURE_WEIGHT)
     tree_edge: dict[tuple[int, int], int] = {}
     for k in np.argsort(weight, kind="stable").tolist():
         a, b = ends[k].tolist()

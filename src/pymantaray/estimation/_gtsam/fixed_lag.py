@@ -1,4 +1,4 @@
-"""GTSAM's fixed-lag smoother: what is older than the lag is marginalized, and what was last believed of it is kept."""
+"""GTSAM's fixed-lag smoother, which keeps the last estimate of marginalized variables."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ _TOLERANCE = 1e-12  # of the cost, relative and absolute, at which the smoother'
 
 
 class LaggedSmoother:
-    """A running estimate of the latest variables; after an update that fails it is of no further use."""
+    """Current estimate of the latest variables; unusable after a failed update."""
 
     def __init__(self, lag: float) -> None:
         steps = gtsam.LevenbergMarquardtParams()
@@ -22,7 +22,7 @@ class LaggedSmoother:
         """Estimate of every variable when it was last in the window."""
 
     def update(self, factors: Any, rows: NDArray[np.intp], new: Any, time: Any) -> bool:
-        """Take one step with more factors and variables, each with its time by key; whether it succeeded."""
+        """Add factors and variables, with times by key, and update; True if it succeeded."""
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(factors.at(i))
@@ -34,7 +34,7 @@ class LaggedSmoother:
         return True
 
     def pose(self, key: int) -> Any:
-        """Estimate of one pose now."""
+        """Current estimate of one pose."""
         return self._smoother.calculateEstimatePose3(key)
 
     def covariance(self, keys: NDArray[np.intp]) -> Array | None:

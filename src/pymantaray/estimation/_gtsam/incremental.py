@@ -14,14 +14,14 @@ Array = NDArray[np.float64]
 
 
 class Timeline(NamedTuple):
-    """At which update each factor and each variable enters; -1 for a variable that no factor mentions."""
+    """Update at which each factor and each variable enters; -1 for a variable without factors."""
 
     factor_update: NDArray[np.intp]
     variable_update: NDArray[np.intp]
 
 
 def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline:
-    """Sort factors and variables by the update at which all they need is there; what always is has time minus infinity."""
+    """Find the update at which each factor and variable enters; a time of minus infinity means always available."""
     of_variable = np.searchsorted(update_time, variable_time)
     last = update_time.size
     first_use = np.full(variable_time.size, last)
@@ -34,7 +34,7 @@ def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline
 
 
 class IncrementalSmoother:
-    """A running estimate; after an update that fails it is of no further use."""
+    """Current estimate; unusable after a failed update."""
 
     def __init__(self, relinearize: float, wildfire: float) -> None:
         steps = gtsam.ISAM2GaussNewtonParams()
@@ -47,7 +47,7 @@ class IncrementalSmoother:
         self._smoother = gtsam.ISAM2(parameters)
 
     def update(self, factors: Any, rows: NDArray[np.intp], new: Any) -> tuple[float, int] | None:
-        """Take one step with more factors and variables: seconds, variables relinearized; None if singular."""
+        """Add factors and variables and update: seconds and number of relinearized variables; None if singular."""
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(factors.at(i))
@@ -59,24 +59,24 @@ class IncrementalSmoother:
         return time.perf_counter() - begin, int(result.getVariablesRelinearized())
 
     def pose(self, key: int) -> Any:
-        """Estimate of one pose now."""
+        """Current estimate of one pose."""
         return self._smoother.calculateEstimatePose3(key)
 
     def values(self) -> Any:
-        """Estimate of everything now."""
+        """Current estimate of all variables."""
         return self._smoother.calculateEstimate()
 
 
 class Smoother(Protocol):
-    """What knows poses."""
+    """Estimator that has poses."""
 
     def pose(self, key: int) -> Any:
-        """Estimate of one pose now."""
+        """Current estimate of one pose."""
         ...
 
 
 class Entering:
-    """Where new poses start: at their prior, at the end of an edge from a pose that is there, or where they are told."""
+    """Starting values of new variables: from a prior, from an edge to an existing pose, or from given values."""
 
     def __init__(self, graph: FactorGraph, start: Any) -> None:
         self._start, self._n_poses = start, graph.n_poses
@@ -92,7 +92,7 @@ class Entering:
         self._there: set[int] = set()
 
     def values(self, variables: NDArray[np.intp], smoother: Smoother) -> Any:
-        """Starting values of variables that are new."""
+        """Starting values of new variables."""
         out = gtsam.Values()
         poses = variables[variables < self._n_poses]
         for key in poses[np.argsort(self._time[poses], kind="stable")].tolist():
