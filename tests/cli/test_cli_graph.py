@@ -141,7 +141,7 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     assert back.vehicle_name.tolist() == ["A", "B"]
     np.testing.assert_array_equal(values.position, read_pyfg(file)[1].position)
     anchored = graph("solve", tmp_path / "g.g2o")
-    assert "anchored for want of a prior: A0" in anchored.out
+    assert "anchored because there is no prior: A0" in anchored.out
     shown = graph("show", tmp_path / "g.g2o").out
     assert "anchor             none; solve gives a prior to A0" in shown
     assert "degrees of freedom 6 with the anchor" in shown  # of 5 edges, 5 poses and a prior
@@ -215,7 +215,7 @@ def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, star
         )
     )
     lines = graph("solve", file, "--start", start).out.splitlines()
-    said = "started at the file's values, because nothing but ranges places them: 0 poses, 1 of 1 landmarks"
+    said = "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1 landmarks"
     assert said in lines
     assert told("graph", "solve", file, "--start", start)["as_in_file"] == {"poses": 0, "landmarks": 1}
     assert told("graph", "solve", file)["as_in_file"] == {"poses": 0, "landmarks": 0}

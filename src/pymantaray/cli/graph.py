@@ -1,4 +1,4 @@
-"""Commands of `mantaray graph`: other people's factor graphs, shown, solved and converted."""
+"""Commands of `mantaray graph`: show, solve and convert factor graphs from files."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pymantaray.estimation import GraphResult
     from pymantaray.estimation.pyfg import GraphFile
 
-app = Commands(help="Other people's factor graphs: show, solve, convert.")
+app = Commands(help="Show, solve and convert factor graphs from files.")
 
 
 In = Annotated[
@@ -24,19 +24,19 @@ LeaveOut = Annotated[
     typer.Option(
         "--leave-out",
         metavar="WHAT",
-        help="What to lose on purpose, counted: a word that begins lines of the input, as EDGE_SE3_XYZ; what a g2o"
-        " output cannot hold, as ranges, or all of that. May be given several times.",
+        help="Record types to drop; the number dropped is reported. A word that begins lines of the input, such as"
+        " EDGE_SE3_XYZ; a kind that g2o output cannot hold, such as ranges; or all. May be given several times.",
     ),
 ]
 SkipUnknown = Annotated[
     bool,
-    typer.Option("--skip-unknown", help="Pass over lines of words that are not known, counted."),
+    typer.Option("--skip-unknown", help="Skip and count lines of unknown words."),
 ]
 HalfAngles = Annotated[
     bool,
     typer.Option(
         "--half-angles",
-        help="g2o: the rotation part of the information is for half the angle, as g2o has it.",
+        help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
     ),
 ]
 
@@ -49,7 +49,7 @@ def show(
     half_angles: HalfAngles = False,
     as_json: Json = False,
 ) -> None:
-    """Print what is in a graph, and whether it can be solved."""
+    """Show the contents of a graph, and whether it can be solved."""
     from pymantaray.estimation import open_graph
     from pymantaray.estimation.diagnose import diagnose
     from pymantaray.estimation.external import anchor_graph
@@ -81,12 +81,19 @@ def solve(
         Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")
     ] = None,
     start: Annotated[
-        Literal["file", "dead-reckoning", "chordal"],
+        Literal["file", "dead-reckoning", "chordal", "best"] | None,
         typer.Option(
             "--start",
-            help="Start from the file's vertices, from composed edges, or from linear least squares of all edges.",
+            help="Start from the file's vertices, from composed edges, from linear least squares of all edges, or from all of"
+            " these and take the lowest cost (best). Default: best for graphs of at most 20,000 factors and batch estimators,"
+            " else file.",
         ),
-    ] = "file",
+    ] = None,
+    random_starts: Annotated[
+        int,
+        typer.Option("--random-starts", min=0, help="Number of further random starts of --start best."),
+    ] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
     estimator: Annotated[
         str,
         typer.Option(
@@ -99,7 +106,7 @@ def solve(
         bool,
         typer.Option(
             "--anchor",
-            help="Give a prior to the first pose of each part that floats; done unasked where nothing is anchored.",
+            help="Add a prior to the first pose of each free part. A graph without any anchor always gets one.",
         ),
     ] = False,
     truth: Annotated[
@@ -127,13 +134,15 @@ def solve(
 
     content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
     with ExitStack() as stack:
-        # refused before the solve
+        # refuse before the solve
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
         with step_line(quiet=quiet) as report:
             result = solve_graph(
                 content,
                 estimator=estimator,
                 start=start,
+                random_starts=random_starts,
+                seed=seed,
                 anchor=anchor,
                 truth=not is_pose_graph(file) if truth is None else truth,
                 report=report,
@@ -173,7 +182,7 @@ def convert(
     ] = False,
     force: Force = False,
 ) -> None:
-    """Convert between PyFactorGraph text, g2o and TUM; what the target cannot hold is refused unless left out."""
+    """Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold."""
     from pymantaray.cli.output import check_output
     from pymantaray.estimation import open_graph, write_pyfg
     from pymantaray.estimation.external import G2O
@@ -211,7 +220,7 @@ def convert(
 
 
 def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
-    """How many of each kind a graph has: name and text of each line, and the numbers for scripts."""
+    """Name and text of each line on the contents of a graph; adds the numbers for --json."""
     import numpy as np
 
     from pymantaray.estimation.graph import KINDS
@@ -261,8 +270,25 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]
 
 
+def _print_starts(out: Printer, result: "GraphResult") -> None:
+    """Print status and cost from each start, and a warning of a second plausible minimum."""
+    import pandas as pd
+
+    if len(result.outcomes) > 1:
+        starts = pd.DataFrame(result.summary()["starts"])
+        columns = {
+            "start": ("start", ""),
+            "status": ("status", ""),
+            "cost": ("cost", ".6g"),
+            "iterations": ("iterations", "d"),
+        }
+        out.table("starts", starts, columns, "Starts")
+    out.warn([] if result.warning is None else [result.warning])
+    out.add(alternative_start=None if result.alternative is None else result.alternative.name)
+
+
 def _print_result(out: Printer, result: "GraphResult") -> None:
-    """Print status and costs of a solve, and trajectory errors where there is a truth."""
+    """Print status and costs of a solve, and trajectory errors if the truth is known."""
     import numpy as np
     import pandas as pd
 
@@ -291,14 +317,15 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
         out.line(f"left out: {count} {what}")
     names = [result.graph.variable_name(int(pose)) for pose in result.anchored]
     if names:
-        out.line(f"anchored for want of a prior: {', '.join(names)}")
+        out.line(f"anchored because there is no prior: {', '.join(names)}")
     same = result.counts_as_in_file
     if any(same.values()):
         out.line(
-            f"started at the file's values, because nothing but ranges places them: {same['poses']} poses,"
+            f"started at the file's values, because only ranges constrain them: {same['poses']} poses,"
             f" {same['landmarks']} of {result.graph.landmark_name.size} landmarks"
         )
     out.add(anchored=names, as_in_file=same)
+    _print_starts(out, result)
     if result.truth is None or not s.usable:
         return
     errors = graph_errors(result.graph, result.values, result.truth)

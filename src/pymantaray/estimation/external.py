@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -13,6 +13,7 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
 from pymantaray.estimation.g2o import TORO, load_g2o
 from pymantaray.estimation.graph import (
+    KINDS,
     FactorGraph,
     GraphValues,
     check_anchored,
@@ -21,6 +22,13 @@ from pymantaray.estimation.graph import (
     connected_parts,
 )
 from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.minima import (
+    StartOutcome,
+    largest_difference,
+    lowest,
+    plausible_alternative,
+    search_minima,
+)
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import Solution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
@@ -28,10 +36,11 @@ from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_recko
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
-Start = Literal["file", "dead-reckoning", "chordal"]
+Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
+MAX_CHEAP_FACTORS = 20_000  # largest graph that is solved from several starts by default
 G2O = ".g2o"
 _TORO_WORDS = {word for words in TORO.values() for word in words}
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
@@ -46,11 +55,14 @@ class GraphResult:
     start, because only ranges constrain them: if the file's values are the truth, so is that part of the start. ``start`` is
     chordal if the file has no values. ``truth`` is None if the file has none. ``diagnosis`` says in one line why the solution is
     not usable, and is None if it is.
+
+    ``start`` is the name of the start that led to the solution. ``outcomes`` has the solutions from all starts, and
+    ``alternative`` the lowest other minimum if its cost is within chi-square of the solution's.
     """
 
     graph: FactorGraph
     estimator: str
-    start: Start
+    start: str
     initial: GraphValues
     as_in_file: NDArray[np.intp]
     anchored: NDArray[np.int32]
@@ -58,6 +70,8 @@ class GraphResult:
     solution: Solution
     diagnosis: str | None
     left_out: dict[str, int]
+    outcomes: tuple[StartOutcome, ...] = ()
+    alternative: StartOutcome | None = None
 
     @property
     def values(self) -> GraphValues:
@@ -78,13 +92,25 @@ class GraphResult:
 
     @property
     def trajectories(self) -> dict[str, GraphValues]:
-        """Values by name: ``start``, ``estimate`` if the solution is usable, ``truth`` if known."""
+        """Values by name: ``start``, ``estimate`` if usable, ``alternative`` and ``truth`` if known."""
         tables = {
             "start": self.initial,
             "estimate": self.values if self.solution.usable else None,
+            "alternative": None if self.alternative is None else self.alternative.solution.values,
             "truth": self.truth,
         }
         return {name: values for name, values in tables.items() if values is not None}
+
+    @property
+    def warning(self) -> str | None:
+        """Warning of a second minimum that fits the measurements almost as well."""
+        if self.alternative is None:
+            return None
+        name, far = largest_difference(self.graph, lowest(self.outcomes), self.alternative)
+        return (
+            f"two minima fit the measurements: cost {self.solution.final_cost:.6g}, and {self.alternative.cost:.6g} from start"
+            f" {self.alternative.name}; {name} differs by {far:.4g} m: compare both, or add a prior or ranges"
+        )
 
     def summary(self) -> dict[str, Any]:
         """Costs, status and counts, as numbers and text only."""
@@ -106,13 +132,24 @@ class GraphResult:
             "left_out": self.left_out,
             "anchored": [g.variable_name(int(pose)) for pose in self.anchored],
             "started_as_in_the_file": self.counts_as_in_file,
+            "starts": [
+                {
+                    "start": outcome.name,
+                    "status": outcome.solution.status.name,
+                    "cost": outcome.solution.final_cost,
+                    "iterations": outcome.solution.iterations,
+                }
+                for outcome in self.outcomes
+            ],
+            "alternative_start": None if self.alternative is None else self.alternative.name,
+            "warning": self.warning,
         }
 
     def save(self, folder: Path, *, more: Mapping[str, Any] | None = None) -> None:
         """
         Write graph, start, estimate and truth as NetCDF, and the summary as JSON.
 
-        ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc`` and ``truth.nc`` are `GraphValues` with
+        ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc``, ``alternative.nc`` and ``truth.nc`` are `GraphValues` with
         vehicle, number and time of each pose. There is no estimate without a usable solution. The
         summary includes the entries of ``more``; numbers that are not finite are null. The folder must exist.
         """
@@ -172,7 +209,9 @@ def solve_graph(
     file: GraphFile,
     *,
     estimator: str | EstimatorFunction = "batch",
-    start: Start = "file",
+    start: Start | None = None,
+    random_starts: int = 0,
+    seed: int = 0,
     anchor: bool = False,
     truth: bool = True,
     report: Callable[[int, float], None] | None = None,
@@ -186,9 +225,15 @@ def solve_graph(
         From `open_graph`.
     estimator : str or callable
         A name in `METHODS`, or a function of a graph and its starting values.
-    start : {"file", "dead-reckoning", "chordal"}
-        At the values of the file's vertices, at edges composed from the priors, or at linear least squares of all edges; a
-        truth hides local minima.
+    start : {"file", "dead-reckoning", "chordal", "best"}, optional
+        "file" starts at the file's vertices, "dead-reckoning" at edges composed from the priors, "chordal" at linear least
+        squares of all edges. "best" solves from all of them and from trilaterated and mirrored landmarks, and returns the
+        solution of lowest cost. The default is "best" for graphs of at most `MAX_CHEAP_FACTORS` factors if the estimator is
+        a batch method, else "file". If the file's vertices are the truth, "file" and "best" hide local minima.
+    random_starts : int
+        Number of further random starts of "best".
+    seed : int
+        Seed of the random starts.
     anchor : bool
         Add a prior of 1 mm and 1 mrad to the first pose of each free part, instead of refusing the graph. A graph without
         any anchor always gets these priors.
@@ -197,39 +242,103 @@ def solve_graph(
     report : callable, optional
         Called with the number of each step of a named estimator and the cost after it.
 
+    Returns
+    -------
+    GraphResult
+
     Raises
     ------
     EstimationError
         If the estimator or start is unknown, a part of the graph is free, or there are fewer measurements than
         unknowns; the message names a variable.
     """
-    if isinstance(estimator, str) and estimator not in METHODS:
-        raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
-    if start not in get_args(Start):
-        raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
+    _check_choice(estimator, start, random_starts)
     graph, poses = anchor_graph(file, all_parts=anchor)
-    values, valueless = file.values, file.valueless
-    initial, as_in_file = values, np.empty(0, dtype=np.intp)
-    if start != "file":
-        initial, as_in_file = _STARTS[start](graph, values)
-    elif valueless:
-        start = "chordal"
-    name, solution = _solved(graph, initial, estimator, SolveOptions(report=report))
-    diagnosis = None
+    if graph.degrees_of_freedom < 0:
+        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
+        raise EstimationError(diagnose(graph, file.values) or fallback)
+    solver = GraphSolver(SolveOptions(report=report))
+    start = start or _default_start(graph, estimator, random_starts)
+
+    def solve(initial: GraphValues) -> Solution:
+        if isinstance(estimator, str):
+            return solver.solve(graph, initial, method=METHODS[estimator])
+        return estimator(graph, initial)
+
+    name = estimator if isinstance(estimator, str) else getattr(estimator, "__name__", "estimator")
+    try:
+        outcomes = _outcomes(file, graph, start, solve, random_starts=random_starts, seed=seed)
+    except (RuntimeError, ValueError) as error:  # raised by GTSAM
+        reason = (
+            diagnose(graph, file.values) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
+        )
+        raise EstimationError(reason) from None
+    best = lowest(outcomes)
+    alternative = plausible_alternative(graph, outcomes) if best.solution.usable else None
+    solution, diagnosis = best.solution, None
+    if alternative is not None and solution.status is SolveStatus.OK:
+        solution = replace(solution, status=SolveStatus.SECOND_MINIMUM)
     if not solution.usable:
-        diagnosis = diagnose(graph, initial) or _misfit(graph, initial, name, solution)
+        diagnosis = diagnose(graph, best.initial) or _misfit(graph, best.initial, name, solution)
     return GraphResult(
         graph=graph,
         estimator=name,
-        start=start,
-        initial=initial,
-        as_in_file=as_in_file,
+        start=best.name,
+        initial=best.initial,
+        as_in_file=best.unchanged,
         anchored=poses,
-        truth=values if truth and not valueless else None,
+        truth=file.values if truth and not file.valueless else None,
         solution=solution,
         diagnosis=diagnosis,
         left_out=file.left_out,
+        outcomes=tuple(outcomes),
+        alternative=alternative,
     )
+
+
+def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_starts: int) -> None:
+    """Refuse unknown names, and random starts of a single start."""
+    if isinstance(estimator, str) and estimator not in METHODS:
+        raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
+    if start is not None and start not in get_args(Start):
+        raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
+    if random_starts < 0:
+        raise EstimationError(f"random starts: {random_starts}; allowed: 0 or more")
+    if random_starts and start not in {None, "best"}:
+        raise EstimationError(
+            f"{random_starts} random starts with start {start!r}; use start 'best' (--start best)"
+        )
+
+
+def is_cheap(graph: FactorGraph) -> bool:
+    """True if a graph is small enough to be solved from several starts by default."""
+    return sum(len(graph[name]) for name in KINDS) <= MAX_CHEAP_FACTORS
+
+
+def _default_start(graph: FactorGraph, estimator: str | EstimatorFunction, random_starts: int) -> Start:
+    batch = isinstance(estimator, str) and not METHODS[estimator].incremental
+    return "best" if random_starts or (batch and is_cheap(graph)) else "file"
+
+
+def _outcomes(
+    file: GraphFile,
+    graph: FactorGraph,
+    start: Start,
+    solve: Callable[[GraphValues], Solution],
+    *,
+    random_starts: int,
+    seed: int,
+) -> list[StartOutcome]:
+    """Solutions from one start or, for "best", from all."""
+    if start == "best":
+        return search_minima(
+            graph, file.values, solve, random_starts=random_starts, seed=seed, skip_file=file.valueless
+        )
+    initial, unchanged = file.values, np.empty(0, dtype=np.intp)
+    if start != "file":
+        initial, unchanged = _STARTS[start](graph, file.values)
+    name = "chordal" if start == "file" and file.valueless else start
+    return [StartOutcome(name, initial, unchanged, solve(initial))]
 
 
 def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, NDArray[np.int32]]:
@@ -248,25 +357,6 @@ def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGra
     check_anchored(graph)
     check_conditioned(graph)
     return graph, poses
-
-
-def _solved(
-    graph: FactorGraph,
-    initial: GraphValues,
-    estimator: str | EstimatorFunction,
-    options: SolveOptions,
-) -> tuple[str, Solution]:
-    """Name of an estimator and its solution."""
-    if graph.degrees_of_freedom < 0:
-        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
-        raise EstimationError(diagnose(graph, initial) or fallback)
-    try:
-        if isinstance(estimator, str):
-            return estimator, GraphSolver(options).solve(graph, initial, method=METHODS[estimator])
-        return getattr(estimator, "__name__", "estimator"), estimator(graph, initial)
-    except (RuntimeError, ValueError) as error:  # raised by GTSAM
-        reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
-        raise EstimationError(reason) from None
 
 
 def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: Solution) -> str:

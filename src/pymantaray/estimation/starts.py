@@ -72,20 +72,23 @@ class StartingValues(NamedTuple):
     unchanged: Indices
 
 
-def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> StartingValues:
+def dead_reckon_graph(
+    graph: FactorGraph, values: GraphValues, *, rng: np.random.Generator | None = None
+) -> StartingValues:
     """
     Compose the edges of a graph from its pose priors.
 
     The path to a pose starts at the nearest prior and has as few edges other than odometry as possible, then as few edges as
     possible. A landmark has the position of its prior, else of its first sighting. The first pose of a chain without a prior,
-    and landmarks without prior and sighting, keep their ``values``.
+    and landmarks without prior and sighting, keep their ``values``. A random generator
+    selects random paths instead.
     """
     n = graph.n_poses
     prior, edge, survey = graph["prior"], graph["edge"], graph["survey"]
     at_prior = np.unique(prior.subject)
     ends = edge.variables.astype(int)
-    first = _first_of_chains(graph, at_prior)
-    parent, order, tree_edge = _shortest_tree(graph, np.concatenate([at_prior, first]))
+    first = first_of_chains(graph)
+    parent, order, tree_edge = _shortest_tree(graph, np.concatenate([at_prior, first]), rng)
     position, rotation = np.array(values.position), matrix_from_quaternion(values.quaternion)
     position[prior.subject] = prior.column("position")
     rotation[prior.subject] = matrix_from_quaternion(prior.column("quaternion"))
@@ -122,7 +125,7 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     for edges alone.
     """
     n, prior, edge, sighting = graph.n_poses, graph["prior"], graph["edge"], graph["sighting"]
-    first = _first_of_chains(graph, np.unique(prior.subject))
+    first = first_of_chains(graph)
     turn = matrix_from_quaternion(edge.column("quaternion"))
     known = np.concatenate([prior.column("quaternion"), values.quaternion[first]])
     at, transposed = np.concatenate([prior.subject, first]), np.swapaxes(matrix_from_quaternion(known), 1, 2)
@@ -213,13 +216,13 @@ def _linear(
     return np.asarray(solver.solve(a.T @ right)).reshape(size, k, 3)
 
 
-def _first_of_chains(graph: FactorGraph, at_prior: Indices) -> Indices:
-    """First pose of each set of poses that edges connect and no prior is in."""
-    return _first_of_parts(graph.n_poses, graph["edge"].variables, at_prior)
+def first_of_chains(graph: FactorGraph) -> Indices:
+    """First pose of each chain of edges without a pose prior."""
+    return _first_of_parts(graph.n_poses, graph["edge"].variables, graph["prior"].subject)
 
 
 def _first_of_parts(size: int, ends: Indices, known: Indices) -> Indices:
-    """First of each set of variables that pairs (n, 2) connect and none of the known ones is in."""
+    """First variable of each set that pairs (n, 2) connect, for sets without known variables."""
     links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
     _, part = connected_components(links, directed=False)
     first = np.unique(part, return_index=True)[1]
@@ -247,18 +250,22 @@ def anchor_loose_parts(
 
 
 def _shortest_tree(
-    graph: FactorGraph, starts: Indices
+    graph: FactorGraph, starts: Indices, rng: np.random.Generator | None
 ) -> tuple[list[int], list[int], dict[tuple[int, int], int]]:
     """
     Shortest paths from the starts: the predecessor of each pose (n_poses at a start), the order of poses, and edge rows.
 
-    The edge rows are indexed by pairs of poses, in both directions.
+    The edge rows are indexed by pairs of poses, in both directions. A generator gives edges random lengths.
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)
     vehicle, number = graph.pose_vehicle.astype(int)[ends], graph.pose_number.astype(int)[ends]
     next_one = (vehicle[:, 0] == vehicle[:, 1]) & (np.abs(number[:, 0] - number[:, 1]) == 1)
-    weight = np.where(next_one, 1.0, _LOOP_CLOSURE_WEIGHT)
+    weight = (
+        np.where(next_one, 1.0, _LOOP_CLOSURE_WEIGHT)
+        if rng is None
+        else 1e-6 + rng.exponential(size=len(ends))
+    )
     tree_edge: dict[tuple[int, int], int] = {}
     for k in np.argsort(weight, kind="stable").tolist():
         a, b = ends[k].tolist()
