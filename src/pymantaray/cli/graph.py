@@ -1,6 +1,7 @@
 """Commands of `mantaray graph`: show, solve and convert factor graphs from files."""
 
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -94,6 +95,14 @@ def solve(
         typer.Option("--random-starts", min=0, help="Number of further random starts of --start best."),
     ] = 0,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
+    certificate: Annotated[
+        bool | None,
+        typer.Option(
+            "--certify/--no-certify",
+            help="Certify that the estimate is the global minimum, or give the least eigenvalue of the certificate matrix."
+            " Default: for batch least squares of at most 2,000 factors.",
+        ),
+    ] = None,
     estimator: Annotated[
         str,
         typer.Option(
@@ -127,7 +136,7 @@ def solve(
     from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
     from pymantaray.estimation import open_graph, solve_graph
-    from pymantaray.estimation.external import is_pose_graph
+    from pymantaray.estimation.external import is_pose_graph, with_certificate
     from pymantaray.evaluation import graph_errors
     from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
@@ -147,6 +156,7 @@ def solve(
                 truth=not is_pose_graph(file) if truth is None else truth,
                 report=report,
             )
+            result = with_certificate(result, wanted=certificate)
         if folder is not None:
             errors = {
                 f"trajectory_error{what}": graph_errors(result.graph, values, result.truth)
@@ -326,6 +336,8 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
         )
     out.add(anchored=names, as_in_file=same)
     _print_starts(out, result)
+    if result.certificate is not None:
+        out.line(result.certificate.text, certificate=asdict(result.certificate))
     if result.truth is None or not s.usable:
         return
     errors = graph_errors(result.graph, result.values, result.truth)

@@ -1,6 +1,7 @@
 """Factor graphs, their file formats and their solution; knows measurements, never the ocean or the truth."""
 
 from pymantaray.estimation.build import build_graph
+from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
 from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
 from pymantaray.estimation.external import GraphResult, open_graph, solve_graph, to_gtsam
@@ -27,6 +28,7 @@ __all__ = [
     "CONDITIONS",
     "LOSSES",
     "AdjustableModel",
+    "Certificate",
     "ClockPrior",
     "ConstantSpeed",
     "Estimator",
@@ -46,6 +48,7 @@ __all__ = [
     "TransmitterSpeed",
     "UnknownsEstimate",
     "build_graph",
+    "certify",
     "collect_covariances",
     "collect_estimates",
     "covariances_at",

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
+from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
 from pymantaray.estimation.g2o import TORO, load_g2o
 from pymantaray.estimation.graph import (
@@ -40,7 +41,8 @@ Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
-MAX_CHEAP_FACTORS = 20_000  # largest graph that is solved from several starts by default
+MAX_CHEAP_FACTORS = 20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
+MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: about 2 s of CPU
 G2O = ".g2o"
 _TORO_WORDS = {word for words in TORO.values() for word in words}
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
@@ -58,6 +60,7 @@ class GraphResult:
 
     ``start`` is the name of the start that led to the solution. ``outcomes`` has the solutions from all starts, and
     ``alternative`` the lowest other minimum if its cost is within chi-square of the solution's.
+    ``certificate`` is set by `with_certificate`.
     """
 
     graph: FactorGraph
@@ -72,6 +75,7 @@ class GraphResult:
     left_out: dict[str, int]
     outcomes: tuple[StartOutcome, ...] = ()
     alternative: StartOutcome | None = None
+    certificate: Certificate | None = None
 
     @property
     def values(self) -> GraphValues:
@@ -143,6 +147,7 @@ class GraphResult:
             ],
             "alternative_start": None if self.alternative is None else self.alternative.name,
             "warning": self.warning,
+            "certificate": None if self.certificate is None else asdict(self.certificate),
         }
 
     def save(self, folder: Path, *, more: Mapping[str, Any] | None = None) -> None:
@@ -294,6 +299,32 @@ def solve_graph(
         outcomes=tuple(outcomes),
         alternative=alternative,
     )
+
+
+def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> GraphResult:
+    """
+    Add the certificate of a result.
+
+    Parameters
+    ----------
+    result : GraphResult
+    wanted : bool, optional
+        By default small results of batch least squares get one, which is not possible with depth factors.
+
+    Raises
+    ------
+    EstimationError
+        If a certificate is wanted for a robust loss.
+    """
+    if wanted and result.estimator not in {"batch", "incremental"}:
+        raise EstimationError(
+            f"certificate of {result.estimator}: needs least squares; use estimator 'batch'"
+        )
+    graph, size = result.graph, sum(len(result.graph[name]) for name in KINDS)
+    small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not len(graph["depth"])
+    if wanted is False or not (wanted or small) or not result.solution.usable:
+        return result
+    return replace(result, certificate=certify(graph, result.values))
 
 
 def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_starts: int) -> None:
