@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from factories import without
+from two_minima import drone
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
@@ -15,7 +16,9 @@ from pymantaray.estimation import (
     Method,
     SolveOptions,
     build_graph,
+    open_graph,
     solve_conditions,
+    solve_graph,
 )
 from pymantaray.estimation.incremental import solve_incrementally
 from pymantaray.records import SolveStatus
@@ -170,3 +173,18 @@ def test_options_of_the_solver_reach_the_replay(mission):
     assert updates[1] >= fleet.position.shape[1] > updates[0]
     one = {"e": Estimator("straight", method=method)}
     assert solve_conditions(fleet.noisy, one, solver=often)["e"].iterations == updates[1]
+
+
+@pytest.mark.parametrize("lag", [None, 1e6])
+def test_a_landmark_without_a_prior_enters_once_its_ranges_determine_it(tmp_path, lag):
+    """Its vertex is 1 km off, so that it can only come from the ranges; the optimum is that of a batch."""
+    text, landmark = drone(wave=20.0)
+    vertex = next(line for line in text.splitlines() if line.startswith("VERTEX_XYZ"))
+    (tmp_path / "g.pyfg").write_text(text.replace(vertex, "VERTEX_XYZ L0 1000 -1000 500"))
+    file = open_graph(tmp_path / "g.pyfg")
+    method = Method(incremental=lag is None, lag=lag)
+    solution = GraphSolver().solve(file.graph, file.values, method=method)
+    batch = solve_graph(file, start="best").solution
+    assert solution.usable
+    np.testing.assert_allclose(solution.landmark_position[0], landmark, atol=3.0)
+    np.testing.assert_allclose(solution.position, batch.position, atol=ATOL)

@@ -361,14 +361,13 @@ def _outcomes(
     seed: int,
 ) -> list[StartOutcome]:
     """Solutions from one start or, for "best", from all."""
+    first = "chordal" if file.valueless else "file"
     if start == "best":
-        return search_minima(
-            graph, file.values, solve, random_starts=random_starts, seed=seed, skip_file=file.valueless
-        )
+        return search_minima(graph, file.values, solve, random_starts=random_starts, seed=seed, first=first)
     initial, unchanged = file.values, np.empty(0, dtype=np.intp)
     if start != "file":
         initial, unchanged = _STARTS[start](graph, file.values)
-    name = "chordal" if start == "file" and file.valueless else start
+    name = first if start == "file" else start
     return [StartOutcome(name, initial, unchanged, solve(initial))]
 
 

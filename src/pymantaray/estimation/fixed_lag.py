@@ -12,6 +12,7 @@ from pymantaray.estimation.incremental import check_times, update_times
 from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.problems import State, distance_problem
 from pymantaray.estimation.solution import IncrementalOptions, Progress, Solution, make_solution
+from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 
@@ -61,8 +62,9 @@ def smooth_with_lag(
             f"lag is {lag:g} s, but pings are up to {longest:g} s apart; give at least that"
         )
     factors, start = graph_factors(graph), values_of(initial)
+    moment[n:] = determined_times(graph, initial)
     line = timeline(factors, moment, times)
-    smoother, entering = LaggedSmoother(lag), Entering(graph, start)
+    smoother, entering = LaggedSmoother(lag), Entering(graph, start, times)
     poses = np.empty((0, 0), dtype=np.intp) if covariance_poses is None else covariance_poses
     joint: dict[int, Array] = {}
     problem = distance_problem(graph)
@@ -72,7 +74,7 @@ def smooth_with_lag(
         there = np.flatnonzero(line.variable_update[n:] <= k) + n  # landmarks are never marginalized
         time = {int(v): float(moment[v]) if v < n else now for v in (*variables, *there)}
         rows = np.flatnonzero(line.factor_update == k)
-        done = smoother.update(factors, rows, entering.values(variables, smoother), time)
+        done = smoother.update(factors, rows, entering.values(variables, smoother, k), time)
         if not done:
             break
         for epoch, keys in enumerate(poses):

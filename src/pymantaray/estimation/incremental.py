@@ -12,6 +12,7 @@ from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.optimize import Optimum, check_convergence
 from pymantaray.estimation.problems import Problem, State, distance_problem
 from pymantaray.estimation.solution import Progress, Solution, SolveOptions, gate, make_solution
+from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import quaternion_from_matrix
 
 Array = NDArray[np.float64]
@@ -59,17 +60,18 @@ def solve_incrementally(
     factors, start = graph_factors(graph, loss), values_of(initial)
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
     update_time = update_times(graph, moment, options.incremental.every)
+    moment[graph.n_poses :] = determined_times(graph, initial)
     line = timeline(factors, moment, update_time)
     if (line.variable_update < 0).any():
         name = graph.variable_name(int(np.argmin(line.variable_update)))
         raise EstimationError(f"{name}: no factor mentions it; give it a prior or an edge")
     smoother = IncrementalSmoother(options.incremental.relinearize, options.incremental.wildfire)
     log = _Log(graph, update_time)
-    entering = Entering(graph, start)
+    entering = Entering(graph, start, update_time)
     steps, failed, none = 0, False, np.empty(0, dtype=int)
     for k in range(update_time.size):
         variables = np.flatnonzero(line.variable_update == k)
-        new = entering.values(variables, smoother)
+        new = entering.values(variables, smoother, k)
         done = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
         steps += 1
         if done is None:
@@ -77,7 +79,7 @@ def solve_incrementally(
             break
         log.note(k, variables[variables < graph.n_poses], new, smoother, done)
     for _ in range(0 if failed else options.incremental.final_updates):
-        done = smoother.update(factors, none, entering.values(none, smoother))
+        done = smoother.update(factors, none, entering.values(none, smoother, update_time.size - 1))
         steps += 1
         if done is None or done[1] == 0:
             failed = done is None

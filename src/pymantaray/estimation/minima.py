@@ -49,16 +49,16 @@ def search_minima(
     *,
     random_starts: int = 0,
     seed: int = 0,
-    skip_file: bool = False,
+    first: str = "file",
 ) -> list[StartOutcome]:
     """
     Solve a graph from several starts; results are in the order of the solves.
 
-    The starts are the file's values (unless ``skip_file``), composed edges, chordal initialization, trilateration of range-only
+    The starts are the given values (``first`` is their name), composed edges, chordal initialization, trilateration of range-only
     landmarks, random starts, and then the lowest of these with one landmark after the other at its mirrored positions.
     """
     outcomes = []
-    for name, start in _starts(graph, values, random_starts, seed, skip_file=skip_file):
+    for name, start in _starts(graph, values, random_starts, seed, first=first):
         outcomes.append(StartOutcome(name, start.values, start.unchanged, solve(start.values)))
     return outcomes + _mirrored(graph, lowest(outcomes), solve)
 
@@ -102,21 +102,21 @@ def _positions(values: GraphValues) -> Array:
 
 
 def _starts(
-    graph: FactorGraph, values: GraphValues, random_starts: int, seed: int, *, skip_file: bool
+    graph: FactorGraph, values: GraphValues, random_starts: int, seed: int, *, first: str
 ) -> Iterator[tuple[str, StartingValues]]:
     none = np.empty(0, dtype=np.intp)
-    if not skip_file:
-        yield "file", StartingValues(values, none)
+    yield first, StartingValues(values, none)
     composed = dead_reckon_graph(graph, values)
     yield "dead-reckoning", composed
     if len(graph["edge"]):
         composed = chordal(graph, values)
-        yield "chordal", composed
+        if first != "chordal":
+            yield "chordal", composed
     solutions = trilaterate(graph, composed.values)
     if solutions:
-        first = {landmark: found[0] for landmark, found in solutions.items()}
-        unchanged = np.setdiff1d(composed.unchanged, list(first))
-        yield "trilateration", StartingValues(with_landmarks(graph, composed.values, first), unchanged)
+        nearest = {landmark: found[0] for landmark, found in solutions.items()}
+        unchanged = np.setdiff1d(composed.unchanged, list(nearest))
+        yield "trilateration", StartingValues(with_landmarks(graph, composed.values, nearest), unchanged)
     for k in range(random_starts):
         rng = stream(seed, k, "estimation", "random start")
         yield f"random-{k + 1}", StartingValues(random_start(graph, composed.values, rng), none)

@@ -18,6 +18,7 @@ _SAME_SOLUTION = 1e-3  # of the largest range; nearer solutions count as one
 _SADDLE = (
     1e-6  # of the sum of the weights; a more negative eigenvalue of the Hessian is that of a saddle point
 )
+_DETERMINED = 0.1  # of the mean range; largest standard deviation of a determined landmark
 _MAX_RANGES = 300  # used for each landmark, evenly spaced
 
 
@@ -54,6 +55,38 @@ def trilaterate(
         if rows.size:
             found = _solutions(place[first[rows], :axes], distance[rows], sigma[rows])
             out[landmark] = [np.pad(x, (0, 3 - axes)) for x in found]
+    return out
+
+
+def determined_times(graph: FactorGraph, values: GraphValues) -> Array:
+    """
+    Time from which each landmark is determined, shape (n_landmarks,): minus infinity with a prior.
+
+    A sighting determines a landmark. Ranges do if its standard deviation, with all poses at the values, is below a tenth of their
+    mean. A landmark that is never determined gets the time of its last range or sighting.
+    """
+    n, ranges, sighting = graph.n_poses, graph["range"], graph["sighting"]
+    out = np.full(graph.landmark_name.size, -np.inf)
+    needed = np.setdiff1d(np.arange(n, graph.n_variables), graph["survey"].subject)
+    solutions = trilaterate(graph, values)
+    axes = 2 if graph.planar else 3
+    for landmark in needed.tolist():
+        seen = graph.pose_time[sighting.variables[sighting.variables[:, 1] == landmark, 0]]
+        rows = np.flatnonzero((ranges.variables[:, 1] == landmark) & (ranges.variables[:, 0] < n))
+        rows = rows[np.argsort(graph.pose_time[ranges.variables[rows, 0]], kind="stable")]
+        time = graph.pose_time[ranges.variables[rows, 0]]
+        if seen.size or not rows.size:
+            out[landmark - n] = seen.min(initial=np.inf) if seen.size else -np.inf
+            continue
+        step = (solutions[landmark][0] - values.position[ranges.variables[rows, 0]])[:, :axes]
+        unit = step / np.linalg.norm(step, axis=1)[:, None]
+        information = np.cumsum(
+            unit[:, :, None] * unit[:, None, :] / ranges.variance[rows, None, None], axis=0
+        )
+        least = np.linalg.eigvalsh(information)[:, 0]
+        limit = _DETERMINED * float(ranges.column("distance")[rows].mean())
+        fine = least * limit**2 >= 1.0
+        out[landmark - n] = time[np.argmax(fine)] if fine.any() else time[-1]
     return out
 
 
