@@ -40,6 +40,13 @@ HalfAngles = Annotated[
         help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
     ),
 ]
+IndefiniteChoice = Annotated[
+    Literal["refuse", "drop", "repair"],
+    typer.Option(
+        "--indefinite",
+        help="Treatment of lines whose matrix is not positive definite; the number dropped or repaired is reported.",
+    ),
+]
 
 
 @app.command()
@@ -48,14 +55,14 @@ def show(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
+    indefinite: IndefiniteChoice = "refuse",
     as_json: Json = False,
 ) -> None:
     """Show the contents of a graph, and whether it can be solved."""
-    from pymantaray.estimation import open_graph
     from pymantaray.estimation.diagnose import diagnose
     from pymantaray.estimation.external import anchor_graph
 
-    content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
+    content = _opened(file, leave_out, skip_unknown, half_angles, indefinite)
     with printer(as_json=as_json) as out:
         for name, text in _contents(out, content):
             out.line(f"{name:<18} {text}")
@@ -128,6 +135,7 @@ def solve(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
+    indefinite: IndefiniteChoice = "refuse",
     as_json: Json = False,
     to: To = "text",
     quiet: Quiet = False,
@@ -135,13 +143,13 @@ def solve(
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
     from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
-    from pymantaray.estimation import open_graph, solve_graph
+    from pymantaray.estimation import solve_graph
     from pymantaray.estimation.external import is_pose_graph, with_certificate
     from pymantaray.evaluation import graph_errors
     from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
 
-    content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
+    content = _opened(file, leave_out, skip_unknown, half_angles, indefinite)
     with ExitStack() as stack:
         # refuse before the solve
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
@@ -186,6 +194,7 @@ def convert(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
+    indefinite: IndefiniteChoice = "refuse",
     symbols: Annotated[
         bool,
         typer.Option("--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."),
@@ -194,7 +203,7 @@ def convert(
 ) -> None:
     """Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold."""
     from pymantaray.cli.output import check_output
-    from pymantaray.estimation import open_graph, write_pyfg
+    from pymantaray.estimation import write_pyfg
     from pymantaray.estimation.external import G2O
     from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
     from pymantaray.estimation.pyfg import names_file
@@ -205,7 +214,7 @@ def convert(
     check_output(out, endings, inputs=[file], beside=beside, force=force)
     to_lose = leave_out or []
     words = [what for what in to_lose if what not in (*LEFT_OUT, "all")]
-    content = open_graph(file, leave_out=words, skip_unknown=skip_unknown, half_angles=half_angles)
+    content = _opened(file, words, skip_unknown, half_angles, indefinite)
     lost, files = dict(content.left_out), [out]
     if out.suffix == G2O:
         lost |= write_g2o(
@@ -225,8 +234,29 @@ def convert(
         files += [path for path in beside if path.exists()]
     for what, count in lost.items():
         LOG.warning("left out: %d %s", count, what)
+    for what, count in content.repaired.items():
+        LOG.warning("repaired: %d %s (indefinite matrix)", count, what)
     for path in files:
         typer.echo(str(path))
+
+
+def _opened(
+    file: Path,
+    leave_out: list[str] | None,
+    skip_unknown: bool,
+    half_angles: bool,
+    indefinite: Literal["refuse", "drop", "repair"],
+) -> "GraphFile":
+    """Open a graph file as the options of a command say."""
+    from pymantaray.estimation import open_graph
+
+    return open_graph(
+        file,
+        leave_out=leave_out or [],
+        skip_unknown=skip_unknown,
+        half_angles=half_angles,
+        indefinite=indefinite,
+    )
 
 
 def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
@@ -274,10 +304,14 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
         priors=unary,
         values_in_file=not file.valueless,
         left_out=file.left_out,
+        repaired=dict(file.repaired),
     )
     if file.valueless:
         lines.append(("values", "none in the file; by chordal initialization"))
-    return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]
+    lines += [("left out", f"{count} {what}") for what, count in file.left_out.items()]
+    return lines + [
+        ("repaired", f"{count} {what} (indefinite matrix)") for what, count in file.repaired.items()
+    ]
 
 
 def _print_starts(out: Printer, result: "GraphResult") -> None:
@@ -320,11 +354,14 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
         expected_cost=s.expected_cost,
         advice=result.advice,
         left_out=result.left_out,
+        repaired=dict(result.repaired),
     )
     if result.advice is not None:
         out.line(f"{s.status.name}: {result.advice}")
     for what, count in result.left_out.items():
         out.line(f"left out: {count} {what}")
+    for what, count in result.repaired.items():
+        out.line(f"repaired: {count} {what} (indefinite matrix)")
     names = [result.graph.variable_name(int(pose)) for pose in result.anchored]
     if names:
         out.line(f"anchored because there is no prior: {', '.join(names)}")

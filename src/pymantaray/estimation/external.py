@@ -22,6 +22,7 @@ from pymantaray.estimation.graph import (
     check_values,
     connected_parts,
 )
+from pymantaray.estimation.graph_text import Indefinite
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.minima import (
     StartOutcome,
@@ -73,6 +74,7 @@ class GraphResult:
     solution: Solution
     diagnosis: str | None
     left_out: dict[str, int]
+    repaired: Mapping[str, int]
     outcomes: tuple[StartOutcome, ...] = ()
     alternative: StartOutcome | None = None
     certificate: Certificate | None = None
@@ -134,6 +136,7 @@ class GraphResult:
             "sightings": len(g["sighting"]),
             "ranges": len(g["range"]),
             "left_out": self.left_out,
+            "repaired": dict(self.repaired),
             "anchored": [g.variable_name(int(pose)) for pose in self.anchored],
             "started_as_in_the_file": self.counts_as_in_file,
             "starts": [
@@ -174,6 +177,7 @@ def open_graph(
     leave_out: Collection[str] = (),
     skip_unknown: bool = False,
     half_angles: bool = False,
+    indefinite: Indefinite = "refuse",
 ) -> GraphFile:
     """
     Read a graph file, in three dimensions or two: g2o if its name ends in ``.g2o``, TORO by its first word, else PyFactorGraph text.
@@ -187,6 +191,13 @@ def open_graph(
         Skip and count lines of unknown words instead of refusing them.
     half_angles : bool
         Read the rotation part of a g2o file's information as that of half the angle, as g2o defines it.
+    indefinite : {"refuse", "drop", "repair"}
+        Treatment of lines whose information or covariance matrix is not positive definite: refuse the file, drop the lines, or
+        raise their eigenvalues. ``left_out`` and ``repaired`` of the result count the lines.
+
+    Returns
+    -------
+    GraphFile
 
     Raises
     ------
@@ -194,8 +205,14 @@ def open_graph(
         If the file cannot be read or a line is not in the grammar; the message names the line.
     """
     if is_pose_graph(Path(path)):
-        return load_g2o(path, leave_out=leave_out, skip_unknown=skip_unknown, half_angles=half_angles)
-    return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown)
+        return load_g2o(
+            path,
+            leave_out=leave_out,
+            skip_unknown=skip_unknown,
+            half_angles=half_angles,
+            indefinite=indefinite,
+        )
+    return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
 
 
 def is_pose_graph(path: Path) -> bool:
@@ -296,6 +313,7 @@ def solve_graph(
         solution=solution,
         diagnosis=diagnosis,
         left_out=file.left_out,
+        repaired=file.repaired,
         outcomes=tuple(outcomes),
         alternative=alternative,
     )

@@ -24,7 +24,7 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
-from pymantaray.estimation.graph_text import Table, TextLines, Word, read_tables
+from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
 from pymantaray.estimation.pyfg import (
     POSE,
     TO_FILE,
@@ -71,6 +71,7 @@ _KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"e
 LEFT_OUT = ("landmarks", *_KIND_OF)
 """Contents that a file cannot hold; landmarks are those without a sighting."""
 
+_TREATMENTS = "; or drop or repair these lines (--indefinite, indefinite='repair')"
 _SYMBOL_SHIFT = 56  # GTSAM's symbols: a letter in the uppermost byte, a number below
 _LARGEST_ID = 2**31 - 1  # g2o's ids are C ints
 _INTEGER = re.compile("[0-9]{1,20}")
@@ -129,6 +130,7 @@ def load_g2o(
     leave_out: Collection[str] = (),
     skip_unknown: bool = False,
     half_angles: bool = False,
+    indefinite: Indefinite = "refuse",
 ) -> GraphFile:
     """
     Read a pose graph from g2o or TORO text in three dimensions or two.
@@ -139,14 +141,15 @@ def load_g2o(
     landmarks of its edges, with values by chordal initialization.
     """
     path = Path(path)
-    lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown)
+    lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
     tables, planar = read_tables(lines, _GRAMMAR, one_space=False)
     graph, values, valueless = _Reader(lines, tables, planar=planar, half_angles=half_angles).graph()
     try:
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, chordal(graph, values).values if valueless else values, lines.left_out, valueless)
+    values = chordal(graph, values).values if valueless else values
+    return GraphFile(graph, values, lines.left_out, valueless, dict(lines.repaired))
 
 
 def _lines(
@@ -205,6 +208,7 @@ class _Reader:
         self._grammar = {
             word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in (*_FLAT, OFFSET)
         }
+        self._keep: dict[str, NDArray[np.bool_]] = {}  # lines whose matrix can be used, by word
         self._known: dict[str, int] = {}  # ids by their spellings
         self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
         self._values = {
@@ -265,7 +269,7 @@ class _Reader:
             self._ends(EDGE, self._pose),
             [measured[:, :3], measured[:, 3:][:, TO_WXYZ]],
             covariance[:, TO_FILE][:, :, TO_FILE],
-        )
+        )[self._keep[EDGE]]
 
     def _sightings(self) -> Factors:
         """Sightings in the body frames, with sensor offsets applied."""
@@ -280,7 +284,8 @@ class _Reader:
                     turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
                     place[i], covariance[i] = offset[:3] + turn @ place[i], turn @ covariance[i] @ turn.T
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
-        return KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
+        sightings = KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
+        return sightings[self._keep[SIGHTING]]
 
     def _table_of(self, word: str, tables: dict[str, Table]) -> Table:
         """Lines of a word in this graph's dimensions, by g2o's name or TORO's."""
@@ -315,6 +320,7 @@ class _Reader:
         information = from_triangle(self._values[word][:, grammar.measured :], grammar.matrix)
         if self._half_angles and grammar.matrix == 6:
             information *= _angle_scale(0.5)
+        information, self._keep[word] = self._lines.treat(table.word, information)
         covariance = _inverse(self._lines, table.word, information, table.line)
         return lifted_matrix(covariance) if self._planar else covariance
 
@@ -360,14 +366,20 @@ def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int
     fine = (diagonal > 0.0).all(axis=1)
     if not fine.all():
         row = int(np.argmin(fine))
-        lines.refuse(f"{word} with information {diagonal[row].min():g}", "a positive diagonal", numbers[row])
+        lines.refuse(
+            f"{word} with information {diagonal[row].min():g}",
+            f"a positive diagonal{_TREATMENTS}",
+            numbers[row],
+        )
     scale = 1.0 / np.sqrt(diagonal)
     scales = scale[:, :, None] * scale[:, None, :]
     correlation = matrices * scales
     fine = np.linalg.eigvalsh(correlation)[:, 0] >= SMALLEST_EIGENVALUE
     if not fine.all():
         lines.refuse(
-            f"{word} with singular information", "a positive definite matrix", numbers[int(np.argmin(fine))]
+            f"{word} with singular information",
+            f"a positive definite matrix{_TREATMENTS}",
+            numbers[int(np.argmin(fine))],
         )
     inverse = np.linalg.inv(correlation) * scales
     return np.asarray(0.5 * (inverse + np.swapaxes(inverse, 1, 2)))

@@ -8,17 +8,20 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import Literal, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, VARIANCES
+from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, SMALLEST_EIGENVALUE, VARIANCES
 
 Array = NDArray[np.float64]
 
 _MAX_WORDS_NAMED = 5  # unknown words listed in a message
+
+
+_REPAIRED = 1e-6  # smallest eigenvalue of a repaired matrix with unit diagonal
 
 
 class Word(NamedTuple):
@@ -47,6 +50,39 @@ class Word(NamedTuple):
         return self._replace(measured=measured, matrix=matrix, planar=True)
 
 
+Indefinite = Literal["refuse", "drop", "repair"]
+"""Treatment of lines whose information or covariance matrix is not positive definite."""
+
+
+def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, NDArray[np.bool_]]:
+    """
+    Positive definite matrices (n, k, k) in place of others, and which were positive definite.
+
+    A repaired matrix has the same eigenvectors, after scaling to a unit diagonal, and eigenvalues of at least 1e-6. A diagonal entry
+    that is not positive becomes 1e-6 of the median of its axis. With "drop" others become the identity, to be left out.
+    """
+    diagonal = np.diagonal(matrices, axis1=1, axis2=2)
+    positive = diagonal > 0.0
+    scale = np.sqrt(np.where(positive, diagonal, 1.0))
+    correlation = matrices / scale[:, :, None] / scale[:, None, :]
+    fine = positive.all(axis=1) & (np.linalg.eigvalsh(correlation)[:, 0] >= SMALLEST_EIGENVALUE)
+    if fine.all() or treatment == "refuse":
+        return matrices, fine
+    out, eye = matrices.copy(), np.eye(matrices.shape[1])
+    if treatment == "drop":
+        out[~fine] = eye
+        return out, fine
+    typical = [float(np.median(d[d > 0.0])) if (d > 0.0).any() else 1.0 for d in diagonal.T]
+    scale = np.sqrt(np.where(positive, diagonal, _REPAIRED * np.array(typical)))[~fine]
+    unit = matrices[~fine] / scale[:, :, None] / scale[:, None, :]
+    unit[:, np.arange(len(eye)), np.arange(len(eye))] = 1.0
+    values, vectors = np.linalg.eigh(unit)
+    unit = (vectors * np.maximum(values, _REPAIRED)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    repaired = unit * scale[:, :, None] * scale[:, None, :]
+    out[~fine] = 0.5 * (repaired + np.swapaxes(repaired, 1, 2))
+    return out, fine
+
+
 class TextLines:
     """
     Lines of a text file, and errors that name the line.
@@ -61,7 +97,10 @@ class TextLines:
         leave_out: Collection[str] = (),
         *,
         skip_unknown: bool = False,
+        indefinite: Indefinite = "refuse",
     ) -> None:
+        self.indefinite = indefinite
+        self.repaired: Counter[str] = Counter()
         self._path, self.number = path, 0
         self._words, self._leave_out, self._skip_unknown = tuple(words), frozenset(leave_out), skip_unknown
         self._left_out: Counter[str] = Counter()
@@ -110,6 +149,17 @@ class TextLines:
             f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip and count"
             " them (--skip-unknown, skip_unknown=True)"
         )
+
+    def treat(self, word: str, matrices: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Treat matrices of a word that are not positive definite as chosen, and count them; returns the rows to keep."""
+        out, fine = definite_matrices(matrices, self.indefinite)
+        count = int(np.count_nonzero(~fine))
+        if self.indefinite == "drop" and count:
+            self._left_out[f"{word} (indefinite matrix)"] += count
+            return out, fine
+        if self.indefinite == "repair" and count:
+            self.repaired[word] += count
+        return out, np.ones(len(fine), dtype=bool)
 
     def refuse(self, what: str, allowed: str, number: int | None = None) -> NoReturn:
         """Raise an error about the current line, or that of a number; 0 for none."""

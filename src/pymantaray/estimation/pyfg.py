@@ -9,8 +9,9 @@ import csv
 import itertools
 import re
 import string
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
-from pymantaray.estimation.graph_text import Table, TextLines, Word, read_tables
+from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 
@@ -76,13 +77,15 @@ class GraphFile(NamedTuple):
     """
     A graph read from a file, the values of its variables, and the number of omitted lines by word.
 
-    ``valueless`` is true if the file has no values; ``values`` are then by chordal initialization.
+    ``valueless`` is true if the file has no values; ``values`` are then by chordal initialization. ``repaired``
+    counts the lines whose matrix was made positive definite.
     """
 
     graph: FactorGraph
     values: GraphValues
     left_out: dict[str, int]
     valueless: bool = False
+    repaired: Mapping[str, int] = MappingProxyType({})
 
 
 def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:
@@ -181,10 +184,16 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     return file.graph, file.values
 
 
-def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown: bool = False) -> GraphFile:
+def load_pyfg(
+    path: Path | str,
+    *,
+    leave_out: Collection[str] = (),
+    skip_unknown: bool = False,
+    indefinite: Indefinite = "refuse",
+) -> GraphFile:
     """Read like `read_pyfg`, but skip the lines of the words in ``leave_out`` and, with ``skip_unknown``, of unknown words."""
     path = Path(path)
-    lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown)
+    lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
     tables, planar = read_tables(lines, _WORDS, one_space=True)
     reader = _Reader(lines, tables, planar=planar)
     graph, values = reader.graph(_read_names(names_file(path)))
@@ -192,7 +201,7 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, values, lines.left_out)
+    return GraphFile(graph, values, lines.left_out, repaired=dict(lines.repaired))
 
 
 class _Reader:
@@ -271,7 +280,8 @@ class _Reader:
             if kind.axes:
                 covariance = covariance[:, kind.axes][:, :, kind.axes]
         columns = [measured[:, place] for place in kind.columns_at.values()]
-        return kind.table(variables, columns, covariance)
+        covariance, keep = self._lines.treat(self._tables[kind.word].word, covariance)
+        return kind.table(variables, columns, covariance)[keep]
 
     def _pose_priors(self) -> dict[str, Factors]:
         """Factors of the kinds that are written as pose priors, distinguished by their free axes."""
@@ -298,7 +308,8 @@ class _Reader:
                 mine &= level
                 allowed[-1] += " on level axes"
             left &= ~mine
-            tables[name] = kind.table(variables[mine], [c[mine] for c in columns], matrix[mine])
+            treated, keep = self._lines.treat(self._tables[POSE_PRIOR].word, matrix[mine])
+            tables[name] = kind.table(variables[mine], [c[mine] for c in columns], treated)[keep]
         if left.any():
             row = int(np.argmax(left))
             self._lines.refuse(
