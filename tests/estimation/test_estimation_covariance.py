@@ -15,7 +15,9 @@ from pymantaray.estimation import (
     build_graph,
     collect_covariances,
     covariances_at,
+    effective_degrees_of_freedom,
     fixed_epochs,
+    rmse_standard_error,
     to_gtsam,
 )
 from pymantaray.estimation.covariance import dead_reckoning_covariances
@@ -224,3 +226,18 @@ def test_record_has_nan_for_what_is_missing(make_fleet):
     np.testing.assert_array_equal(record.time, o.time[SAMPLES])
     with pytest.raises(EstimationError, match="same conditions"):
         collect_covariances(o, SAMPLES, [{"odometry": own}, {"x": own}])
+
+
+def test_the_standard_error_of_an_rmse_is_the_scatter_of_simulated_ones():
+    """Correlated errors of 33 rows, 25 realizations each, over 2,000 draws: first order is good to 5 %."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(33, 6)) @ np.diag([5.0, 3.0, 2.0, 1.0, 1.0, 1.0])
+    covariance = root @ root.T + 0.1 * np.eye(33)
+    dof = effective_degrees_of_freedom(covariance.reshape(11, 3, 11, 3))
+    assert dof < 6.0
+    errors = rng.multivariate_normal(np.zeros(33), covariance, size=(2000, 25))
+    rmse = np.sqrt(np.mean(errors**2, axis=(1, 2)))
+    expected = rmse_standard_error(np.sqrt(np.trace(covariance) / 33), dof, 25)
+    assert rmse.std() == pytest.approx(expected, rel=0.05)
+    assert effective_degrees_of_freedom(np.eye(7)) == pytest.approx(7.0)
+    assert effective_degrees_of_freedom(np.ones((7, 7))) == pytest.approx(1.0)

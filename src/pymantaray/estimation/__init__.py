@@ -3,7 +3,12 @@
 from pymantaray.estimation.build import build_graph
 from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
-from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
+from pymantaray.estimation.covariance import (
+    collect_covariances,
+    effective_degrees_of_freedom,
+    fixed_epochs,
+    rmse_standard_error,
+)
 from pymantaray.estimation.external import GraphResult, open_graph, solve_graph, to_gtsam
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import LOSSES, Loss
@@ -53,9 +58,11 @@ __all__ = [
     "collect_estimates",
     "covariances_at",
     "dead_reckon",
+    "effective_degrees_of_freedom",
     "fixed_epochs",
     "open_graph",
     "read_pyfg",
+    "rmse_standard_error",
     "solve_conditions",
     "solve_graph",
     "to_gtsam",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.starts import dead_reckon
@@ -92,6 +92,49 @@ def dead_reckoning_covariances(measurements: Measurements, samples: Indices) -> 
     joint = np.zeros((n_epochs, vehicles.size, 3, vehicles.size, 3))
     joint[:, vehicles, :, vehicles, :] = np.moveaxis(world[..., 3:, 3:], 1, 0)
     return EpochCovariances(joint, pose, np.full(n_epochs, np.nan), np.zeros(n_epochs, dtype=np.intp))
+
+
+def effective_degrees_of_freedom(covariance: Array) -> float:
+    """
+    Effective degrees of freedom of a sum of squared errors with a joint covariance: tr(P)^2 / tr(P^2).
+
+    It is the number of independent errors of equal variance whose sum of squares has the same mean and variance.
+
+    Parameters
+    ----------
+    covariance : ndarray
+        Joint covariance P, of any shape (..., n, ..., n) that is square when flattened, such as (n_agents, 3, n_agents, 3).
+
+    Returns
+    -------
+    float
+        From 1, for errors that are fully correlated, to the number of errors.
+    """
+    size = round(np.sqrt(covariance.size))
+    matrix = covariance.reshape(size, size)
+    return float(np.trace(matrix) ** 2 / np.sum(matrix**2))
+
+
+def rmse_standard_error(rmse: ArrayLike, degrees_of_freedom: ArrayLike, n_realizations: int) -> Array:
+    """
+    Standard error of an RMSE over independent realizations: RMSE / sqrt(2 n nu).
+
+    Parameters
+    ----------
+    rmse : array_like
+        Root mean square error. [m]
+    degrees_of_freedom : array_like
+        Effective degrees of freedom nu of the squared errors of one realization, from `effective_degrees_of_freedom`.
+    n_realizations : int
+        Number n of realizations.
+
+    Returns
+    -------
+    ndarray
+        Standard error, first order in 1/(n nu). [m]
+    """
+    count = 2.0 * n_realizations * np.asarray(degrees_of_freedom, dtype=float)
+    return np.asarray(np.asarray(rmse, dtype=float) / np.sqrt(count))
 
 
 def collect_covariances(
