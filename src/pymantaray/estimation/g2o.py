@@ -24,20 +24,16 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
-from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
-from pymantaray.estimation.pyfg import (
-    POSE,
-    TO_FILE,
+from pymantaray.estimation.graph_columns import (
     TO_WXYZ,
-    TO_XYZW,
-    GraphFile,
-    flat_matrix,
-    flattened,
+    columns,
     from_triangle,
-    lifted,
-    lifted_matrix,
+    to_graph,
     triangle,
+    write_rows,
 )
+from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
+from pymantaray.estimation.pyfg import POSE, GraphFile
 from pymantaray.estimation.starts import chordal
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
@@ -48,17 +44,17 @@ LANDMARK, SIGHTING, OFFSET = "VERTEX_TRACKXYZ", "EDGE_SE3_TRACKXYZ", "PARAMS_SE3
 
 
 _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
-    POSE: Word(False, 1, 7),
-    LANDMARK: Word(False, 1, 3),
-    EDGE: Word(False, 2, 7, 6),
-    SIGHTING: Word(False, 3, 3, 3),
+    POSE: columns("pose"),
+    LANDMARK: columns("landmark"),
+    EDGE: columns("edge"),
+    SIGHTING: columns("sighting", more_names=1),
     OFFSET: Word(False, 1, 7, planar=None),
-    "VERTEX_SE2": Word(False, 1, 3, planar=True),
-    "VERTEX_XY": Word(False, 1, 2, planar=True),
-    "EDGE_SE2": Word(False, 2, 3, 3, planar=True),
-    "EDGE_SE2_XY": Word(False, 2, 2, 2, planar=True),
-    "VERTEX2": Word(False, 1, 3, planar=True),
-    "EDGE2": Word(False, 2, 3, 3, planar=True),
+    "VERTEX_SE2": columns("pose").flat,
+    "VERTEX_XY": columns("landmark").flat,
+    "EDGE_SE2": columns("edge").flat,
+    "EDGE_SE2_XY": columns("sighting").flat,
+    "VERTEX2": columns("pose").flat,
+    "EDGE2": columns("edge").flat,
     "VERTEX3": Word(False, 1, 6),
     "EDGE3": Word(False, 2, 6, 6),
 }
@@ -156,45 +152,34 @@ def _lines(
     graph: FactorGraph, values: GraphValues, ids: list[int], sighted: NDArray[Any], *, half_angles: bool
 ) -> Iterator[str]:
     n, planar = graph.n_poses, graph.planar
-    places = np.concatenate([values.position, values.quaternion[:, TO_XYZW]], axis=1)
+    places = np.concatenate([values.position, values.quaternion], axis=1)
     if sighted.size and not planar:
         yield f"{OFFSET} 0 0 0 0 0 0 0 1\n"
-    yield from _rows(POSE, [f"{k}" for k in ids[:n]], places, planar=planar)
-    yield from _rows(
-        LANDMARK, [f"{ids[k]}" for k in sighted], values.landmark_position[sighted - n], planar=planar
-    )
+    yield from write_rows(_words(POSE), [f"{k}" for k in ids[:n]], places, planar=planar)
+    landmarks = values.landmark_position[sighted - n]
+    yield from write_rows(_words(LANDMARK), [f"{ids[k]}" for k in sighted], landmarks, planar=planar)
     edge, sighting = graph["edge"], graph["sighting"]
-    matrix = edge.covariance[:, TO_FILE][:, :, TO_FILE]
-    step = np.concatenate([edge.column("position"), edge.column("quaternion")[:, TO_XYZW]], axis=1)
-    yield from _rows(EDGE, _heads(edge, ids), step, matrix, planar=planar, half_angles=half_angles)
+    heads = _heads(edge, ids)
+    information = _information(edge, half_angles=half_angles, planar=planar)
+    yield from write_rows(_words(EDGE), heads, edge.measured, information, planar=planar)
     heads = _heads(sighting, ids) if planar else [f"{head} 0" for head in _heads(sighting, ids)]
-    yield from _rows(SIGHTING, heads, sighting.column("position"), sighting.covariance, planar=planar)
+    information = _information(sighting, half_angles=False, planar=planar)
+    yield from write_rows(_words(SIGHTING), heads, sighting.measured, information, planar=planar)
 
 
 def _heads(factors: Factors, ids: list[int]) -> list[str]:
     return [f"{ids[a]} {ids[b]}" for a, b in factors.variables.tolist()]
 
 
-def _rows(
-    word: str,
-    heads: list[str],
-    measured: Array,
-    covariance: Array | None = None,
-    *,
-    planar: bool,
-    half_angles: bool = False,
-) -> Iterator[str]:
-    """Lines of a word, with the information, in two dimensions those of its flat one."""
-    if planar:
-        word, measured = _FLAT[word], flattened(measured)
-        covariance = covariance if covariance is None else flat_matrix(covariance)
-    if covariance is not None:
-        information = _inverse(TextLines(Path()), word, covariance, [0] * len(covariance))
-        if half_angles and not planar:
-            information = information * _angle_scale(2.0)
-        measured = np.concatenate([measured, triangle(information)], axis=1)
-    for head, row in zip(heads, measured.tolist(), strict=True):
-        yield f"{word} {head} {' '.join(f'{v:.17g}' for v in row)}\n"
+def _words(word: str) -> tuple[str, str | None]:
+    """Words in three dimensions and in two."""
+    return word, _FLAT[word]
+
+
+def _information(factors: Factors, *, half_angles: bool, planar: bool) -> Array:
+    """Information matrices of factors, rotation before translation, of half angles on request."""
+    information = _inverse(TextLines(Path()), "", factors.covariance, [0] * len(factors))
+    return information * _angle_scale(2.0) if half_angles and not planar else information
 
 
 class _Reader:
@@ -236,8 +221,8 @@ class _Reader:
             level = np.tile([1.0, 0.0, 0.0, 0.0], (len(poses), 1))
             values = GraphValues(np.zeros((len(poses), 3)), level, np.zeros((len(landmarks), 3)))
         else:
-            pose, landmark = self._measured(POSE), self._measured(LANDMARK)
-            values = GraphValues(pose[:, :3], pose[:, 3:][:, TO_WXYZ], landmark)
+            pose, landmark = self._columns(POSE)[0], self._columns(LANDMARK)[0]
+            values = GraphValues(pose[:, :3], pose[:, 3:], landmark)
         return graph.with_factors(edge=self._edges(), sighting=self._sightings()), values, valueless
 
     def _vertices(self) -> tuple[list[int], list[int], bool]:
@@ -263,17 +248,14 @@ class _Reader:
         return ids
 
     def _edges(self) -> Factors:
-        measured = self._measured(EDGE)
-        covariance = self._covariance(EDGE)
-        return KINDS["edge"].table(
-            self._ends(EDGE, self._pose),
-            [measured[:, :3], measured[:, 3:][:, TO_WXYZ]],
-            covariance[:, TO_FILE][:, :, TO_FILE],
-        )[self._keep[EDGE]]
+        measured, covariance = self._columns(EDGE)
+        parts = [measured[:, :3], measured[:, 3:]]
+        return KINDS["edge"].table(self._ends(EDGE, self._pose), parts, covariance)[self._keep[EDGE]]
 
     def _sightings(self) -> Factors:
         """Sightings in the body frames, with sensor offsets applied."""
-        table, place, covariance = self._of[SIGHTING], self._measured(SIGHTING), self._covariance(SIGHTING)
+        table, (place, covariance) = self._of[SIGHTING], self._columns(SIGHTING)
+        place, covariance = place.copy(), covariance.copy()
         if not self._planar:
             offsets = dict(zip(self._id[OFFSET][0], self._values[OFFSET], strict=True))
             for i, parameter in enumerate(self._id[SIGHTING][2]):
@@ -309,20 +291,19 @@ class _Reader:
                 self._lines.refuse(f"id {ids[row]}", f"ids of the file's {what}", table.line[row])
         return np.array(columns, dtype=np.int32).T
 
-    def _measured(self, word: str) -> Array:
-        """What is measured in the lines of a word, lifted."""
-        values = self._values[word][:, : self._grammar[word].measured].copy()
-        return lifted(values) if self._planar else values
-
-    def _covariance(self, word: str) -> Array:
-        """Covariances of the lines of a word, lifted."""
+    def _columns(self, word: str) -> tuple[Array, Array]:
+        """Measured columns and covariances of the lines of a word."""
         table, grammar = self._of[word], self._grammar[word]
-        information = from_triangle(self._values[word][:, grammar.measured :], grammar.matrix)
-        if self._half_angles and grammar.matrix == 6:
-            information *= _angle_scale(0.5)
+        if not grammar.matrix:
+            return to_graph(self._values[word], grammar, planar=self._planar)
+        # in the dimensions of the file: what is lifted is out of the plane
+        values, size = self._values[word].copy(), grammar.matrix
+        information = from_triangle(values[:, grammar.measured :], size)
+        if self._half_angles and size == 6:
+            information *= _angle_scale(0.5)[::-1, ::-1]
         information, self._keep[word] = self._lines.treat(table.word, information)
-        covariance = _inverse(self._lines, table.word, information, table.line)
-        return lifted_matrix(covariance) if self._planar else covariance
+        values[:, grammar.measured :] = triangle(_inverse(self._lines, table.word, information, table.line))
+        return to_graph(values, grammar, planar=self._planar)
 
     def _checked_ids(self, word: str, table: Table) -> list[list[int]]:
         """Ids of the lines of a word, for each end."""
@@ -386,8 +367,8 @@ def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int
 
 
 def _angle_scale(factor: float) -> Array:
-    """Factors on the entries of a matrix (6, 6) if its last three axes are scaled by a factor."""
-    axis = np.array([1.0] * 3 + [factor] * 3)
+    """Factors on the entries of a matrix (6, 6) if its first three axes are scaled by a factor."""
+    axis = np.array([factor] * 3 + [1.0] * 3)
     return np.outer(axis, axis)
 
 

@@ -9,7 +9,7 @@ import csv
 import itertools
 import re
 import string
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -32,7 +32,8 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
-from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
+from pymantaray.estimation.graph_columns import ROTATION_FIRST, columns, to_graph, write_rows
+from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 
@@ -47,26 +48,22 @@ FLAT = {  # words in two dimensions, by those in three
     EDGE: "EDGE_SE2",
     SIGHTING: "EDGE_SE2_XY",
 }
-_IN_PLANE = {6: [0, 1, 5], 3: [0, 1]}  # of x y z rx ry rz, and of x y z
 _LETTERS = "ABCDEFGHIJKMNOPQRSTUVWXYZ"  # of vehicles; L is for landmarks
 _NAME = re.compile(rf"([{_LETTERS}]+|L)([0-9]+)")
 _STUDY_NAME = re.compile("[A-Za-z0-9_-]+")
 _LARGEST_NUMBER = 2**31 - 1  # of a pose; records store it in 32 bits
 _FREE_VARIANCE = 1e12  # an axis with this variance or more is not constrained
 _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
-TO_FILE = [3, 4, 5, 0, 1, 2]  # rotation before translation, and back: the exchange is its own inverse
-TO_XYZW = [1, 2, 3, 0]
-TO_WXYZ = [3, 0, 1, 2]
 
 
 _GRAMMAR = {
-    POSE: Word(timed=True, names=1, measured=7, matrix=0),
-    LANDMARK: Word(timed=False, names=1, measured=3, matrix=0),
-    POSE_PRIOR: Word(timed=True, names=1, measured=7, matrix=6),
-    LANDMARK_PRIOR: Word(timed=True, names=1, measured=3, matrix=3),
-    EDGE: Word(timed=True, names=2, measured=7, matrix=6),
-    RANGE: Word(timed=True, names=2, measured=1, matrix=1, planar=None),
-    SIGHTING: Word(timed=True, names=2, measured=3, matrix=3),
+    POSE: columns("pose", timed=True),
+    LANDMARK: columns("landmark"),
+    POSE_PRIOR: columns("pose prior", timed=True),
+    LANDMARK_PRIOR: columns("landmark prior", timed=True),
+    EDGE: columns("edge", timed=True),
+    RANGE: columns("range", timed=True),
+    SIGHTING: columns("sighting", timed=True),
 }
 
 
@@ -258,16 +255,10 @@ class _Reader:
         flat = self._planar and word in FLAT
         grammar = _GRAMMAR[word].flat if flat else _GRAMMAR[word]
         values = self._values[word][:, grammar.timed :]
-        measured = values[:, : grammar.measured]
-        covariance = from_triangle(values[:, grammar.measured :], grammar.matrix)
-        if flat:
-            measured = lifted(measured)
-            covariance = lifted_matrix(covariance) if grammar.matrix else covariance
-            if word == POSE_PRIOR:
-                _free_out_of_plane(covariance)
-        if measured.shape[1] == 7:
-            measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_WXYZ]], axis=1)
-        return measured, covariance[:, TO_FILE][:, :, TO_FILE] if covariance.shape[1] == 6 else covariance
+        measured, covariance = to_graph(values, grammar, planar=flat)
+        if flat and word == POSE_PRIOR:
+            _free_out_of_plane(covariance)
+        return measured, covariance
 
     def _table(self, kind: FactorKind) -> Factors:
         """Factors of a kind with a word of its own."""
@@ -390,10 +381,10 @@ class _Reader:
 
 
 def _free_out_of_plane(covariance: Array) -> None:
-    """Free the axes out of the plane of priors (n, 6, 6), in the order of the file, if the axes in the plane are free."""
+    """Free the axes out of the plane of priors (n, 6, 6) if the axes in the plane are free."""
     free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
-    covariance[free[:, :2].all(axis=1), 2, 2] = _FREE_VARIANCE
-    covariance[free[:, 5], 3, 3] = covariance[free[:, 5], 4, 4] = _FREE_VARIANCE
+    covariance[free[:, 3:5].all(axis=1), 5, 5] = _FREE_VARIANCE
+    covariance[free[:, 2], 0, 0] = covariance[free[:, 2], 1, 1] = _FREE_VARIANCE
 
 
 def _read_names(path: Path) -> dict[str, str]:
@@ -437,9 +428,9 @@ def _lines(
     time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
     poses = [f"{t} {name}" for t, name in zip(time, names[: graph.n_poses], strict=False)]
     planar = graph.planar
-    places = np.concatenate([initial.position, initial.quaternion[:, TO_XYZW]], axis=1)
-    yield from _rows(POSE, poses, places, planar=planar)
-    yield from _rows(LANDMARK, landmarks, initial.landmark_position, planar=planar)
+    places = np.concatenate([initial.position, initial.quaternion], axis=1)
+    yield from write_rows(_words(POSE), poses, places, planar=planar)
+    yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, planar=planar)
     for table, kind in KINDS.items():
         factors = graph[table]
         # a factor has the time of the variable that messages name; landmarks have no time
@@ -447,11 +438,16 @@ def _lines(
             f"{time[after]} {' '.join(names[v] for v in ends)}"
             for after, ends in zip(factors.subject.tolist(), factors.variables.tolist(), strict=True)
         ]
-        yield from _rows(kind.word, heads, *_in_file(factors), planar=planar)
+        yield from write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), planar=planar)
 
 
-def _in_file(factors: Factors) -> tuple[Array, Array]:
-    """What is measured and its covariance, in the order of the kind's word."""
+def _words(word: str) -> tuple[str, str | None]:
+    """Words in three dimensions and in two."""
+    return word, FLAT.get(word)
+
+
+def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
+    """Measured columns and covariance; kinds without a word of their own become pose priors with free axes."""
     kind, covariance, measured = factors.kind, factors.covariance, factors.measured
     if kind.axes:
         axes = np.array(kind.axes)
@@ -461,75 +457,12 @@ def _in_file(factors: Factors) -> tuple[Array, Array]:
             measured[:, where] = factors.measured[:, place]
         covariance = np.tile(_FREE_VARIANCE * np.eye(6), (len(factors), 1, 1))
         covariance[:, axes[:, None], axes] = factors.covariance
-    if _GRAMMAR[kind.word].matrix == 6:
-        measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_XYZW]], axis=1)
-        covariance = covariance[:, TO_FILE][:, :, TO_FILE]
     return measured, covariance
-
-
-def _rows(
-    word: str, heads: Iterable[str], measured: Array, covariance: Array | None = None, *, planar: bool
-) -> Iterator[str]:
-    """Lines of a word, in two dimensions those of its flat one."""
-    if planar and word in FLAT:
-        word, measured = FLAT[word], flattened(measured)
-        covariance = covariance if covariance is None else flat_matrix(covariance)
-    table = measured if covariance is None else np.concatenate([measured, triangle(covariance)], axis=1)
-    form = f"{word} %s " + " ".join(["%.17g"] * table.shape[1]) + "\n"
-    for head, row in zip(heads, table.tolist(), strict=True):
-        yield form % (head, *row)
-
-
-def flattened(measured: Array) -> Array:
-    """What is in the plane of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle about down."""
-    if measured.shape[1] == 3:
-        return measured[:, :2]
-    z, w = measured[:, 5], measured[:, 6]
-    sign = np.where(w < 0.0, -1.0, 1.0)
-    return np.column_stack([measured[:, :2], 2.0 * np.arctan2(sign * z, sign * w)])
-
-
-def lifted(measured: Array) -> Array:
-    """The inverse of `flattened`: x y, (n, 2), or x y and an angle, (n, 3)."""
-    none = np.zeros((len(measured), 3))
-    if measured.shape[1] == 2:
-        return np.column_stack([measured, none[:, 0]])
-    half = 0.5 * measured[:, 2]
-    return np.column_stack([measured[:, :2], none, np.sin(half), np.cos(half)])
-
-
-def flat_matrix(matrices: Array) -> Array:
-    """What is in the plane of matrices over x y z rx ry rz, (n, 6, 6), or x y z, (n, 3, 3)."""
-    inside = _IN_PLANE[matrices.shape[1]]
-    return np.asarray(matrices[:, inside][:, :, inside])
-
-
-def lifted_matrix(matrices: Array) -> Array:
-    """The inverse of `flat_matrix`; out of the plane there is a unit."""
-    size = {3: 6, 2: 3}[matrices.shape[1]]
-    inside = np.array(_IN_PLANE[size])
-    out = np.tile(np.eye(size), (len(matrices), 1, 1))
-    out[:, inside[:, None], inside] = matrices
-    return out
-
-
-def triangle(matrices: Array) -> Array:
-    """Upper triangles by rows of matrices (n, k, k)."""
-    rows, columns = np.triu_indices(matrices.shape[-1])
-    return np.asarray(matrices[:, rows, columns])
-
-
-def from_triangle(triangles: Array, size: int) -> Array:
-    """Symmetric matrices of their upper triangles by rows."""
-    out = np.zeros((triangles.shape[0], size, size))
-    rows, columns = np.triu_indices(size)
-    out[:, rows, columns] = out[:, columns, rows] = triangles
-    return out
 
 
 def _axes(which: ArrayLike) -> str:
     """Names of axes of a tangent, translation first."""
-    return " ".join(_AXES[TO_FILE][np.asarray(which)[TO_FILE]].tolist())
+    return " ".join(_AXES[ROTATION_FIRST][np.asarray(which)[ROTATION_FIRST]].tolist())
 
 
 def _turn(covariance: Array, quaternion: Array) -> Array:
