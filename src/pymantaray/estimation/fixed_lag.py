@@ -24,6 +24,7 @@ def smooth_with_lag(
     initial: GraphValues,
     lag: float,
     *,
+    incremental: bool = False,
     options: IncrementalOptions | None = None,
     covariance_poses: Indices | None = None,
 ) -> Solution:
@@ -34,6 +35,9 @@ def smooth_with_lag(
     ----------
     lag : float
         Poses older than this are marginalized at their last linearization; at least the time between updates. [s]
+    incremental : bool
+        Use iSAM2 with an update at each sample, instead of a batch optimization of the lag at each ping. Old poses are
+        marginalized sample by sample, so the time of an update is bounded, and that at a ping is short.
     covariance_poses : ndarray of int, shape (n_epochs, n_vehicles), optional
         Poses whose joint covariances to compute; the poses of an epoch have one time.
 
@@ -50,13 +54,13 @@ def smooth_with_lag(
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
     from pymantaray.estimation._gtsam.fixed_lag import LaggedSmoother
-    from pymantaray.estimation._gtsam.incremental import Entering, timeline
+    from pymantaray.estimation._gtsam.incremental import Entering, Options, timeline
 
     options = options or IncrementalOptions()
     check_times(graph, initial, options.every)
     n = graph.n_poses
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
-    times = update_times(graph, moment, options.every)
+    times = update_times(graph, moment, "sample" if incremental else options.every)
     if times.size > 1 and lag < (longest := float(np.diff(times).max())):
         raise EstimationError(
             f"lag is {lag:g} s, but pings are up to {longest:g} s apart; give at least that"
@@ -64,7 +68,9 @@ def smooth_with_lag(
     factors, start = graph_factors(graph), values_of(initial)
     moment[n:] = determined_times(graph, initial)
     line = timeline(factors, moment, times)
-    smoother, entering = LaggedSmoother(lag), Entering(graph, start, times)
+    isam2 = Options(options.relinearize, options.wildfire) if incremental else None
+    seconds = np.full(times.size, np.nan)
+    smoother, entering = LaggedSmoother(lag, isam2), Entering(graph, start, times)
     poses = np.empty((0, 0), dtype=np.intp) if covariance_poses is None else covariance_poses
     joint: dict[int, Array] = {}
     problem = distance_problem(graph)
@@ -75,16 +81,20 @@ def smooth_with_lag(
         time = {int(v): float(moment[v]) if v < n else now for v in (*variables, *there)}
         rows = np.flatnonzero(line.factor_update == k)
         done = smoother.update(factors, rows, entering.values(variables, smoother, k), time)
+        seconds[k] = smoother.seconds
         if not done:
             break
         for epoch, keys in enumerate(poses):
             if (graph.pose_time[keys] <= now).all() and (own := smoother.covariance(keys)) is not None:
                 joint[epoch] = own
+    for _ in range(options.final_updates if done and incremental else 0):
+        none = np.empty(0, dtype=int)
+        done = smoother.update(factors, none, entering.values(none, smoother, times.size - 1), {})
     if not done:
         return make_solution(initial, Progress(times.size, cost, np.nan, singular=True), SolveStatus.FAILED)
     values = graph_values(smoother.latest, graph)
     progress = Progress(times.size, cost, problem.cost(State.of(values)))
-    solution = make_solution(values, progress, SolveStatus.OK)
+    solution = replace(make_solution(values, progress, SolveStatus.OK), update_seconds=seconds)
     if covariance_poses is None:
         return solution
     return replace(solution, covariances=_covariances(values, poses, joint))

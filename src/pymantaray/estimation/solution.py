@@ -29,7 +29,7 @@ class Method:
     incremental : bool
         Pass the factors to iSAM2 in the order of time, instead of a batch solve.
     lag : float, optional
-        Use a smoother that marginalizes poses older than this. [s]
+        Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2. [s]
     """
 
     loss: Loss | None = None
@@ -133,6 +133,7 @@ class Solution:
     gated_links: int = 0
     expansions: int = 0
     seconds: float = math.nan
+    update_seconds: Array | None = None  # CPU time of each update of a fixed-lag solve
     covariances: EpochCovariances | None = None  # at the requested epochs, if the values are usable
     unknowns: UnknownsEstimate | None = None  # of the ranges, likewise
 

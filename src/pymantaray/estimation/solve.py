@@ -94,6 +94,7 @@ class GraphSolver:
                 graph,
                 initial,
                 method.lag,
+                incremental=method.incremental,
                 options=self.options.incremental,
                 covariance_poses=covariance_poses,
             )

@@ -1,10 +1,13 @@
-"""GTSAM's fixed-lag smoother, which keeps the last estimate of marginalized variables."""
+"""GTSAM's fixed-lag smoothers, batch and incremental, which keep the last estimate of marginalized variables."""
 
+from time import process_time
 from typing import Any
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+
+from pymantaray.estimation._gtsam import incremental as isam2
 
 Array = NDArray[np.float64]
 _TOLERANCE = 1e-12  # of the cost, relative and absolute, at which the smoother's own steps end
@@ -13,11 +16,16 @@ _TOLERANCE = 1e-12  # of the cost, relative and absolute, at which the smoother'
 class LaggedSmoother:
     """Current estimate of the latest variables; unusable after a failed update."""
 
-    def __init__(self, lag: float) -> None:
-        steps = gtsam.LevenbergMarquardtParams()
-        steps.setRelativeErrorTol(_TOLERANCE)
-        steps.setAbsoluteErrorTol(_TOLERANCE)
-        self._smoother = gtsam.BatchFixedLagSmoother(lag, steps)
+    def __init__(self, lag: float, incremental: isam2.Options | None = None) -> None:
+        if incremental is None:
+            steps = gtsam.LevenbergMarquardtParams()
+            steps.setRelativeErrorTol(_TOLERANCE)
+            steps.setAbsoluteErrorTol(_TOLERANCE)
+            self._smoother: Any = gtsam.BatchFixedLagSmoother(lag, steps)
+        else:
+            self._smoother = gtsam.IncrementalFixedLagSmoother(lag, isam2.parameters(incremental))
+        self.seconds = 0.0
+        """CPU time of the last update."""
         self.latest = gtsam.Values()
         """Estimate of every variable when it was last in the window."""
 
@@ -26,8 +34,10 @@ class LaggedSmoother:
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(factors.at(i))
+        begin = process_time()
         try:
             self._smoother.update(added, new, time)
+            self.seconds = process_time() - begin
             self.latest.insert_or_assign(self._smoother.calculateEstimate())
         except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
             return False

@@ -34,18 +34,31 @@ def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline
     return Timeline(of_factor, np.where(first_use == last, -1, first_use))
 
 
+class Options(NamedTuple):
+    """Thresholds of iSAM2 [m, rad]."""
+
+    relinearize: float
+    wildfire: float
+
+
+def parameters(options: Options) -> Any:
+    """Parameters of iSAM2."""
+    steps = gtsam.ISAM2GaussNewtonParams()
+    steps.setWildfireThreshold(options.wildfire)
+    out = gtsam.ISAM2Params()
+    out.setOptimizationParams(steps)
+    out.setRelinearizeThreshold(options.relinearize)
+    out.relinearizeSkip = 1
+    out.findUnusedFactorSlots = True
+    out.setFactorization("CHOLESKY")
+    return out
+
+
 class IncrementalSmoother:
     """Current estimate; unusable after a failed update."""
 
     def __init__(self, relinearize: float, wildfire: float) -> None:
-        steps = gtsam.ISAM2GaussNewtonParams()
-        steps.setWildfireThreshold(wildfire)
-        parameters = gtsam.ISAM2Params()
-        parameters.setOptimizationParams(steps)
-        parameters.setRelinearizeThreshold(relinearize)
-        parameters.relinearizeSkip = 1
-        parameters.setFactorization("CHOLESKY")
-        self._smoother = gtsam.ISAM2(parameters)
+        self._smoother = gtsam.ISAM2(parameters(Options(relinearize, wildfire)))
 
     def update(self, factors: Any, rows: NDArray[np.intp], new: Any) -> tuple[float, int] | None:
         """Add factors and variables and update: seconds and number of relinearized variables; None if singular."""
