@@ -20,14 +20,14 @@ from pymantaray.estimation import (
     FactorGraph,
     GraphSolver,
     GraphValues,
+    IncrementalOptions,
     Method,
-    ReplayOptions,
     SolveOptions,
     build_graph,
     dead_reckon,
 )
+from pymantaray.estimation.incremental import solve_incrementally
 from pymantaray.estimation.losses import range_weights
-from pymantaray.estimation.replay import replay
 from pymantaray.sensing import perturb
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
@@ -118,8 +118,8 @@ def main() -> None:
         if every not in arguments.every:
             continue
         batch = GraphSolver(tight).solve(used, reckoned, method=Method(loss))
-        options = SolveOptions(replay=ReplayOptions(every=every))
-        on_line = replay(used, reckoned, loss=loss, options=options)
+        options = SolveOptions(incremental=IncrementalOptions(every=every))
+        on_line = solve_incrementally(used, reckoned, loss=loss, options=options)
         off = np.abs(on_line.solution.position - batch.position).max()
         print(
             f"{label:24} {on_line.solution.status.name:8} {1e3 * off:8.2f} {ate(on_line.position):8.2f} {ate(batch.position):8.2f}"

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from two_minima import ring
 
 from pymantaray.estimation import GraphSolver, read_pyfg
 from pymantaray.estimation.solve import METHODS
@@ -141,7 +142,7 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     assert back.vehicle_name.tolist() == ["A", "B"]
     np.testing.assert_array_equal(values.position, read_pyfg(file)[1].position)
     anchored = graph("solve", tmp_path / "g.g2o")
-    assert "anchored for want of a prior: A0" in anchored.out
+    assert "anchored because there is no prior: A0" in anchored.out
     shown = graph("show", tmp_path / "g.g2o").out
     assert "anchor             none; solve gives a prior to A0" in shown
     assert "degrees of freedom 6 with the anchor" in shown  # of 5 edges, 5 poses and a prior
@@ -215,7 +216,29 @@ def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, star
         )
     )
     lines = graph("solve", file, "--start", start).out.splitlines()
-    said = "started at the file's values, because nothing but ranges places them: 0 poses, 1 of 1 landmarks"
+    said = "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1 landmarks"
     assert said in lines
     assert told("graph", "solve", file, "--start", start)["as_in_file"] == {"poses": 0, "landmarks": 1}
     assert told("graph", "solve", file)["as_in_file"] == {"poses": 0, "landmarks": 0}
+
+
+def test_all_starts_a_second_minimum_and_the_certificate_are_reported(mantaray, told, graph, tmp_path):
+    path = tmp_path / "ring.g2o"
+    path.write_text(ring(6, 1, 9, 0.9, 20.0))
+    done = graph("solve", path, "--random-starts", "2")
+    assert "two minima fit the measurements" in done.err
+    assert "not certified: least eigenvalue" in done.out
+    result = told("graph", "solve", path, "--random-starts", "2", "--out", tmp_path / "out")
+    names = [row["start"] for row in result["starts"]]
+    assert names == ["file", "dead-reckoning", "chordal", "random-1", "random-2"]
+    assert result["cost"] == min(row["cost"] for row in result["starts"])
+    assert (result["start"], result["status"]) == ("file", "SECOND_MINIMUM")
+    assert result["certificate"]["certified"] is False
+    assert result["certificate"]["least_eigenvalue"] < 0.0
+    assert (tmp_path / "out" / "alternative.tum").is_file()
+    only = told("graph", "solve", path, "--start", "file", "--no-certify")
+    assert "starts" not in only
+    assert "certificate" not in only
+    refused = mantaray("graph", "solve", path, "--start", "file", "--random-starts", "2")
+    assert (refused.code, len(refused.err.splitlines())) == (2, 1)
+    assert "--start best" in refused.err

@@ -83,7 +83,7 @@ def test_an_estimator_has_a_name_or_is_a_function(foreign):
     refused(EstimationError, "estimator 'magic'; allowed: batch", solve_graph, file, estimator="magic")
     refused(
         EstimationError,
-        "start 'truth'; allowed: file, dead-reckoning, chordal",
+        "start 'truth'; allowed: file, dead-reckoning, chordal, best",
         solve_graph,
         file,
         start="truth",
@@ -195,7 +195,7 @@ def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determine
         range=([[k, 3] for k in range(3)], [np.linalg.norm(mark - place, axis=1)], np.ones((3, 1, 1))),
     )
     assert diagnose(graph, values) is None
-    result = solve_graph(GraphFile(graph, values, {}))
+    result = solve_graph(GraphFile(graph, values, {}), start="file")
     if height:
         np.testing.assert_allclose(result.values.landmark_position, [mark], atol=1e-6)
     else:

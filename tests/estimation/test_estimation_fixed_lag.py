@@ -8,12 +8,12 @@ import pytest
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import LOSSES, GraphSolver, Method, ReplayOptions, SolveOptions, build_graph
+from pymantaray.estimation import LOSSES, GraphSolver, IncrementalOptions, Method, SolveOptions, build_graph
 from pymantaray.evaluation.consistency import nees
 from pymantaray.records import SolveStatus
 
 PING = 5 * factories.PERIOD
-EVERY_SAMPLE = SolveOptions(step_tolerance=1e-9, replay=ReplayOptions(every="sample"))
+EVERY_SAMPLE = SolveOptions(step_tolerance=1e-9, incremental=IncrementalOptions(every="sample"))
 
 
 def poses_at(o, samples):
@@ -83,3 +83,36 @@ def test_bad_requests_are_refused(make_fleet):
     method = Method(LOSSES["huber"], lag=PING)
     with pytest.raises(EstimationError, match="no robust loss"):
         GraphSolver().solve(graph, fleet.truth, method=method)
+
+
+def test_the_incremental_smoother_ends_at_the_batch_optimum_if_its_lag_covers_the_mission(make_fleet):
+    fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
+    graph, poses = build_graph(fleet.noisy, "straight"), poses_at(fleet.noisy, [20])
+    batch = GraphSolver().solve(graph, fleet.truth, covariance_poses=poses)
+    end = GraphSolver().solve(
+        graph, fleet.reckoned, method=Method(lag=1e9, incremental=True), covariance_poses=poses
+    )
+    assert end.status == SolveStatus.OK
+    np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=1e-2)
+    np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=1e-2)
+    np.testing.assert_allclose(end.covariances.position, batch.covariances.position, rtol=1e-2, atol=1e-4)
+    assert end.update_seconds.size == fleet.noisy.time.size
+    assert np.isfinite(end.update_seconds).all()
+
+
+def test_with_a_short_lag_both_smoothers_agree_to_a_fraction_of_their_standard_deviation(make_fleet):
+    fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
+    graph, poses = build_graph(fleet.noisy, "straight"), poses_at(fleet.noisy, [10, 20])
+    ends = [
+        GraphSolver(EVERY_SAMPLE).solve(
+            graph,
+            fleet.reckoned,
+            method=Method(lag=2 * PING, incremental=incremental),
+            covariance_poses=poses,
+        )
+        for incremental in (False, True)
+    ]
+    sigma = np.sqrt(np.einsum("eaiai->eai", ends[0].covariances.position))
+    difference = np.abs(ends[0].position - ends[1].position)[poses]
+    assert difference.max() > 0.0
+    assert (difference < 0.1 * sigma).all()

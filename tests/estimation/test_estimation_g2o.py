@@ -9,7 +9,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import build_graph, open_graph
+from pymantaray.estimation import build_graph, open_graph, solve_graph
 from pymantaray.estimation.g2o import LEFT_OUT, load_g2o, write_g2o
 from pymantaray.geometry.se3 import matrix_from_quaternion
 
@@ -40,7 +40,7 @@ def test_poses_and_edges_come_back(tmp_path, pose_graph, symbols, half_angles):
     graph, values = pose_graph
     path = tmp_path / "g.g2o"
     write_g2o(graph, path, initial=values, leave_out=LEFT_OUT, symbols=symbols, half_angles=half_angles)
-    again, where, left_out, _ = load_g2o(path, half_angles=half_angles)
+    again, where, left_out, _ = load_g2o(path, half_angles=half_angles)[:4]
     assert left_out == {}
     assert again.vehicle_name.tolist() == (["A", "B"] if symbols else ["A"])
     np.testing.assert_array_equal(where.position, values.position)
@@ -104,7 +104,7 @@ def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph)
     all_of_them = "1 landmarks, 2 pose priors, 4 fixes, 12 depth priors, 1 landmark priors, 6 ranges"
     for case, options, message in (
         (graph, {}, all_of_them),
-        (graph, {"leave_out": most}, "the graph has 12 depth priors besides"),
+        (graph, {"leave_out": most}, "the graph also has 12 depth priors"),
         (graph, {"leave_out": ["edges"]}, r"leave out \['edges'\]; allowed: landmarks,"),
         (named, {"leave_out": LEFT_OUT, "symbols": True}, "by one letter; found glider, float"),
     ):
@@ -154,7 +154,7 @@ def test_a_fault_deep_in_a_long_file_is_named_by_its_line_and_value(tmp_path):
 
 def test_toro_in_two_dimensions_is_read_as_gtsam_reads_it():
     path = Path(gtsam.__file__).parent / "Data" / "w100.graph"
-    graph, values, left_out, _ = open_graph(path, skip_unknown=True)
+    graph, values, left_out, _ = open_graph(path, skip_unknown=True)[:4]
     factors, read = gtsam.load2D(str(path))
     assert (graph.planar, len(graph["edge"]), left_out) == (True, factors.size(), {"EQUIV": 40})
     for i in range(factors.size()):
@@ -209,3 +209,22 @@ def test_lines_of_other_kinds_are_left_out_by_choice(tmp_path):
     (tmp_path / "g.g2o").write_text(HAND + "FIX 3\nVERTEX_TRACKXYZ 9 1 2 3\n")
     left_out = load_g2o(tmp_path / "g.g2o", leave_out=["FIX", "VERTEX_TRACKXYZ"]).left_out
     assert left_out == {"FIX": 1, "VERTEX_TRACKXYZ": 1}
+
+
+@pytest.mark.parametrize(("name", "matrix"), [("g.g2o", "0 0 0 1 0 1"), ("g.pyfg", "1 2 0 1 0 1")])
+def test_indefinite_matrices_are_refused_dropped_or_repaired_and_counted(tmp_path, name, matrix):
+    ids = ["0", "1"] if name == "g.g2o" else ["A0", "A1"]
+    time = "" if name == "g.g2o" else "0 "
+    lines = [f"VERTEX_SE2 {time}{ids[0]} 0 0 0", f"VERTEX_SE2 {time}{ids[1]} 1 0 0"]
+    for step, m in ((1.0, "4 0 0 4 0 4"), (1.2, "4 0 0 4 0 4"), (3.0, matrix)):
+        lines.append(f"EDGE_SE2 {time}{ids[0]} {ids[1]} {step} 0 0 {m}")
+    path = tmp_path / name
+    path.write_text("\n".join(lines) + "\n")
+    refused(EstimationError, "positive d", open_graph, path)
+    dropped, repaired = (open_graph(path, indefinite=how) for how in ("drop", "repair"))
+    assert (len(dropped.graph["edge"]), dropped.left_out) == (2, {"EDGE_SE2 (indefinite matrix)": 1})
+    assert (len(repaired.graph["edge"]), dict(repaired.repaired)) == (3, {"EDGE_SE2": 1})
+    assert np.linalg.eigvalsh(repaired.graph["edge"].covariance).min() > 0.0
+    assert solve_graph(dropped, truth=False).values.position[1, 0] == pytest.approx(1.1, abs=1e-6)
+    if name == "g.g2o":  # an axis without information hardly counts
+        assert solve_graph(repaired, truth=False).values.position[1, 0] == pytest.approx(1.1, abs=1e-5)

@@ -93,7 +93,7 @@ def test_cost_and_step_are_gtsams_however_far_poses_turned(turn, loss):
     by_row = np.empty_like(small)
     by_row[problem.structure.row] = small
     ours = state.moved(problem.structure, by_row).values(graph)
-    np.testing.assert_allclose(ours.position, state.place[:n] + small[:n, 3:], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ours.position, state.position[:n] + small[:n, 3:], rtol=0, atol=1e-12)
     expected = quaternion_from_matrix(state.rotation[:n] @ so3_exp(small[:n, :3]))
     np.testing.assert_allclose(ours.quaternion, expected, rtol=0, atol=1e-12)
 
@@ -105,13 +105,13 @@ def test_near_the_optimum_of_ranges_that_conflict_curvature_leaves_less_than_hal
     graph = build_graph(fleet.noisy, "refracted")
     optimum = State.of(GraphSolver().solve(graph, fleet.truth, model_is_right=False).values)
     problem, rng = distance_problem(graph), np.random.default_rng(1)
-    offset = rng.normal(size=(len(optimum.place), SIZE)) * np.repeat([1e-5, 1e-2], 3)  # rad, m
+    offset = rng.normal(size=(len(optimum.position), SIZE)) * np.repeat([1e-5, 1e-2], 3)  # rad, m
     start = optimum.moved(problem.structure, offset)
     left = []
     for order in (1, 3):
         equations = problem.linearize(start, order=order)
         end = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
-        left.append(np.abs(end.place - optimum.place).max())
+        left.append(np.abs(end.position - optimum.position).max())
     assert left[1] < 0.5 * left[0]
 
 
@@ -169,17 +169,19 @@ def test_along_arcs_what_turns_as_a_whole_keeps_its_shape():
     problem, state = distance_problem(graph), State.of(values)
     turn, centre = np.array([0.4, -0.7, 1.1]), np.array([10.0, -20.0, 5.0])
     step = np.concatenate(
-        [np.swapaxes(state.rotation, 1, 2) @ turn, np.cross(turn, state.place - centre)], axis=1
+        [np.swapaxes(state.rotation, 1, 2) @ turn, np.cross(turn, state.position - centre)], axis=1
     )
     by_row = np.empty_like(step)
     by_row[problem.structure.row] = step
     moved = state.moved(problem.structure, by_row, arc=True)
     whole = so3_exp(turn)
     np.testing.assert_allclose(moved.rotation, whole @ state.rotation, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(moved.place, centre + (state.place - centre) @ whole.T, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        moved.position, centre + (state.position - centre) @ whole.T, rtol=0, atol=1e-11
+    )
     small = state.moved(problem.structure, 1e-4 * by_row, arc=True)  # by series
-    by_hand = centre + (state.place - centre) @ so3_exp(1e-4 * turn).T
-    np.testing.assert_allclose(small.place, by_hand, rtol=0, atol=1e-13)
+    by_hand = centre + (state.position - centre) @ so3_exp(1e-4 * turn).T
+    np.testing.assert_allclose(small.position, by_hand, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize(("angle", "start"), [(0.1, "composed"), (0.3, "chordal")])

@@ -26,7 +26,7 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.build import timed_ranges
-from pymantaray.estimation.range_models import BelievedRanges, Unknowns
+from pymantaray.estimation.range_models import ModelRanges, Unknowns
 from pymantaray.records import RangingTruth, RayStatus, SolveStatus
 from pymantaray.sensing import Clocks, OneWay, TwoWay
 from pymantaray.sensing.timing import clock_error
@@ -143,7 +143,7 @@ def test_constant_speed_as_a_distance_and_as_a_model_agree(make_fleet):
     asked = GraphSolver().solve(
         build_graph(o, "refracted"),
         fleet.reckoned,
-        believed=BelievedRanges(model, timed_ranges(o, "refracted", "refracted")),
+        model_ranges=ModelRanges(model, timed_ranges(o, "refracted", "refracted")),
         model_is_right=False,
     )
     stock = estimate(o, model)
@@ -228,7 +228,7 @@ def test_bad_requests_are_refused(make_fleet):
     ranges = timed_ranges(o, "refracted", "refracted")
     less = ranges._replace(**{name: getattr(ranges, name)[1:] for name in ranges._fields})
     with pytest.raises(EstimationError, match="do not join the variables of the graph's"):
-        GraphSolver().solve(graph, fleet.truth, believed=BelievedRanges(WATER, less))
+        GraphSolver().solve(graph, fleet.truth, model_ranges=ModelRanges(WATER, less))
     with pytest.raises(EstimationError, match="sound speed at the transmitter of range 0 is 0 m/s"):
         estimate(replace(o, transmitter_sound_speed=0.0 * o.transmitter_sound_speed), WATER)
 
@@ -252,8 +252,8 @@ def test_outer_iterations_and_vector_factors_reach_the_same_optimum(make_fleet, 
     o, model, clocks = known_or_joint(fleet, joint)
     graph, timed = build_graph(o, "refracted"), timed_ranges(o, "refracted", "refracted")
     unknowns = Unknowns(model, timed, graph.pose_vehicle, list("ABC"), clocks=clocks) if joint else None
-    believed = BelievedRanges(model, timed, unknowns=unknowns)
-    outer = GraphSolver().solve(graph, getattr(fleet, start), believed=believed)
+    believed = ModelRanges(model, timed, unknowns=unknowns)
+    outer = GraphSolver().solve(graph, getattr(fleet, start), model_ranges=believed)
     vector = nonlinear_vector_factors(graph, believed, getattr(fleet, start))
     assert outer.status == SolveStatus.OK
     assert off(outer.position, vector.position) < 1e-3
@@ -411,14 +411,18 @@ def test_both_directions_of_a_pair_take_their_mean_and_its_variance(make_fleet):
     heard = np.isfinite(o.refracted_range)
     both = np.bincount(key[heard], minlength=key.max() + 1)[key] == 2
     o = replace(o, refracted_range=o.straight_range + np.where(both, later, 0.0) + 0.0 * o.refracted_range)
-    plain, mean = (solve_conditions(o, {"e": Estimator("refracted", averaged=a)})["e"] for a in (False, True))
+    plain, mean = (
+        solve_conditions(o, {"e": Estimator("refracted", mean_of_directions=a)})["e"] for a in (False, True)
+    )
     assert off(mean.position, fleet.position) < 1e-3
     assert mean.final_cost < 1e-6 < plain.final_cost
     samples = {"covariance_samples": np.array([20])}
     straight = solve_conditions(fleet.noise_free, ["straight"], fleet.start, **samples)[
         "straight"
     ].covariances
-    own = solve_conditions(o, {"e": Estimator("refracted", averaged=True)}, **samples)["e"].covariances
+    own = solve_conditions(o, {"e": Estimator("refracted", mean_of_directions=True)}, **samples)[
+        "e"
+    ].covariances
     np.testing.assert_allclose(own.position, straight.position, rtol=1e-3, atol=1e-6)
 
 

@@ -25,7 +25,7 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
 from pymantaray.estimation.build import timed_ranges
-from pymantaray.estimation.range_models import BelievedRanges, RangeLinks
+from pymantaray.estimation.range_models import ModelRanges, RangeLinks
 from pymantaray.evaluation import ping_error_table
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
@@ -122,11 +122,11 @@ def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reck
     if variance != "fixed":
         variance = {"kind": variance, "rms": 1.0, "horizontal_scale": 20e3}
     e = EstimatorFactory(day).estimator(section(range_model=eigenray(EXACT), variance=variance), 0)
-    believed = BelievedRanges(e.model, timed_ranges(o, "refracted", "refracted"), e.uncertainty, e.correlated)
+    believed = ModelRanges(e.model, timed_ranges(o, "refracted", "refracted"), e.uncertainty, e.correlated)
     graph, solver, found = build_graph(o, "refracted"), GraphSolver(), []
     for position, quaternion in ((truth.position, truth.quaternion), dead_reckon(o)):
         start = GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
-        found.append(solver.solve(graph, start, believed=believed))
+        found.append(solver.solve(graph, start, model_ranges=believed))
     start = GraphValues(truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), o.landmark_position)
     assert [s.status for s in found] == [SolveStatus.OK] * 2
     found.append(nonlinear_vector_factors(graph, believed, start))

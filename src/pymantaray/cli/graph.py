@@ -1,6 +1,7 @@
-"""Commands of `mantaray graph`: other people's factor graphs, shown, solved and converted."""
+"""Commands of `mantaray graph`: show, solve and convert factor graphs from files."""
 
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from pymantaray.estimation import GraphResult
     from pymantaray.estimation.pyfg import GraphFile
 
-app = Commands(help="Other people's factor graphs: show, solve, convert.")
+app = Commands(help="Show, solve and convert factor graphs from files.")
 
 
 In = Annotated[
@@ -24,19 +25,26 @@ LeaveOut = Annotated[
     typer.Option(
         "--leave-out",
         metavar="WHAT",
-        help="What to lose on purpose, counted: a word that begins lines of the input, as EDGE_SE3_XYZ; what a g2o"
-        " output cannot hold, as ranges, or all of that. May be given several times.",
+        help="Record types to drop; the number dropped is reported. A word that begins lines of the input, such as"
+        " EDGE_SE3_XYZ; a kind that g2o output cannot hold, such as ranges; or all. May be given several times.",
     ),
 ]
 SkipUnknown = Annotated[
     bool,
-    typer.Option("--skip-unknown", help="Pass over lines of words that are not known, counted."),
+    typer.Option("--skip-unknown", help="Skip and count lines of unknown words."),
 ]
 HalfAngles = Annotated[
     bool,
     typer.Option(
         "--half-angles",
-        help="g2o: the rotation part of the information is for half the angle, as g2o has it.",
+        help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
+    ),
+]
+IndefiniteChoice = Annotated[
+    Literal["refuse", "drop", "repair"],
+    typer.Option(
+        "--indefinite",
+        help="Treatment of lines whose matrix is not positive definite; the number dropped or repaired is reported.",
     ),
 ]
 
@@ -47,14 +55,14 @@ def show(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
+    indefinite: IndefiniteChoice = "refuse",
     as_json: Json = False,
 ) -> None:
-    """Print what is in a graph, and whether it can be solved."""
-    from pymantaray.estimation import open_graph
+    """Show the contents of a graph, and whether it can be solved."""
     from pymantaray.estimation.diagnose import diagnose
     from pymantaray.estimation.external import anchor_graph
 
-    content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
+    content = _opened(file, leave_out, skip_unknown, half_angles, indefinite)
     with printer(as_json=as_json) as out:
         for name, text in _contents(out, content):
             out.line(f"{name:<18} {text}")
@@ -81,12 +89,27 @@ def solve(
         Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")
     ] = None,
     start: Annotated[
-        Literal["file", "dead-reckoning", "chordal"],
+        Literal["file", "dead-reckoning", "chordal", "best"] | None,
         typer.Option(
             "--start",
-            help="Start from the file's vertices, from composed edges, or from linear least squares of all edges.",
+            help="Start from the file's vertices, from composed edges, from linear least squares of all edges, or from all of"
+            " these and take the lowest cost (best). Default: best for graphs of at most 20,000 factors and batch estimators,"
+            " else file.",
         ),
-    ] = "file",
+    ] = None,
+    random_starts: Annotated[
+        int,
+        typer.Option("--random-starts", min=0, help="Number of further random starts of --start best."),
+    ] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
+    certificate: Annotated[
+        bool | None,
+        typer.Option(
+            "--certify/--no-certify",
+            help="Certify that the estimate is the global minimum, or give the least eigenvalue of the certificate matrix."
+            " Default: for batch least squares of at most 2,000 factors.",
+        ),
+    ] = None,
     estimator: Annotated[
         str,
         typer.Option(
@@ -99,7 +122,7 @@ def solve(
         bool,
         typer.Option(
             "--anchor",
-            help="Give a prior to the first pose of each part that floats; done unasked where nothing is anchored.",
+            help="Add a prior to the first pose of each free part. A graph without any anchor always gets one.",
         ),
     ] = False,
     truth: Annotated[
@@ -112,6 +135,7 @@ def solve(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
+    indefinite: IndefiniteChoice = "refuse",
     as_json: Json = False,
     to: To = "text",
     quiet: Quiet = False,
@@ -119,25 +143,28 @@ def solve(
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
     from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
-    from pymantaray.estimation import open_graph, solve_graph
-    from pymantaray.estimation.external import is_pose_graph
+    from pymantaray.estimation import solve_graph
+    from pymantaray.estimation.external import is_pose_graph, with_certificate
     from pymantaray.evaluation import graph_errors
     from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
 
-    content = open_graph(file, leave_out=leave_out or [], skip_unknown=skip_unknown, half_angles=half_angles)
+    content = _opened(file, leave_out, skip_unknown, half_angles, indefinite)
     with ExitStack() as stack:
-        # refused before the solve
+        # refuse before the solve
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
         with step_line(quiet=quiet) as report:
             result = solve_graph(
                 content,
                 estimator=estimator,
                 start=start,
+                random_starts=random_starts,
+                seed=seed,
                 anchor=anchor,
                 truth=not is_pose_graph(file) if truth is None else truth,
                 report=report,
             )
+            result = with_certificate(result, wanted=certificate)
         if folder is not None:
             errors = {
                 f"trajectory_error{what}": graph_errors(result.graph, values, result.truth)
@@ -167,15 +194,16 @@ def convert(
     leave_out: LeaveOut = None,
     skip_unknown: SkipUnknown = False,
     half_angles: HalfAngles = False,
+    indefinite: IndefiniteChoice = "refuse",
     symbols: Annotated[
         bool,
         typer.Option("--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."),
     ] = False,
     force: Force = False,
 ) -> None:
-    """Convert between PyFactorGraph text, g2o and TUM; what the target cannot hold is refused unless left out."""
+    """Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold."""
     from pymantaray.cli.output import check_output
-    from pymantaray.estimation import open_graph, write_pyfg
+    from pymantaray.estimation import write_pyfg
     from pymantaray.estimation.external import G2O
     from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
     from pymantaray.estimation.pyfg import names_file
@@ -186,7 +214,7 @@ def convert(
     check_output(out, endings, inputs=[file], beside=beside, force=force)
     to_lose = leave_out or []
     words = [what for what in to_lose if what not in (*LEFT_OUT, "all")]
-    content = open_graph(file, leave_out=words, skip_unknown=skip_unknown, half_angles=half_angles)
+    content = _opened(file, words, skip_unknown, half_angles, indefinite)
     lost, files = dict(content.left_out), [out]
     if out.suffix == G2O:
         lost |= write_g2o(
@@ -206,12 +234,33 @@ def convert(
         files += [path for path in beside if path.exists()]
     for what, count in lost.items():
         LOG.warning("left out: %d %s", count, what)
+    for what, count in content.repaired.items():
+        LOG.warning("repaired: %d %s (indefinite matrix)", count, what)
     for path in files:
         typer.echo(str(path))
 
 
+def _opened(
+    file: Path,
+    leave_out: list[str] | None,
+    skip_unknown: bool,
+    half_angles: bool,
+    indefinite: Literal["refuse", "drop", "repair"],
+) -> "GraphFile":
+    """Open a graph file as the options of a command say."""
+    from pymantaray.estimation import open_graph
+
+    return open_graph(
+        file,
+        leave_out=leave_out or [],
+        skip_unknown=skip_unknown,
+        half_angles=half_angles,
+        indefinite=indefinite,
+    )
+
+
 def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
-    """How many of each kind a graph has: name and text of each line, and the numbers for scripts."""
+    """Name and text of each line on the contents of a graph; adds the numbers for --json."""
     import numpy as np
 
     from pymantaray.estimation.graph import KINDS
@@ -255,14 +304,35 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
         priors=unary,
         values_in_file=not file.valueless,
         left_out=file.left_out,
+        repaired=dict(file.repaired),
     )
     if file.valueless:
         lines.append(("values", "none in the file; by chordal initialization"))
-    return lines + [("left out", f"{count} {what}") for what, count in file.left_out.items()]
+    lines += [("left out", f"{count} {what}") for what, count in file.left_out.items()]
+    return lines + [
+        ("repaired", f"{count} {what} (indefinite matrix)") for what, count in file.repaired.items()
+    ]
+
+
+def _print_starts(out: Printer, result: "GraphResult") -> None:
+    """Print status and cost from each start, and a warning of a second plausible minimum."""
+    import pandas as pd
+
+    if len(result.outcomes) > 1:
+        starts = pd.DataFrame(result.summary()["starts"])
+        columns = {
+            "start": ("start", ""),
+            "status": ("status", ""),
+            "cost": ("cost", ".6g"),
+            "iterations": ("iterations", "d"),
+        }
+        out.table("starts", starts, columns, "Starts")
+    out.warn([] if result.warning is None else [result.warning])
+    out.add(alternative_start=None if result.alternative is None else result.alternative.name)
 
 
 def _print_result(out: Printer, result: "GraphResult") -> None:
-    """Print status and costs of a solve, and trajectory errors where there is a truth."""
+    """Print status and costs of a solve, and trajectory errors if the truth is known."""
     import numpy as np
     import pandas as pd
 
@@ -284,21 +354,27 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
         expected_cost=s.expected_cost,
         advice=result.advice,
         left_out=result.left_out,
+        repaired=dict(result.repaired),
     )
     if result.advice is not None:
         out.line(f"{s.status.name}: {result.advice}")
     for what, count in result.left_out.items():
         out.line(f"left out: {count} {what}")
+    for what, count in result.repaired.items():
+        out.line(f"repaired: {count} {what} (indefinite matrix)")
     names = [result.graph.variable_name(int(pose)) for pose in result.anchored]
     if names:
-        out.line(f"anchored for want of a prior: {', '.join(names)}")
+        out.line(f"anchored because there is no prior: {', '.join(names)}")
     same = result.counts_as_in_file
     if any(same.values()):
         out.line(
-            f"started at the file's values, because nothing but ranges places them: {same['poses']} poses,"
+            f"started at the file's values, because only ranges constrain them: {same['poses']} poses,"
             f" {same['landmarks']} of {result.graph.landmark_name.size} landmarks"
         )
     out.add(anchored=names, as_in_file=same)
+    _print_starts(out, result)
+    if result.certificate is not None:
+        out.line(result.certificate.text, certificate=asdict(result.certificate))
     if result.truth is None or not s.usable:
         return
     errors = graph_errors(result.graph, result.values, result.truth)

@@ -1,8 +1,14 @@
 """Factor graphs, their file formats and their solution; knows measurements, never the ocean or the truth."""
 
 from pymantaray.estimation.build import build_graph
+from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
-from pymantaray.estimation.covariance import collect_covariances, fixed_epochs
+from pymantaray.estimation.covariance import (
+    collect_covariances,
+    effective_degrees_of_freedom,
+    fixed_epochs,
+    rmse_standard_error,
+)
 from pymantaray.estimation.external import GraphResult, open_graph, solve_graph, to_gtsam
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import LOSSES, Loss
@@ -19,7 +25,7 @@ from pymantaray.estimation.range_models import (
     TransmitterSpeed,
     UnknownsEstimate,
 )
-from pymantaray.estimation.solution import Method, ReplayOptions, Solution, SolveOptions
+from pymantaray.estimation.solution import IncrementalOptions, Method, Solution, SolveOptions
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 
@@ -27,6 +33,7 @@ __all__ = [
     "CONDITIONS",
     "LOSSES",
     "AdjustableModel",
+    "Certificate",
     "ClockPrior",
     "ConstantSpeed",
     "Estimator",
@@ -34,25 +41,28 @@ __all__ = [
     "GraphResult",
     "GraphSolver",
     "GraphValues",
+    "IncrementalOptions",
     "Loss",
     "MeanSlowness",
     "Method",
     "Prediction",
     "RangeLinks",
     "RangeModel",
-    "ReplayOptions",
     "Solution",
     "SolveOptions",
     "TransmitterSpeed",
     "UnknownsEstimate",
     "build_graph",
+    "certify",
     "collect_covariances",
     "collect_estimates",
     "covariances_at",
     "dead_reckon",
+    "effective_degrees_of_freedom",
     "fixed_epochs",
     "open_graph",
     "read_pyfg",
+    "rmse_standard_error",
     "solve_conditions",
     "solve_graph",
     "to_gtsam",

@@ -1,4 +1,4 @@
-"""One realization under several ranging conditions and by several estimators, and all realizations as one record."""
+"""Solve one realization under several conditions and by several estimators; collect all realizations."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,33 +12,33 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.build import Links, Ranges, build_graph, timed_ranges, with_ranges
-from pymantaray.estimation.covariance import reckoned_covariances
+from pymantaray.estimation.build import LinkChoice, Ranges, build_graph, timed_ranges, with_ranges
+from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import (
     AdjustableModel,
-    BelievedRanges,
     ClockPrior,
     ConstantSpeed,
+    ModelRanges,
     RangeModel,
     TransmitterSpeed,
     TravelTimeUncertainty,
     Unknowns,
     UnknownsEstimate,
 )
-from pymantaray.estimation.solution import Method, Progress, Solution, judged
+from pymantaray.estimation.solution import Method, Progress, Solution, make_solution
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.records import Estimates, Measurements, SolveStatus
 
 Array = NDArray[np.float64]
 
-_SAME_COST = 1e-6  # relative; what outer iterations leave open is less
-_MOST_SCALE, _SCALE_TOLERANCE = 1e4, 1e-2  # of the ranges' standard deviations; of its logarithm
+_SAME_COST = 1e-6  # relative; outer iterations leave a smaller difference
+_MAX_SCALE, _SCALE_TOLERANCE = 1e4, 1e-2  # largest factor on range sigmas; tolerance of its logarithm
 
 
 class _NoFitError(Exception):
-    """A solve on the way is not usable."""
+    """An intermediate solve is not usable."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,35 +51,35 @@ class Estimator:
     ranges, links : str
         As in `build_graph`.
     model : RangeModel, optional
-        What is believed of a range. One speed for a link makes a distance of it; other models take outer
-        iterations. By default ranges are the distances that they are measured as.
+        Model that predicts travel times. A model with one speed for each link converts ranges to distances; other
+        models need outer iterations. By default the measured ranges are distances.
     uncertainty : TravelTimeUncertainty, optional
         Adds to the variance of the ranges.
     correlated : bool
-        Whether its covariances count too, between the links of an epoch.
+        Use the covariances between the links of an epoch, too.
     initial : tuple of ndarray, optional
-        Where the solver starts, as in `solve_conditions`; the default is dead reckoning.
+        Starting values, as in `solve_conditions`; the default is dead reckoning.
     model_is_right : bool
-        Whether the final cost has to lie within its chi-square bounds.
+        Check that the final cost is within its chi-square bounds.
     method : Method
-        How the graph is solved.
+        Solver and loss.
     clocks : ClockPrior, optional
-        Offset and skew of all clocks are then estimated with the poses, as amplitudes are if the model is an
+        Estimate offset and skew of all clocks with the poses, as amplitudes are estimated if the model is an
         `AdjustableModel`.
     scale_sigma, bias_sigma : float, optional
         Prior standard deviations of a factor less 1 on all travel times [-] and of a bias of the ranges of each ordered
         pair [m], which are then estimated too.
     range_sigma : float or "fitted", optional
-        Standard deviation that is believed in place of the measurements' own [m]; "fitted" the one at which the cost is what
-        is expected of it, and no smaller than theirs.
-    averaged : bool
-        Whether both directions of a pair have the mean of their ranges.
+        Standard deviation of ranges to assume [m]. "fitted" uses the smallest one, not below that of the
+        measurements, at which the cost equals its expected value.
+    mean_of_directions : bool
+        Replace both ranges of a pair by their mean.
     dead_reckoned : bool
-        Whether no graph is solved at all.
+        Use dead reckoning and solve no graph.
     """
 
     ranges: Ranges
-    links: Links = "refracted"
+    links: LinkChoice = "refracted"
     model: RangeModel | None = None
     uncertainty: TravelTimeUncertainty | None = None
     correlated: bool = False
@@ -90,7 +90,7 @@ class Estimator:
     scale_sigma: float | None = None
     bias_sigma: float | None = None
     range_sigma: float | Literal["fitted"] | None = None
-    averaged: bool = False
+    mean_of_directions: bool = False
     dead_reckoned: bool = False
 
 
@@ -120,18 +120,18 @@ def solve_conditions(
     Parameters
     ----------
     measurements : Measurements
-        With noise.
+        Noisy measurements of one realization.
     conditions : sequence of str, or mapping of str to Estimator
         Keys of `CONDITIONS`, of which ``odometry`` is dead reckoning and the others are batch solves; or estimators by
         the names of their conditions.
     initial : tuple of ndarray, optional
-        Where the solver starts, unless an estimator says otherwise: positions of shape (n_vehicles, n_times, 3) [m] and
+        Starting values, unless an estimator has its own: positions of shape (n_vehicles, n_times, 3) [m] and
         quaternions (w, x, y, z) of shape (n_vehicles, n_times, 4). The paper starts at the truth; the default
         is dead reckoning. Landmarks start at their surveyed positions.
     solver : GraphSolver, optional
-        Hand in the same one for all realizations of a process: it keeps what they share.
+        Solver to reuse for all realizations of a process; it caches what they share.
     covariance_samples : ndarray of int, shape (n_epochs,), optional
-        Samples at which every solution gets its covariances. By default none has any.
+        Samples at which to compute covariances. By default none are computed.
 
     Returns
     -------
@@ -141,8 +141,8 @@ def solve_conditions(
     Raises
     ------
     EstimationError
-        If a condition is unknown, or for what `build_graph` and
-        `GraphSolver` refuse. A solve that fails is no error but has a status.
+        If a condition is unknown, or `build_graph` or `GraphSolver` refuses the input. A failed solve raises no error;
+        its status says so.
     """
     if not isinstance(conditions, Mapping):
         unknown = [c for c in conditions if c not in CONDITIONS]
@@ -152,54 +152,63 @@ def solve_conditions(
     solver = solver or GraphSolver()
     fleet = _Fleet(measurements, covariance_samples)
     solved: dict[str, Solution] = {}
-    for name, estimator in conditions.items():
+    for name, given in conditions.items():
         start = process_time()
-        e = estimator if estimator.initial else replace(estimator, initial=initial)
-        solution = fleet.reckoned_solution() if e.dead_reckoned else fleet.solve(e, solver)
+        estimator = given if given.initial else replace(given, initial=initial)
+        solution = (
+            fleet.dead_reckoning_solution() if estimator.dead_reckoned else fleet.solve(estimator, solver)
+        )
         solved[name] = replace(solution, seconds=process_time() - start)
     return solved
 
 
 class _Fleet:
-    """Measurements of one realization, and what its estimators share."""
+    """Measurements of one realization and the intermediate results that its estimators share."""
 
     def __init__(self, measurements: Measurements, samples: NDArray[np.intp] | None) -> None:
-        self._o, self._samples = measurements, samples
+        self._measurements, self._samples = measurements, samples
         self._graph: FactorGraph | None = None
         self._without_ranges: Solution | None = None
 
     @cached_property
-    def _reckoned(self) -> tuple[Array, Array]:
-        return dead_reckon(self._o)
+    def _dead_reckoned(self) -> tuple[Array, Array]:
+        return dead_reckon(self._measurements)
 
-    def solve(self, e: Estimator, solver: GraphSolver) -> Solution:
-        o = _believing(self._o, e)
+    def solve(self, estimator: Estimator, solver: GraphSolver) -> Solution:
+        measurements = _adjusted(self._measurements, estimator)
         if self._graph is None:
-            self._graph = build_graph(o, e.ranges, e.links)
-        start = self._values(*(e.initial or self._reckoned))
-        if e.range_sigma != "fitted":
-            first = self._solved(e, o, start, solver)
-            plain = e.ranges is not None and e.method == Method()
-            again = plain and (e.initial is None or not first.usable)
-            return self._lower(first, e, o, solver) if again else first
-        scale = _fitted_scale(lambda k, at: self._solved(e, _scaled(o, k), at, solver), start)
+            self._graph = build_graph(measurements, estimator.ranges, estimator.links)
+        start = self._values(*(estimator.initial or self._dead_reckoned))
+        if estimator.range_sigma != "fitted":
+            first = self._solved(estimator, measurements, start, solver)
+            plain = estimator.ranges is not None and estimator.method == Method()
+            again = plain and (estimator.initial is None or not first.usable)
+            return self._lower(first, estimator, measurements, solver) if again else first
+        scale = _fitted_scale(
+            lambda k, at: self._solved(estimator, _scaled(measurements, k), at, solver), start
+        )
         if scale is None:
-            return self._solved(e, o, start, solver)
-        solution = self._solved(e, _scaled(o, scale), start, solver)
-        sigma, none = np.array([scale * float(np.median(o.range_sigma))]), np.full((1, 1), np.nan)
+            return self._solved(estimator, measurements, start, solver)
+        solution = self._solved(estimator, _scaled(measurements, scale), start, solver)
+        sigma, none = np.array([scale * float(np.median(measurements.range_sigma))]), np.full((1, 1), np.nan)
         return replace(solution, unknowns=UnknownsEstimate(("range sigma",), ("m",), none[0], sigma, none))
 
-    def _lower(self, first: Solution, e: Estimator, o: Measurements, solver: GraphSolver) -> Solution:
+    def _lower(
+        self, first: Solution, estimator: Estimator, measurements: Measurements, solver: GraphSolver
+    ) -> Solution:
         """
-        The lower of a solution and of one that starts where the graph without ranges has its optimum; the status says so if they differ.
+        Solve again from the optimum of the graph without ranges, and return the solution of lower cost.
 
-        That start has fixes and depths, which dead reckoning has not, and no ranges that could hold it in a wrong basin.
+        That start uses fixes and depths, unlike dead reckoning, and no ranges that could keep it in a wrong basin. If the two
+        minima differ, the status is SECOND_MINIMUM.
         """
         if self._without_ranges is None:
-            self._without_ranges = self._solved(Estimator(None), o, self._values(*self._reckoned), solver)
+            self._without_ranges = self._solved(
+                Estimator(None), measurements, self._values(*self._dead_reckoned), solver
+            )
         if not self._without_ranges.usable:
             return first
-        second = self._solved(e, o, self._without_ranges.values, solver)
+        second = self._solved(estimator, measurements, self._without_ranges.values, solver)
         if not (first.usable and second.usable):
             return second if second.usable else first
         lower = min(first, second, key=lambda solution: solution.final_cost)
@@ -208,49 +217,53 @@ class _Fleet:
         status = SolveStatus.SECOND_MINIMUM if lower.status == SolveStatus.OK else lower.status
         return replace(lower, status=status)
 
-    def _solved(self, e: Estimator, o: Measurements, start: GraphValues, solver: GraphSolver) -> Solution:
+    def _solved(
+        self, estimator: Estimator, measurements: Measurements, start: GraphValues, solver: GraphSolver
+    ) -> Solution:
         assert self._graph is not None  # built for the first estimator
-        graph, believed = _believed(with_ranges(self._graph, o, e.ranges, e.links), o, e)
+        graph, model_ranges = _with_model(
+            with_ranges(self._graph, measurements, estimator.ranges, estimator.links), measurements, estimator
+        )
         poses = None
         if self._samples is not None:
-            poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, self._samples].T
+            poses = np.arange(measurements.depth.size).reshape(measurements.depth.shape)[:, self._samples].T
         solution = solver.solve(
             graph,
             start,
-            method=e.method,
-            model_is_right=e.model_is_right,
-            believed=believed,
+            method=estimator.method,
+            model_is_right=estimator.model_is_right,
+            model_ranges=model_ranges,
             covariance_poses=poses,
         )
         return self._by_vehicle(solution)
 
-    def reckoned_solution(self) -> Solution:
-        values = self._values(*self._reckoned)
-        solution = self._by_vehicle(judged(values, Progress(0, np.nan, np.nan), SolveStatus.OK))
+    def dead_reckoning_solution(self) -> Solution:
+        values = self._values(*self._dead_reckoned)
+        solution = self._by_vehicle(make_solution(values, Progress(0, np.nan, np.nan), SolveStatus.OK))
         if self._samples is None:
             return solution
-        return replace(solution, covariances=reckoned_covariances(self._o, self._samples))
+        return replace(solution, covariances=dead_reckoning_covariances(self._measurements, self._samples))
 
     def _values(self, position: Array, quaternion: Array) -> GraphValues:
         place, turn = (np.asarray(table) for table in (position, quaternion))
-        return GraphValues(place.reshape(-1, 3), turn.reshape(-1, 4), self._o.landmark_position)
+        return GraphValues(place.reshape(-1, 3), turn.reshape(-1, 4), self._measurements.landmark_position)
 
     def _by_vehicle(self, solution: Solution) -> Solution:
-        shape = self._o.depth.shape
+        shape = self._measurements.depth.shape
         place, turn = solution.position.reshape(*shape, 3), solution.quaternion.reshape(*shape, 4)
         return replace(solution, position=place, quaternion=turn)
 
 
 def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[str, Solution]]) -> Estimates:
     """
-    Put the solutions of all realizations into one record.
+    Collect the solutions of all realizations in one record.
 
     Parameters
     ----------
     measurements : Measurements
-        Of any realization: gives names and times.
+        Measurements of any realization, for names and times.
     solutions : sequence of mapping of str to Solution
-        What `solve_conditions` returned, one for each realization.
+        Results of `solve_conditions`, one for each realization.
 
     Raises
     ------
@@ -285,35 +298,41 @@ def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[st
     )
 
 
-def _believing(o: Measurements, e: Estimator) -> Measurements:
-    """Measurements as an estimator takes them."""
-    if e.averaged:
-        o = _with_mean_of_directions(o)
-    if isinstance(e.range_sigma, float):
-        o = replace(o, range_sigma=np.full_like(o.range_sigma, e.range_sigma))
-    return o
+def _adjusted(measurements: Measurements, estimator: Estimator) -> Measurements:
+    """Apply an estimator's range sigma and mean of directions to measurements."""
+    if estimator.mean_of_directions:
+        measurements = _with_mean_of_directions(measurements)
+    if isinstance(estimator.range_sigma, float):
+        measurements = replace(
+            measurements, range_sigma=np.full_like(measurements.range_sigma, estimator.range_sigma)
+        )
+    return measurements
 
 
-def _with_mean_of_directions(o: Measurements) -> Measurements:
-    """Both ranges of a pair at one ping become their mean, which together are worth what it is: half the variance."""
-    ends = np.sort(np.stack([o.range_transmitter, o.range_receiver], axis=1), axis=1)
-    pair = np.unique(np.column_stack([o.range_sample, ends]), axis=0, return_inverse=True)[1]
-    heard = np.isfinite(o.refracted_range)
+def _with_mean_of_directions(measurements: Measurements) -> Measurements:
+    """Replace both ranges of a pair at one ping by their mean; two equal rows then carry half the variance."""
+    ends = np.sort(np.stack([measurements.range_transmitter, measurements.range_receiver], axis=1), axis=1)
+    pair = np.unique(np.column_stack([measurements.range_sample, ends]), axis=0, return_inverse=True)[1]
+    heard = np.isfinite(measurements.refracted_range)
 
     def mean(ranges: Array) -> Array:
         total = np.bincount(pair[heard], ranges[heard], pair.max(initial=-1) + 1)
         count = np.bincount(pair[heard], minlength=total.size)
         return np.where(heard, (total / np.maximum(count, 1))[pair], ranges)
 
-    return replace(o, refracted_range=mean(o.refracted_range), straight_range=mean(o.straight_range))
+    return replace(
+        measurements,
+        refracted_range=mean(measurements.refracted_range),
+        straight_range=mean(measurements.straight_range),
+    )
 
 
-def _scaled(o: Measurements, scale: float) -> Measurements:
-    return replace(o, range_sigma=scale * o.range_sigma)
+def _scaled(measurements: Measurements, scale: float) -> Measurements:
+    return replace(measurements, range_sigma=scale * measurements.range_sigma)
 
 
 def _fitted_scale(solve: Callable[[float, GraphValues], Solution], start: GraphValues) -> float | None:
-    """Factor on the standard deviations of ranges at which the cost of a solve is as expected, 1 at least; None if there is none."""
+    """Factor of at least 1 on the range sigmas at which the cost equals its expected value; None if there is none."""
     latest = start
 
     def excess(log_scale: float) -> float:
@@ -327,33 +346,37 @@ def _fitted_scale(solve: Callable[[float, GraphValues], Solution], start: GraphV
     try:
         if excess(0.0) <= 0.0:
             return 1.0
-        return float(np.exp(brentq(excess, 0.0, np.log(_MOST_SCALE), xtol=_SCALE_TOLERANCE)))
-    except (_NoFitError, ValueError):  # not usable, or over its expectation however little ranges weigh
+        return float(np.exp(brentq(excess, 0.0, np.log(_MAX_SCALE), xtol=_SCALE_TOLERANCE)))
+    except (_NoFitError, ValueError):  # not usable, or above its expected value for any weight of the ranges
         return None
 
 
-def _believed(graph: FactorGraph, o: Measurements, e: Estimator) -> tuple[FactorGraph, BelievedRanges | None]:
-    """Graph of an estimator; one speed for each link makes its ranges distances, and nothing is left to believe."""
-    if e.model is None:
+def _with_model(
+    graph: FactorGraph, measurements: Measurements, estimator: Estimator
+) -> tuple[FactorGraph, ModelRanges | None]:
+    """Graph of an estimator and its range model; a model with one speed for each link only scales the distances."""
+    if estimator.model is None:
         return graph, None
-    timed = timed_ranges(o, e.ranges, e.links)
-    unknown = any(prior is not None for prior in (e.clocks, e.scale_sigma, e.bias_sigma))
-    plain = e.uncertainty is None and not unknown
-    if isinstance(e.model, ConstantSpeed | TransmitterSpeed) and plain:
-        ratio = e.model.speed(timed.sound_speed) / timed.sound_speed
+    timed = timed_ranges(measurements, estimator.ranges, estimator.links)
+    unknown = any(
+        prior is not None for prior in (estimator.clocks, estimator.scale_sigma, estimator.bias_sigma)
+    )
+    plain = estimator.uncertainty is None and not unknown
+    if isinstance(estimator.model, ConstantSpeed | TransmitterSpeed) and plain:
+        ratio = estimator.model.speed(timed.sound_speed) / timed.sound_speed
         ranges = graph["range"]
         longer = ranges.with_columns(distance=ratio * ranges.column("distance"))
         scaled = replace(longer, covariance=ratio[:, None, None] ** 2 * ranges.covariance)
         return graph.with_factors(range=scaled), None
     unknowns = None
-    if unknown or isinstance(e.model, AdjustableModel):
+    if unknown or isinstance(estimator.model, AdjustableModel):
         unknowns = Unknowns(
-            e.model,
+            estimator.model,
             timed,
             graph.pose_vehicle,
             graph.vehicle_name.tolist(),
-            clocks=e.clocks,
-            scale_sigma=e.scale_sigma,
-            bias_sigma=e.bias_sigma,
+            clocks=estimator.clocks,
+            scale_sigma=estimator.scale_sigma,
+            bias_sigma=estimator.bias_sigma,
         )
-    return graph, BelievedRanges(e.model, timed, e.uncertainty, e.correlated, unknowns)
+    return graph, ModelRanges(estimator.model, timed, estimator.uncertainty, estimator.correlated, unknowns)

@@ -1,11 +1,11 @@
-"""Covariances of a fleet's poses at fixed epochs, of batch solves and of dead reckoning, and all solves as one record."""
+"""Pose covariances at fixed epochs, from batch solves and from dead reckoning."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.starts import dead_reckon
@@ -19,9 +19,9 @@ Indices = NDArray[np.intp]
 @dataclass(frozen=True, eq=False)
 class EpochCovariances:
     """
-    Covariances of one solve; fields mean what they mean in `PoseCovariances`.
+    Covariances of one solve, with the fields of `PoseCovariances`.
 
-    Those of positions are joint, in the world's axes; those of poses in the tangents of the estimates.
+    Position covariances are joint, in the world's axes; pose covariances are in the tangents of the estimates.
     """
 
     position: Array  # (n_epochs, n_vehicles, 3, n_vehicles, 3) [m2]
@@ -31,7 +31,7 @@ class EpochCovariances:
 
     @classmethod
     def unknown(cls, n_epochs: int, n_vehicles: int) -> "EpochCovariances":
-        """Of a solve that has none: NaN."""
+        """Covariances of NaN, for a solve without any."""
         return cls(
             np.full((n_epochs, n_vehicles, 3, n_vehicles, 3), np.nan),
             np.full((n_epochs, n_vehicles, 6, 6), np.nan),
@@ -42,7 +42,14 @@ class EpochCovariances:
 
 def fixed_epochs(time: Array, interval: float) -> Indices:
     """
-    Samples nearest to every multiple of an interval [s] of rising times since the start [s], and the last one.
+    Samples nearest to each multiple of an interval, and the last sample.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n_times,)
+        Increasing times since the start. [s]
+    interval : float
+        Time between epochs. [s]
 
     Raises
     ------
@@ -56,22 +63,24 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
     return np.unique([*nearest, time.size - 1])
 
 
-def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:
+def dead_reckoning_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:
     r"""
-    Covariances of dead reckoning at samples, to first order; vehicles are independent, and there are no ranges.
+    First-order covariances of dead reckoning at samples; vehicles are independent.
 
-    Every step :math:`T_{j-1} D_j` errs by :math:`\exp(q_j)` in the tangent of the pose that it leads to: at pose k by
+    Each step :math:`T_{j-1} D_j` has the error :math:`\exp(q_j)` in the tangent of its second pose. At pose k the error is
     :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`.
     """
-    o, n_epochs = measurements, len(samples)
-    position, quaternion = dead_reckon(o)
+    n_epochs = len(samples)
+    position, quaternion = dead_reckon(measurements)
     rotation = matrix_from_quaternion(quaternion)
-    vehicles = np.arange(o.name.size)
-    # of all steps up to a sample, in the world's axes and about where each vehicle started
+    vehicles = np.arange(measurements.name.size)
+    # errors of all steps up to a sample, in the world's axes, relative to each vehicle's first position
     adjoint = np.zeros((*position.shape[:2], 6, 6))
     adjoint[..., :3, :3] = adjoint[..., 3:, 3:] = rotation
     adjoint[..., 3:, :3] = hat(position - position[:, :1]) @ rotation
-    adjoint *= np.concatenate([o.first_sigma[:, None], o.odometry_sigma], axis=1)[:, :, None]
+    adjoint *= np.concatenate([measurements.first_sigma[:, None], measurements.odometry_sigma], axis=1)[
+        :, :, None
+    ]
     about_start = np.cumsum(adjoint @ np.swapaxes(adjoint, 2, 3), axis=1)[:, samples]
     shift, turn = np.zeros((2, vehicles.size, n_epochs, 6, 6))
     shift[..., range(6), range(6)] = 1.0
@@ -85,13 +94,63 @@ def reckoned_covariances(measurements: Measurements, samples: Indices) -> EpochC
     return EpochCovariances(joint, pose, np.full(n_epochs, np.nan), np.zeros(n_epochs, dtype=np.intp))
 
 
+def effective_degrees_of_freedom(covariance: Array) -> float:
+    """
+    Effective degrees of freedom of a sum of squared errors with a joint covariance: tr(P)^2 / tr(P^2).
+
+    It is the number of independent errors of equal variance whose sum of squares has the same mean and variance.
+
+    Parameters
+    ----------
+    covariance : ndarray
+        Joint covariance P, of any shape (..., n, ..., n) that is square when flattened, such as (n_agents, 3, n_agents, 3).
+
+    Returns
+    -------
+    float
+        From 1, for errors that are fully correlated, to the number of errors.
+    """
+    size = round(np.sqrt(covariance.size))
+    matrix = covariance.reshape(size, size)
+    return float(np.trace(matrix) ** 2 / np.sum(matrix**2))
+
+
+def rmse_standard_error(rmse: ArrayLike, degrees_of_freedom: ArrayLike, n_realizations: int) -> Array:
+    """
+    Standard error of an RMSE over independent realizations: RMSE / sqrt(2 n nu).
+
+    Parameters
+    ----------
+    rmse : array_like
+        Root mean square error. [m]
+    degrees_of_freedom : array_like
+        Effective degrees of freedom nu of the squared errors of one realization, from `effective_degrees_of_freedom`.
+    n_realizations : int
+        Number n of realizations.
+
+    Returns
+    -------
+    ndarray
+        Standard error, first order in 1/(n nu). [m]
+    """
+    count = 2.0 * n_realizations * np.asarray(degrees_of_freedom, dtype=float)
+    return np.asarray(np.asarray(rmse, dtype=float) / np.sqrt(count))
+
+
 def collect_covariances(
     measurements: Measurements, samples: Indices, solutions: Sequence[Mapping[str, EpochCovariances | None]]
 ) -> PoseCovariances:
     """
-    Put the covariances of all realizations into one record; None where a solve was not usable.
+    Collect the covariances of all realizations in one record.
 
-    Names and times are those of the measurements of any realization.
+    Parameters
+    ----------
+    measurements : Measurements
+        Measurements of any realization, for names and times.
+    samples : ndarray of int, shape (n_epochs,)
+        Samples of the covariances.
+    solutions : sequence of mapping of str to EpochCovariances or None
+        One mapping for each realization, by condition; None if a solve was not usable.
 
     Raises
     ------

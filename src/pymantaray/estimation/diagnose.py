@@ -1,4 +1,4 @@
-"""Why a graph cannot be solved: one line that names a variable."""
+"""Diagnose why a graph cannot be solved, in one line that names a variable."""
 
 from typing import NamedTuple
 
@@ -15,17 +15,17 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 
 Array = NDArray[np.float64]
 
-_FREE = 1e6  # m or rad; what may stray so far counts as undetermined, here as in the solver
-_DAMPING = 1e-15  # of the scaled information matrix, whose diagonal is 1: a singular one stays solvable
-_STEPS = 6  # of inverse iteration; each takes away what is not the weakest by the ratio of the eigenvalues
-_JITTER = (
-    0.1  # rad, and of the extent of all positions: away from values at which factors happen to be aligned
+_UNDETERMINED = 1e6  # m or rad; a standard deviation of this size counts as undetermined, as in the solver
+_DAMPING = 1e-15  # added to the scaled information matrix, whose diagonal is 1, so that it can be factorized
+_INVERSE_ITERATIONS = 6  # each reduces all but the weakest direction by the ratio of the eigenvalues
+_JITTER = 0.1  # rad, and share of the extent of all positions; moves values out of accidental alignments
+_MIN_VARIANCE_RATIO = (
+    1e-12  # smallest ratio of a variance to the median; below, the other factors lose all digits
 )
-_SPREAD = 1e-12  # variances this far below the median leave no digits for the others
 
 
 def check_conditioned(graph: FactorGraph) -> None:
-    """Refuse a graph with a variance of metres or radians so far below the median that the others have no digits left."""
+    """Refuse a graph with a variance so far below the median that the other factors lose all digits."""
     tightest = _tightest(graph)
     if tightest is not None:
         what, variable, variance, median = tightest
@@ -37,7 +37,7 @@ def check_conditioned(graph: FactorGraph) -> None:
 
 def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     """
-    Say in one line which variable makes a graph singular whatever its values are, if one does.
+    Name the variable that makes a graph singular at any values; None if the graph is determined.
 
     The graph is determined if the solver can factorize its normal equations at the values, or near them.
     """
@@ -46,7 +46,7 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     weakest = _weakest_direction(graph, values)
     if np.isinf(weakest.sigma):
         why = "nothing measures it"
-    elif weakest.sigma < _FREE:
+    elif weakest.sigma < _UNDETERMINED:
         why = "it may move, with what it is tied to, and nothing would change"
     else:
         why = f"it may stray by {weakest.sigma:.0e} {'rad' if weakest.turns else 'm'}"
@@ -57,7 +57,7 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
 
 
 def diagnose_start(graph: FactorGraph, values: GraphValues) -> str | None:
-    """Say in one line which variable of a graph is not determined at some values, though it is near them, if one is so."""
+    """Name a variable that is undetermined at exactly these values but determined near them; None if there is none."""
     if _is_determined(graph, values):
         return None
     weakest = _weakest_direction(graph, values)
@@ -73,7 +73,7 @@ def _is_determined(graph: FactorGraph, values: GraphValues) -> bool:
 
 
 def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
-    """Values with every variable moved and turned at random, by the same draws each time."""
+    """Values with a reproducible random displacement and rotation of every variable."""
     rng = np.random.default_rng(0)
     place = np.concatenate([values.position, values.landmark_position])
     extent = float(np.linalg.norm(place - place.mean(axis=0), axis=1).max(initial=0.0)) or 1.0
@@ -87,7 +87,7 @@ def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
 
 
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
-    """Say which measurement fits the values worst, such as ``A17 and L0 (cost 3e+04)``."""
+    """Name the measurement with the largest cost, such as ``A17 and L0 (cost 3e+04)``."""
     problem, state = distance_problem(graph), State.of(values)
     variables, cost = problem.factors.worst(state)
     ranges = 0.5 * problem.whitened(state) ** 2
@@ -97,7 +97,7 @@ def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
 
 
 def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
-    """Kind, variable and size of the smallest variance, and the median, if the two are too far apart."""
+    """Kind, variable and size of the smallest variance, and the median, if their ratio is too small."""
     for unit in ("m", "rad"):
         tables = [
             (
@@ -113,14 +113,14 @@ def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
             continue
         median = float(np.median(np.concatenate([variance for _, variance in tables])))
         for factors, variance in tables:
-            if variance.min() < _SPREAD * median:
+            if variance.min() < _MIN_VARIANCE_RATIO * median:
                 row = int(np.argmin(variance))
                 return factors.kind.what, int(factors.subject[row]), float(variance[row]), median
     return None
 
 
 class _Weakest(NamedTuple):
-    """Variable that may stray the furthest, whether by turning, and how far at least; eigenvalue of its direction."""
+    """Variable of the largest standard deviation, whether that is its rotation, its size, and the eigenvalue."""
 
     variable: int
     turns: bool
@@ -129,7 +129,7 @@ class _Weakest(NamedTuple):
 
 
 def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
-    """Find what is determined least at some values, by inverse iteration; infinite for what is not measured at all."""
+    """Find the least determined variable by inverse iteration; its sigma is infinite if no factor mentions it."""
     information = distance_problem(graph).linearize(State.of(values)).information()
     diagonal = information.diagonal()
     if not (diagonal > 0.0).all():
@@ -139,7 +139,7 @@ def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
     scaled = diags_array(scale) @ information @ diags_array(scale)
     factors = splu((scaled + _DAMPING * eye_array(scale.size)).tocsc())
     x = np.random.default_rng(0).standard_normal(scale.size)
-    for _ in range(_STEPS):
+    for _ in range(_INVERSE_ITERATIONS):
         x = factors.solve(x)
         x /= np.linalg.norm(x)
     eigenvalue = float(np.dot(x, np.asarray(scaled @ x)))

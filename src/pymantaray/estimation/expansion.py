@@ -1,26 +1,29 @@
-"""Ranges near the place where a model was asked: their residuals, what these change with, and how they are weighted."""
+"""Ranges of a model, expanded about the estimate: residuals, gradients and weights."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from pymantaray.estimation.range_models import BelievedRanges, Prediction, RangeLinks, Rows, chord
+from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeLinks, Rows, chord
 
 Array = NDArray[np.float64]
 Block = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
 
-_STEADY, _BEND = 0.1, 1e-5  # m; no new prediction after a smaller move that bends the chords by less
-_SAME = 0.01  # standard deviations of an unknown; its second order is then a ten-thousandth of one's
-_REWEIGH = 100.0  # m; a larger move of any end asks for new variances
+_SAME_POSITION, _SAME_CHORD = (
+    0.1,
+    1e-5,
+)  # m; smaller displacements and changes of curvature need no new prediction
+_SAME_UNKNOWN = 0.01  # standard deviations of an unknown; a smaller change needs no new prediction
+_REWEIGHT_DISTANCE = 100.0  # m; a larger displacement of any end needs new variances
 
 
 class Expansion:
     """
-    Residuals of ranges near the links where a model was asked, with unknowns in their standard deviations.
+    Residuals of ranges near the links of a prediction, with unknowns in their standard deviations.
 
-    The predicted travel time and its gradient, and the curvature of the distance between the ends over the
-    mean speed; what is left out is the change of refraction alone. ``by_unknowns`` is given as change of the
-    travel times [s], and kept as change of the residuals [m], shape (n, n_unknowns).
+    The expansion has the predicted travel time, its gradient, and the curvature of the distance between the ends
+    divided by the mean speed. It omits only the change of refraction. The argument ``by_unknowns`` is the derivative of
+    the travel times [s]; the attribute is that of the residuals [m], shape (n, n_unknowns).
     """
 
     def __init__(
@@ -45,7 +48,7 @@ class Expansion:
 
     def __call__(self, transmitter: Array, receiver: Array, unknowns: Array) -> tuple[Array, Array, Array]:
         """
-        Residuals with the ends somewhere, shape (n,), and their gradients by either end, (n, 3).
+        Residuals for positions of the ends, shape (n,), and their gradients by either end, (n, 3).
 
         A residual is the sound speed at the transmitter times predicted less measured travel time. [m]
         """
@@ -65,45 +68,50 @@ class Expansion:
         )
 
     def is_good_at(self, transmitter: Array, receiver: Array, unknowns: Array) -> bool:
-        """Whether ends and unknowns moved so little that a new prediction could not differ."""
+        """True if ends and unknowns moved so little that a new prediction cannot differ."""
         da, db = transmitter - self._a, receiver - self._b
         distance, _ = chord(transmitter, receiver)
         far = max(float(np.abs(d).max(initial=0.0)) for d in (da, db))
-        if float(np.abs(unknowns - self._unknowns).max(initial=0.0)) > _SAME:
+        if float(np.abs(unknowns - self._unknowns).max(initial=0.0)) > _SAME_UNKNOWN:
             return False
-        return far <= _STEADY and float(np.abs(self._bent(distance, da, db)).max(initial=0.0)) <= _BEND
+        return (
+            far <= _SAME_POSITION
+            and float(np.abs(self._bent(distance, da, db)).max(initial=0.0)) <= _SAME_CHORD
+        )
 
     def _bent(self, distance: Array, da: Array, db: Array) -> Array:
         return np.asarray(distance - self._distance - np.sum(self._unit * (db - da), axis=1))
 
 
 class RangeWeights:
-    """Covariances of the residuals of each epoch, computed anew when the ends have moved far."""
+    """Covariances of the residuals of each epoch, updated when the ends have moved far."""
 
-    def __init__(self, believed: BelievedRanges, variance: Array) -> None:
-        self._believed, self._variance = believed, variance
-        epoch = believed.ranges.epoch
+    def __init__(self, model_ranges: ModelRanges, variance: Array) -> None:
+        self._model_ranges, self._variance = model_ranges, variance
+        epoch = model_ranges.ranges.epoch
         self._rows = [np.flatnonzero(epoch == e) for e in range(int(epoch.max(initial=-1)) + 1)]
         self._place: Array | None = None
         self._full = [np.diag(variance[rows]) for rows in self._rows]
 
     def at(self, links: RangeLinks) -> None:
-        """Bring the covariances up to date with ends that are where the links have them."""
-        uncertainty = self._believed.uncertainty
+        """Update the covariances for the positions of some links."""
+        uncertainty = self._model_ranges.uncertainty
         place = np.concatenate([links.transmitter, links.receiver])
-        stale = self._place is None or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGH
+        stale = (
+            self._place is None or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGHT_DISTANCE
+        )
         if uncertainty is None or not stale:
             return
         self._place, c = place, links.sound_speed
-        for e, extra in enumerate(uncertainty.covariances(links, self._believed.ranges.epoch)):
+        for e, extra in enumerate(uncertainty.covariances(links, self._model_ranges.ranges.epoch)):
             rows = self._rows[e]
             added = c[rows][:, None] * extra * c[rows]
-            if not self._believed.correlated:
+            if not self._model_ranges.correlated:
                 added = np.diag(np.diagonal(added))
             self._full[e] = np.diag(self._variance[rows]) + added
 
     def blocks(self, used: NDArray[np.bool_]) -> list[Block]:
-        """Rows and covariance of the used ranges of each epoch."""
+        """Rows and covariances of the used ranges of each epoch."""
         mine = [used[rows] for rows in self._rows]
         return [
             (rows[m], full[np.ix_(m, m)]) for rows, full, m in zip(self._rows, self._full, mine, strict=True)
@@ -114,7 +122,7 @@ def whiten(root: Array, values: Array) -> Array:
     """
     Divide by the lower triangular root of a covariance, (m, m): values (m,) or (m, k).
 
-    Most roots are diagonal, of links that share no error.
+    Most roots are diagonal, because most links share no error.
     """
     if np.count_nonzero(root) == root.shape[0]:
         return np.asarray((values.T / np.diagonal(root)).T)

@@ -1,8 +1,8 @@
-"""Somebody else's factor graph: read it, run an estimator on it, and keep what came out."""
+"""Read factor graphs from files, solve them, and save the results."""
 
 import json
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
+from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
 from pymantaray.estimation.g2o import TORO, load_g2o
 from pymantaray.estimation.graph import (
+    KINDS,
     FactorGraph,
     GraphValues,
     check_anchored,
@@ -20,7 +22,15 @@ from pymantaray.estimation.graph import (
     check_values,
     connected_parts,
 )
+from pymantaray.estimation.graph_text import Indefinite
 from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.minima import (
+    StartOutcome,
+    largest_difference,
+    lowest,
+    plausible_alternative,
+    search_minima,
+)
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import Solution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
@@ -28,10 +38,12 @@ from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_recko
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
-Start = Literal["file", "dead-reckoning", "chordal"]
+Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 
+MAX_CHEAP_FACTORS = 20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
+MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: about 2 s of CPU
 G2O = ".g2o"
 _TORO_WORDS = {word for words in TORO.values() for word in words}
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
@@ -40,16 +52,21 @@ _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient
 @dataclass(frozen=True, eq=False)
 class GraphResult:
     """
-    What an estimator made of a graph.
+    Result of an estimator on a graph file.
 
-    ``graph`` has the priors that were added; ``as_in_file`` are the variables that start at the file's values though another
-    start was asked for, because nothing but ranges places them: if the file's values are the truth, so is that part of the
-    start. ``start`` is chordal where the file has no values; ``truth`` is None where it has none; ``diagnosis`` says in one line why the solution is not usable, and is None if it is.
+    ``graph`` includes added priors. ``as_in_file`` lists the variables that start at the file's values in spite of another
+    start, because only ranges constrain them: if the file's values are the truth, so is that part of the start. ``start`` is
+    chordal if the file has no values. ``truth`` is None if the file has none. ``diagnosis`` says in one line why the solution is
+    not usable, and is None if it is.
+
+    ``start`` is the name of the start that led to the solution. ``outcomes`` has the solutions from all starts, and
+    ``alternative`` the lowest other minimum if its cost is within chi-square of the solution's.
+    ``certificate`` is set by `with_certificate`.
     """
 
     graph: FactorGraph
     estimator: str
-    start: Start
+    start: str
     initial: GraphValues
     as_in_file: NDArray[np.intp]
     anchored: NDArray[np.int32]
@@ -57,6 +74,10 @@ class GraphResult:
     solution: Solution
     diagnosis: str | None
     left_out: dict[str, int]
+    repaired: Mapping[str, int]
+    outcomes: tuple[StartOutcome, ...] = ()
+    alternative: StartOutcome | None = None
+    certificate: Certificate | None = None
 
     @property
     def values(self) -> GraphValues:
@@ -71,19 +92,31 @@ class GraphResult:
 
     @property
     def advice(self) -> str | None:
-        """What to do about a usable solution whose status is not OK."""
+        """Advice for a usable solution whose status is not OK."""
         words = SOLVE_STATUS_WORDS.get(self.solution.status)
         return None if words is None else f"{words.meaning}; {words.advice}"
 
     @property
     def trajectories(self) -> dict[str, GraphValues]:
-        """Values by name: ``start``, ``estimate`` if the solution is usable, ``truth`` if there is one."""
+        """Values by name: ``start``, ``estimate`` if usable, ``alternative`` and ``truth`` if known."""
         tables = {
             "start": self.initial,
             "estimate": self.values if self.solution.usable else None,
+            "alternative": None if self.alternative is None else self.alternative.solution.values,
             "truth": self.truth,
         }
         return {name: values for name, values in tables.items() if values is not None}
+
+    @property
+    def warning(self) -> str | None:
+        """Warning of a second minimum that fits the measurements almost as well."""
+        if self.alternative is None:
+            return None
+        name, far = largest_difference(self.graph, lowest(self.outcomes), self.alternative)
+        return (
+            f"two minima fit the measurements: cost {self.solution.final_cost:.6g}, and {self.alternative.cost:.6g} from start"
+            f" {self.alternative.name}; {name} differs by {far:.4g} m: compare both, or add a prior or ranges"
+        )
 
     def summary(self) -> dict[str, Any]:
         """Costs, status and counts, as numbers and text only."""
@@ -103,17 +136,30 @@ class GraphResult:
             "sightings": len(g["sighting"]),
             "ranges": len(g["range"]),
             "left_out": self.left_out,
+            "repaired": dict(self.repaired),
             "anchored": [g.variable_name(int(pose)) for pose in self.anchored],
             "started_as_in_the_file": self.counts_as_in_file,
+            "starts": [
+                {
+                    "start": outcome.name,
+                    "status": outcome.solution.status.name,
+                    "cost": outcome.solution.final_cost,
+                    "iterations": outcome.solution.iterations,
+                }
+                for outcome in self.outcomes
+            ],
+            "alternative_start": None if self.alternative is None else self.alternative.name,
+            "warning": self.warning,
+            "certificate": None if self.certificate is None else asdict(self.certificate),
         }
 
     def save(self, folder: Path, *, more: Mapping[str, Any] | None = None) -> None:
         """
-        Write the graph, and the start, the estimate and the truth, as NetCDF, and the summary as JSON.
+        Write graph, start, estimate and truth as NetCDF, and the summary as JSON.
 
-        ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc`` and ``truth.nc`` are `GraphValues` with
-        the poses' vehicles, numbers and times besides. Without a usable solution there is no estimate. The
-        summary has the entries of ``more``, too; what is not finite is null there. The folder must exist.
+        ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc``, ``alternative.nc`` and ``truth.nc`` are `GraphValues` with
+        vehicle, number and time of each pose. There is no estimate without a usable solution. The
+        summary includes the entries of ``more``; numbers that are not finite are null. The folder must exist.
         """
         self.graph.save(folder / "graph.nc")
         names = ["vehicle_name", "landmark_name", "pose_vehicle", "pose_number", "pose_time"]
@@ -131,6 +177,7 @@ def open_graph(
     leave_out: Collection[str] = (),
     skip_unknown: bool = False,
     half_angles: bool = False,
+    indefinite: Indefinite = "refuse",
 ) -> GraphFile:
     """
     Read a graph file, in three dimensions or two: g2o if its name ends in ``.g2o``, TORO by its first word, else PyFactorGraph text.
@@ -139,11 +186,18 @@ def open_graph(
     ----------
     path : pathlib.Path or str
     leave_out : collection of str
-        Words whose lines to leave out, and count.
+        Words whose lines to skip and count.
     skip_unknown : bool
-        Leave out, and count, the lines of words that are not in the grammar, instead of refusing them.
+        Skip and count lines of unknown words instead of refusing them.
     half_angles : bool
-        Whether the rotation part of a g2o file's information is for half the angle, as g2o has it.
+        Read the rotation part of a g2o file's information as that of half the angle, as g2o defines it.
+    indefinite : {"refuse", "drop", "repair"}
+        Treatment of lines whose information or covariance matrix is not positive definite: refuse the file, drop the lines, or
+        raise their eigenvalues. ``left_out`` and ``repaired`` of the result count the lines.
+
+    Returns
+    -------
+    GraphFile
 
     Raises
     ------
@@ -151,12 +205,18 @@ def open_graph(
         If the file cannot be read or a line is not in the grammar; the message names the line.
     """
     if is_pose_graph(Path(path)):
-        return load_g2o(path, leave_out=leave_out, skip_unknown=skip_unknown, half_angles=half_angles)
-    return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown)
+        return load_g2o(
+            path,
+            leave_out=leave_out,
+            skip_unknown=skip_unknown,
+            half_angles=half_angles,
+            indefinite=indefinite,
+        )
+    return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
 
 
 def is_pose_graph(path: Path) -> bool:
-    """True for g2o and TORO files, whose vertices are starting points; PyFactorGraph text has the ground truth."""
+    """True for g2o and TORO files, whose vertices are starting values; those of PyFactorGraph text are the ground truth."""
     if path.suffix == G2O:
         return True
     try:
@@ -164,20 +224,22 @@ def is_pose_graph(path: Path) -> bool:
             words = (next(iter(line.split(None, 1)), "#") for line in file)
             return next((word for word in words if not word.startswith("#")), "") in _TORO_WORDS
     except OSError:
-        return False  # the reader says why
+        return False  # the reader reports the cause
 
 
 def solve_graph(
     file: GraphFile,
     *,
     estimator: str | EstimatorFunction = "batch",
-    start: Start = "file",
+    start: Start | None = None,
+    random_starts: int = 0,
+    seed: int = 0,
     anchor: bool = False,
     truth: bool = True,
     report: Callable[[int, float], None] | None = None,
 ) -> GraphResult:
     """
-    Run an estimator on a graph that was read from a file; ``diagnosis`` of the result says what is wrong.
+    Run an estimator on a graph from a file; ``diagnosis`` of the result explains a failure.
 
     Parameters
     ----------
@@ -185,58 +247,154 @@ def solve_graph(
         From `open_graph`.
     estimator : str or callable
         A name in `METHODS`, or a function of a graph and its starting values.
-    start : {"file", "dead-reckoning", "chordal"}
-        At the values of the file's vertices, at edges composed from the priors, or at linear least squares of all edges; a
-        truth hides local minima.
+    start : {"file", "dead-reckoning", "chordal", "best"}, optional
+        "file" starts at the file's vertices, "dead-reckoning" at edges composed from the priors, "chordal" at linear least
+        squares of all edges. "best" solves from all of them and from trilaterated and mirrored landmarks, and returns the
+        solution of lowest cost. The default is "best" for graphs of at most `MAX_CHEAP_FACTORS` factors if the estimator is
+        a batch method, else "file". If the file's vertices are the truth, "file" and "best" hide local minima.
+    random_starts : int
+        Number of further random starts of "best".
+    seed : int
+        Seed of the random starts.
     anchor : bool
-        Give a prior of 1 mm and 1 mrad to the first pose of each part that floats, instead of refusing it. Where nothing at
-        all ties a graph to the world, that is done unasked.
+        Add a prior of 1 mm and 1 mrad to the first pose of each free part, instead of refusing the graph. A graph without
+        any anchor always gets these priors.
     truth : bool
         Whether the file's vertices are the ground truth, as in PyFactorGraph files.
     report : callable, optional
-        Told the number of each step of a named estimator and the cost behind it.
+        Called with the number of each step of a named estimator and the cost after it.
+
+    Returns
+    -------
+    GraphResult
 
     Raises
     ------
     EstimationError
-        If there is no such estimator or start, a part of the graph floats, or it has fewer measurements than
+        If the estimator or start is unknown, a part of the graph is free, or there are fewer measurements than
         unknowns; the message names a variable.
     """
-    if isinstance(estimator, str) and estimator not in METHODS:
-        raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
-    if start not in get_args(Start):
-        raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
+    _check_choice(estimator, start, random_starts)
     graph, poses = anchor_graph(file, all_parts=anchor)
-    values, valueless = file.values, file.valueless
-    initial, as_in_file = values, np.empty(0, dtype=np.intp)
-    if start != "file":
-        initial, as_in_file = _STARTS[start](graph, values)
-    elif valueless:
-        start = "chordal"
-    name, solution = _solved(graph, initial, estimator, SolveOptions(report=report))
-    diagnosis = None
+    if graph.degrees_of_freedom < 0:
+        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
+        raise EstimationError(diagnose(graph, file.values) or fallback)
+    solver = GraphSolver(SolveOptions(report=report))
+    start = start or _default_start(graph, estimator, random_starts)
+
+    def solve(initial: GraphValues) -> Solution:
+        if isinstance(estimator, str):
+            return solver.solve(graph, initial, method=METHODS[estimator])
+        return estimator(graph, initial)
+
+    name = estimator if isinstance(estimator, str) else getattr(estimator, "__name__", "estimator")
+    try:
+        outcomes = _outcomes(file, graph, start, solve, random_starts=random_starts, seed=seed)
+    except (RuntimeError, ValueError) as error:  # raised by GTSAM
+        reason = (
+            diagnose(graph, file.values) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
+        )
+        raise EstimationError(reason) from None
+    best = lowest(outcomes)
+    alternative = plausible_alternative(graph, outcomes) if best.solution.usable else None
+    solution, diagnosis = best.solution, None
+    if alternative is not None and solution.status is SolveStatus.OK:
+        solution = replace(solution, status=SolveStatus.SECOND_MINIMUM)
     if not solution.usable:
-        diagnosis = diagnose(graph, initial) or _misfit(graph, initial, name, solution)
+        diagnosis = diagnose(graph, best.initial) or _misfit(graph, best.initial, name, solution)
     return GraphResult(
         graph=graph,
         estimator=name,
-        start=start,
-        initial=initial,
-        as_in_file=as_in_file,
+        start=best.name,
+        initial=best.initial,
+        as_in_file=best.unchanged,
         anchored=poses,
-        truth=values if truth and not valueless else None,
+        truth=file.values if truth and not file.valueless else None,
         solution=solution,
         diagnosis=diagnosis,
         left_out=file.left_out,
+        repaired=file.repaired,
+        outcomes=tuple(outcomes),
+        alternative=alternative,
     )
+
+
+def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> GraphResult:
+    """
+    Add the certificate of a result.
+
+    Parameters
+    ----------
+    result : GraphResult
+    wanted : bool, optional
+        By default small results of batch least squares get one, which is not possible with depth factors.
+
+    Raises
+    ------
+    EstimationError
+        If a certificate is wanted for a robust loss.
+    """
+    if wanted and result.estimator not in {"batch", "incremental"}:
+        raise EstimationError(
+            f"certificate of {result.estimator}: needs least squares; use estimator 'batch'"
+        )
+    graph, size = result.graph, sum(len(result.graph[name]) for name in KINDS)
+    small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not len(graph["depth"])
+    if wanted is False or not (wanted or small) or not result.solution.usable:
+        return result
+    return replace(result, certificate=certify(graph, result.values))
+
+
+def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_starts: int) -> None:
+    """Refuse unknown names, and random starts of a single start."""
+    if isinstance(estimator, str) and estimator not in METHODS:
+        raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
+    if start is not None and start not in get_args(Start):
+        raise EstimationError(f"start {start!r}; allowed: {', '.join(get_args(Start))}")
+    if random_starts < 0:
+        raise EstimationError(f"random starts: {random_starts}; allowed: 0 or more")
+    if random_starts and start not in {None, "best"}:
+        raise EstimationError(
+            f"{random_starts} random starts with start {start!r}; use start 'best' (--start best)"
+        )
+
+
+def is_cheap(graph: FactorGraph) -> bool:
+    """True if a graph is small enough to be solved from several starts by default."""
+    return sum(len(graph[name]) for name in KINDS) <= MAX_CHEAP_FACTORS
+
+
+def _default_start(graph: FactorGraph, estimator: str | EstimatorFunction, random_starts: int) -> Start:
+    batch = isinstance(estimator, str) and not METHODS[estimator].incremental
+    return "best" if random_starts or (batch and is_cheap(graph)) else "file"
+
+
+def _outcomes(
+    file: GraphFile,
+    graph: FactorGraph,
+    start: Start,
+    solve: Callable[[GraphValues], Solution],
+    *,
+    random_starts: int,
+    seed: int,
+) -> list[StartOutcome]:
+    """Solutions from one start or, for "best", from all."""
+    first = "chordal" if file.valueless else "file"
+    if start == "best":
+        return search_minima(graph, file.values, solve, random_starts=random_starts, seed=seed, first=first)
+    initial, unchanged = file.values, np.empty(0, dtype=np.intp)
+    if start != "file":
+        initial, unchanged = _STARTS[start](graph, file.values)
+    name = first if start == "file" else start
+    return [StartOutcome(name, initial, unchanged, solve(initial))]
 
 
 def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
-    A file's graph, checked and tied to the world, and the poses that were given a prior for that.
+    Check a file's graph and anchor it; return the poses that got a prior, too.
 
-    Where nothing ties it, the first pose of each part is given one; where something does, only with ``all_parts``, else a
-    part that floats is refused.
+    Without any anchor, the first pose of each part gets a prior. Otherwise a free part is refused, or anchored with
+    ``all_parts``.
     """
     graph, values = file.graph, file.values
     check_graph(graph)
@@ -249,27 +407,8 @@ def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGra
     return graph, poses
 
 
-def _solved(
-    graph: FactorGraph,
-    initial: GraphValues,
-    estimator: str | EstimatorFunction,
-    options: SolveOptions,
-) -> tuple[str, Solution]:
-    """Name of an estimator and its solution."""
-    if graph.degrees_of_freedom < 0:
-        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
-        raise EstimationError(diagnose(graph, initial) or fallback)
-    try:
-        if isinstance(estimator, str):
-            return estimator, GraphSolver(options).solve(graph, initial, method=METHODS[estimator])
-        return getattr(estimator, "__name__", "estimator"), estimator(graph, initial)
-    except (RuntimeError, ValueError) as error:  # what GTSAM throws where it does not abort
-        reason = diagnose(graph, initial) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
-        raise EstimationError(reason) from None
-
-
 def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: Solution) -> str:
-    """Reason for a solve that failed although the graph determines every variable."""
+    """Reason of a failed solve of a graph that determines every variable."""
     if solution.status is SolveStatus.FAILED and (start := diagnose_start(graph, initial)) is not None:
         return start
     state = solution.status.name.lower().replace("_", " ")
@@ -289,22 +428,22 @@ def _finite(value: Any) -> Any:
 
 def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) -> tuple[Any, Any]:
     """
-    A graph and values of its variables as GTSAM's own, to be solved or extended there.
+    Convert a graph and values to GTSAM, to solve or extend them there.
 
     Parameters
     ----------
     graph : FactorGraph
-        Every factor becomes one of GTSAM's; those of depth are GPS factors without precision across. Poses of a planar graph
-        are held in the plane by priors, where nothing pulls on them.
+        Every factor becomes a GTSAM factor; depths are GPS factors without horizontal precision. Priors hold the poses of a
+        planar graph in the plane, without effect on the solution.
     values : GraphValues
-        One for each variable of the graph.
+        Values of all variables of the graph.
     loss : Loss, optional
         Robust loss on the ranges.
 
     Returns
     -------
     gtsam.NonlinearFactorGraph, gtsam.Values
-        Keys are the rows of the graph: poses first, landmarks after them. The ranges are the last factors.
+        Keys are the rows of the graph: poses first, then landmarks. The ranges are the last factors.
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, values_of
 

@@ -1,7 +1,7 @@
 """
 Pose graphs as g2o or TORO text, in three dimensions or two: poses, landmarks, edges between poses and sightings of landmarks.
 
-Lines in two dimensions are lifted and flattened as those of PyFactorGraph text are.
+Lines in two dimensions are lifted and flattened as in PyFactorGraph text.
 """
 
 import re
@@ -24,20 +24,16 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
-from pymantaray.estimation.graph_text import Table, TextLines, Word, read_tables
-from pymantaray.estimation.pyfg import (
-    POSE,
-    TO_FILE,
+from pymantaray.estimation.graph_columns import (
     TO_WXYZ,
-    TO_XYZW,
-    GraphFile,
-    flat_matrix,
-    flattened,
+    columns,
     from_triangle,
-    lifted,
-    lifted_matrix,
+    to_graph,
     triangle,
+    write_rows,
 )
+from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
+from pymantaray.estimation.pyfg import POSE, GraphFile
 from pymantaray.estimation.starts import chordal
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
@@ -48,17 +44,17 @@ LANDMARK, SIGHTING, OFFSET = "VERTEX_TRACKXYZ", "EDGE_SE3_TRACKXYZ", "PARAMS_SE3
 
 
 _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
-    POSE: Word(False, 1, 7),
-    LANDMARK: Word(False, 1, 3),
-    EDGE: Word(False, 2, 7, 6),
-    SIGHTING: Word(False, 3, 3, 3),
+    POSE: columns("pose"),
+    LANDMARK: columns("landmark"),
+    EDGE: columns("edge"),
+    SIGHTING: columns("sighting", more_names=1),
     OFFSET: Word(False, 1, 7, planar=None),
-    "VERTEX_SE2": Word(False, 1, 3, planar=True),
-    "VERTEX_XY": Word(False, 1, 2, planar=True),
-    "EDGE_SE2": Word(False, 2, 3, 3, planar=True),
-    "EDGE_SE2_XY": Word(False, 2, 2, 2, planar=True),
-    "VERTEX2": Word(False, 1, 3, planar=True),
-    "EDGE2": Word(False, 2, 3, 3, planar=True),
+    "VERTEX_SE2": columns("pose").flat,
+    "VERTEX_XY": columns("landmark").flat,
+    "EDGE_SE2": columns("edge").flat,
+    "EDGE_SE2_XY": columns("sighting").flat,
+    "VERTEX2": columns("pose").flat,
+    "EDGE2": columns("edge").flat,
     "VERTEX3": Word(False, 1, 6),
     "EDGE3": Word(False, 2, 6, 6),
 }
@@ -69,8 +65,9 @@ _FLAT = {POSE: "VERTEX_SE2", LANDMARK: "VERTEX_XY", EDGE: "EDGE_SE2", SIGHTING: 
 
 _KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"edge", "sighting"}}
 LEFT_OUT = ("landmarks", *_KIND_OF)
-"""What a file cannot hold; landmarks are those without a sighting."""
+"""Contents that a file cannot hold; landmarks are those without a sighting."""
 
+_TREATMENTS = "; or drop or repair these lines (--indefinite, indefinite='repair')"
 _SYMBOL_SHIFT = 56  # GTSAM's symbols: a letter in the uppermost byte, a number below
 _LARGEST_ID = 2**31 - 1  # g2o's ids are C ints
 _INTEGER = re.compile("[0-9]{1,20}")
@@ -88,14 +85,14 @@ def write_g2o(
     half_angles: bool = False,
 ) -> dict[str, int]:
     """
-    Write the poses and edges of a factor graph as g2o text, whole or not at all, and count what is left out.
+    Write the poses and edges of a factor graph as g2o text, atomically; return the number of omitted factors by kind.
 
-    What the format [1]_ cannot hold, of `LEFT_OUT`, has to be named in ``leave_out``. Vertices are numbered by the
+    ``leave_out`` must name the kinds of `LEFT_OUT` that the graph has, because the format [1]_ cannot hold them. Vertices are numbered by the
     row of the pose, or with ``symbols`` as GTSAM's symbols, which keep vehicle and number (vehicles of one
     letter only) and are too large for g2o itself. With ``half_angles`` the rotation part of the information is that of
     x, y, z of the quaternion, half the angle, as g2o has it [2]_; else that of the rotation vector, as GTSAM
-    reads the same numbers (checked with 4.3). GTSAM's own writer rounds to six digits; its reader takes ``nan``
-    for 0, numbers that are missing for anything, and skips other lines in silence.
+    reads the same numbers (checked with 4.3). GTSAM's own writer rounds to six digits; its reader reads ``nan``
+    as 0 and missing numbers as arbitrary values, and skips other lines without a message.
 
     References
     ----------
@@ -114,8 +111,8 @@ def write_g2o(
     refused = [f"{n} {what}" for what, n in lost.items() if what not in leave_out]
     if refused:
         raise EstimationError(
-            f"{path}: g2o files hold poses, edges between them and sightings; the graph has {', '.join(refused)} besides:"
-            " agree to leave them out (--leave-out all)"
+            f"{path}: g2o files hold poses, edges between them and sightings; the graph also has {', '.join(refused)}:"
+            " leave them out (--leave-out all, leave_out=LEFT_OUT)"
         )
     ids = _symbols(graph, path) if symbols else list(range(graph.n_variables))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
@@ -129,73 +126,64 @@ def load_g2o(
     leave_out: Collection[str] = (),
     skip_unknown: bool = False,
     half_angles: bool = False,
+    indefinite: Indefinite = "refuse",
 ) -> GraphFile:
     """
     Read a pose graph from g2o or TORO text in three dimensions or two.
 
     Lines of the words in ``leave_out`` are skipped and counted, with ``skip_unknown`` those of unknown words, too; others
     are refused. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. A pose's
-    number stands for its time. [s] Where sensors that sight landmarks have offsets, these are taken into what is sighted. A
-    file without vertices has the poses and landmarks of its edges, at values by chordal initialization.
+    number is used as its time [s]. Sensor offsets are applied to sightings. A file without vertices has the poses and
+    landmarks of its edges, with values by chordal initialization.
     """
     path = Path(path)
-    lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown)
+    lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
     tables, planar = read_tables(lines, _GRAMMAR, one_space=False)
     graph, values, valueless = _Reader(lines, tables, planar=planar, half_angles=half_angles).graph()
     try:
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, chordal(graph, values).values if valueless else values, lines.left_out, valueless)
+    values = chordal(graph, values).values if valueless else values
+    return GraphFile(graph, values, lines.left_out, valueless, dict(lines.repaired))
 
 
 def _lines(
     graph: FactorGraph, values: GraphValues, ids: list[int], sighted: NDArray[Any], *, half_angles: bool
 ) -> Iterator[str]:
     n, planar = graph.n_poses, graph.planar
-    places = np.concatenate([values.position, values.quaternion[:, TO_XYZW]], axis=1)
+    places = np.concatenate([values.position, values.quaternion], axis=1)
     if sighted.size and not planar:
         yield f"{OFFSET} 0 0 0 0 0 0 0 1\n"
-    yield from _rows(POSE, [f"{k}" for k in ids[:n]], places, planar=planar)
-    yield from _rows(
-        LANDMARK, [f"{ids[k]}" for k in sighted], values.landmark_position[sighted - n], planar=planar
-    )
+    yield from write_rows(_words(POSE), [f"{k}" for k in ids[:n]], places, planar=planar)
+    landmarks = values.landmark_position[sighted - n]
+    yield from write_rows(_words(LANDMARK), [f"{ids[k]}" for k in sighted], landmarks, planar=planar)
     edge, sighting = graph["edge"], graph["sighting"]
-    matrix = edge.covariance[:, TO_FILE][:, :, TO_FILE]
-    step = np.concatenate([edge.column("position"), edge.column("quaternion")[:, TO_XYZW]], axis=1)
-    yield from _rows(EDGE, _heads(edge, ids), step, matrix, planar=planar, half_angles=half_angles)
+    heads = _heads(edge, ids)
+    information = _information(edge, half_angles=half_angles, planar=planar)
+    yield from write_rows(_words(EDGE), heads, edge.measured, information, planar=planar)
     heads = _heads(sighting, ids) if planar else [f"{head} 0" for head in _heads(sighting, ids)]
-    yield from _rows(SIGHTING, heads, sighting.column("position"), sighting.covariance, planar=planar)
+    information = _information(sighting, half_angles=False, planar=planar)
+    yield from write_rows(_words(SIGHTING), heads, sighting.measured, information, planar=planar)
 
 
 def _heads(factors: Factors, ids: list[int]) -> list[str]:
     return [f"{ids[a]} {ids[b]}" for a, b in factors.variables.tolist()]
 
 
-def _rows(
-    word: str,
-    heads: list[str],
-    measured: Array,
-    covariance: Array | None = None,
-    *,
-    planar: bool,
-    half_angles: bool = False,
-) -> Iterator[str]:
-    """Lines of a word, with the information, in two dimensions those of its flat one."""
-    if planar:
-        word, measured = _FLAT[word], flattened(measured)
-        covariance = covariance if covariance is None else flat_matrix(covariance)
-    if covariance is not None:
-        information = _inverse(TextLines(Path()), word, covariance, [0] * len(covariance))
-        if half_angles and not planar:
-            information = information * _angle_scale(2.0)
-        measured = np.concatenate([measured, triangle(information)], axis=1)
-    for head, row in zip(heads, measured.tolist(), strict=True):
-        yield f"{word} {head} {' '.join(f'{v:.17g}' for v in row)}\n"
+def _words(word: str) -> tuple[str, str | None]:
+    """Words in three dimensions and in two."""
+    return word, _FLAT[word]
+
+
+def _information(factors: Factors, *, half_angles: bool, planar: bool) -> Array:
+    """Information matrices of factors, rotation before translation, of half angles on request."""
+    information = _inverse(TextLines(Path()), "", factors.covariance, [0] * len(factors))
+    return information * _angle_scale(2.0) if half_angles and not planar else information
 
 
 class _Reader:
-    """Makes a graph of the tables of a file."""
+    """Converts the tables of a file to a graph."""
 
     def __init__(
         self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool
@@ -205,6 +193,7 @@ class _Reader:
         self._grammar = {
             word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in (*_FLAT, OFFSET)
         }
+        self._keep: dict[str, NDArray[np.bool_]] = {}  # lines whose matrix can be used, by word
         self._known: dict[str, int] = {}  # ids by their spellings
         self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
         self._values = {
@@ -213,7 +202,7 @@ class _Reader:
         }
 
     def graph(self) -> tuple[FactorGraph, GraphValues, bool]:
-        """Graph, values of its variables, and whether these are no more than places to begin at."""
+        """Convert all lines: graph, values, and whether the file has no values."""
         poses, landmarks, valueless = self._vertices()
         names = [_name(k) for k in poses]
         vehicles = list(dict.fromkeys(letter for letter, _ in names))
@@ -232,12 +221,12 @@ class _Reader:
             level = np.tile([1.0, 0.0, 0.0, 0.0], (len(poses), 1))
             values = GraphValues(np.zeros((len(poses), 3)), level, np.zeros((len(landmarks), 3)))
         else:
-            pose, landmark = self._measured(POSE), self._measured(LANDMARK)
-            values = GraphValues(pose[:, :3], pose[:, 3:][:, TO_WXYZ], landmark)
+            pose, landmark = self._columns(POSE)[0], self._columns(LANDMARK)[0]
+            values = GraphValues(pose[:, :3], pose[:, 3:], landmark)
         return graph.with_factors(edge=self._edges(), sighting=self._sightings()), values, valueless
 
     def _vertices(self) -> tuple[list[int], list[int], bool]:
-        """Ids of poses and landmarks, those of the edges where there are no vertices, and whether that is so."""
+        """Ids of poses and landmarks, taken from edges if there are no vertices; and whether that is so."""
         poses, landmarks = (self._ids(word) for word in (POSE, LANDMARK))
         valueless = not (poses or landmarks)
         if valueless:
@@ -250,7 +239,7 @@ class _Reader:
         return poses, landmarks, valueless
 
     def _ids(self, word: str) -> list[int]:
-        """Ids of vertices; a landmark may have that of a pose, as in files where they are counted apart."""
+        """Ids of vertices; a landmark may have the id of a pose, as in files that number them separately."""
         table, (ids,) = self._of[word], self._id[word]
         if len(set(ids)) != len(ids):
             before: set[int] = set()
@@ -259,17 +248,14 @@ class _Reader:
         return ids
 
     def _edges(self) -> Factors:
-        measured = self._measured(EDGE)
-        covariance = self._covariance(EDGE)
-        return KINDS["edge"].table(
-            self._ends(EDGE, self._pose),
-            [measured[:, :3], measured[:, 3:][:, TO_WXYZ]],
-            covariance[:, TO_FILE][:, :, TO_FILE],
-        )
+        measured, covariance = self._columns(EDGE)
+        parts = [measured[:, :3], measured[:, 3:]]
+        return KINDS["edge"].table(self._ends(EDGE, self._pose), parts, covariance)[self._keep[EDGE]]
 
     def _sightings(self) -> Factors:
-        """Sightings in the body frames, whatever the offsets of the sensors."""
-        table, place, covariance = self._of[SIGHTING], self._measured(SIGHTING), self._covariance(SIGHTING)
+        """Sightings in the body frames, with sensor offsets applied."""
+        table, (place, covariance) = self._of[SIGHTING], self._columns(SIGHTING)
+        place, covariance = place.copy(), covariance.copy()
         if not self._planar:
             offsets = dict(zip(self._id[OFFSET][0], self._values[OFFSET], strict=True))
             for i, parameter in enumerate(self._id[SIGHTING][2]):
@@ -280,7 +266,8 @@ class _Reader:
                     turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
                     place[i], covariance[i] = offset[:3] + turn @ place[i], turn @ covariance[i] @ turn.T
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
-        return KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
+        sightings = KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
+        return sightings[self._keep[SIGHTING]]
 
     def _table_of(self, word: str, tables: dict[str, Table]) -> Table:
         """Lines of a word in this graph's dimensions, by g2o's name or TORO's."""
@@ -304,22 +291,22 @@ class _Reader:
                 self._lines.refuse(f"id {ids[row]}", f"ids of the file's {what}", table.line[row])
         return np.array(columns, dtype=np.int32).T
 
-    def _measured(self, word: str) -> Array:
-        """What is measured in the lines of a word, lifted."""
-        values = self._values[word][:, : self._grammar[word].measured].copy()
-        return lifted(values) if self._planar else values
-
-    def _covariance(self, word: str) -> Array:
-        """Covariances of the lines of a word, lifted."""
+    def _columns(self, word: str) -> tuple[Array, Array]:
+        """Measured columns and covariances of the lines of a word."""
         table, grammar = self._of[word], self._grammar[word]
-        information = from_triangle(self._values[word][:, grammar.measured :], grammar.matrix)
-        if self._half_angles and grammar.matrix == 6:
-            information *= _angle_scale(0.5)
-        covariance = _inverse(self._lines, table.word, information, table.line)
-        return lifted_matrix(covariance) if self._planar else covariance
+        if not grammar.matrix:
+            return to_graph(self._values[word], grammar, planar=self._planar)
+        # in the dimensions of the file: what is lifted is out of the plane
+        values, size = self._values[word].copy(), grammar.matrix
+        information = from_triangle(values[:, grammar.measured :], size)
+        if self._half_angles and size == 6:
+            information *= _angle_scale(0.5)[::-1, ::-1]
+        information, self._keep[word] = self._lines.treat(table.word, information)
+        values[:, grammar.measured :] = triangle(_inverse(self._lines, table.word, information, table.line))
+        return to_graph(values, grammar, planar=self._planar)
 
     def _checked_ids(self, word: str, table: Table) -> list[list[int]]:
-        """Ids of the lines of a word, by their ends."""
+        """Ids of the lines of a word, for each end."""
         ends = []
         for end in range(table.grammar.names):
             fields = table.names(end)
@@ -343,39 +330,45 @@ class _Reader:
 
 
 def _in_g2o(table: Table, values: Array) -> Array:
-    """Numbers of lines as g2o has them: TORO has angles roll, pitch, yaw, and in two dimensions another order of the triangle."""
+    """Convert TORO numbers to those of g2o: roll, pitch, yaw to a quaternion, and the planar triangle to rows."""
     if table.word == "EDGE2":
         return np.concatenate([values[:, :3], values[:, 3:][:, _TORO_TRIANGLE]], axis=1)
     if table.word not in {"VERTEX3", "EDGE3"}:
         return values
     turn = Rotation.from_euler(
         "ZYX", values[:, 5:2:-1]
-    ).as_quat()  # of yaw, then pitch, then roll, about the turned axes
+    ).as_quat()  # yaw, then pitch, then roll, about the rotated axes
     return np.concatenate([values[:, :3], turn, values[:, 6:]], axis=1)
 
 
 def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int]) -> Array:
-    """Inverses of positive definite matrices (n, k, k) of some lines of a word, by way of their unit-diagonal forms."""
+    """Invert positive definite matrices (n, k, k) of lines of a word, scaled to unit diagonals."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
     fine = (diagonal > 0.0).all(axis=1)
     if not fine.all():
         row = int(np.argmin(fine))
-        lines.refuse(f"{word} with information {diagonal[row].min():g}", "a positive diagonal", numbers[row])
+        lines.refuse(
+            f"{word} with information {diagonal[row].min():g}",
+            f"a positive diagonal{_TREATMENTS}",
+            numbers[row],
+        )
     scale = 1.0 / np.sqrt(diagonal)
     scales = scale[:, :, None] * scale[:, None, :]
     correlation = matrices * scales
     fine = np.linalg.eigvalsh(correlation)[:, 0] >= SMALLEST_EIGENVALUE
     if not fine.all():
         lines.refuse(
-            f"{word} with singular information", "a positive definite matrix", numbers[int(np.argmin(fine))]
+            f"{word} with singular information",
+            f"a positive definite matrix{_TREATMENTS}",
+            numbers[int(np.argmin(fine))],
         )
     inverse = np.linalg.inv(correlation) * scales
     return np.asarray(0.5 * (inverse + np.swapaxes(inverse, 1, 2)))
 
 
 def _angle_scale(factor: float) -> Array:
-    """Factors of the entries of a matrix (6, 6) when its last three axes are stretched by a factor."""
-    axis = np.array([1.0] * 3 + [factor] * 3)
+    """Factors on the entries of a matrix (6, 6) if its first three axes are scaled by a factor."""
+    axis = np.array([factor] * 3 + [1.0] * 3)
     return np.outer(axis, axis)
 
 

@@ -1,9 +1,9 @@
 """
 Solver-free factor graph: its variables, and for each kind of factor one table.
 
-A kind is added by one entry of `KINDS`: its columns and ends determine its `Residual`, and with it solves, replays, checks, the
-NetCDF and PyFactorGraph files, degrees of freedom, covariances and diagnoses. A kind that no residual fits is refused.
-`build.build_graph` puts the measurements into a graph.
+One entry of `KINDS` adds a kind of factor: its columns and ends determine its `Residual`, and thereby batch and incremental
+solves, checks, NetCDF and PyFactorGraph files, degrees of freedom, covariances and diagnoses. A kind without a fitting residual
+is refused. `build.build_graph` makes a graph from measurements.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-LARGEST = 1e9  # m; the square of more than this, times an ordinary precision, has no digits left to compare
-VARIANCES = (1e-30, 1e30)  # m2 or rad2; what is beyond overflows in a solve
+LARGEST = 1e9  # m; the cost of larger values has no significant digits left
+VARIANCES = (1e-30, 1e30)  # m2 or rad2; other values overflow in a solve
 QUATERNION_TOLERANCE = 1e-3  # on its length
-SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix; its inverse has no digits left below
+SMALLEST_EIGENVALUE = 1e-12  # of a correlation matrix; below, its inverse has no significant digits
 
 POSITION = ("position", 3, "m")
 QUATERNION = ("quaternion", 4, "1")  # body to world, or end to start; (w, x, y, z)
@@ -46,7 +46,7 @@ OUT_OF_PLANE = ("rx", "ry", "z")  # of a graph in two dimensions
 
 
 class Residual(Enum):
-    """Residuals that all solvers implement; each kind of factor has one of them."""
+    """Residuals that all solvers implement; each kind of factor has one."""
 
     POSE = "relative pose"  # of a pose in another pose or in the world; in the world also its rotation alone
     SIGHTING = "sighting"  # of the position of a landmark or of another pose in the body frame of a pose
@@ -84,25 +84,23 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True)
 class FactorKind:
-    """What there is to know of one kind of factor."""
+    """Definition of one kind of factor."""
 
     what: str  # its name in messages
     plural: str
-    ends: tuple[
-        str, ...
-    ]  # what its variables are: "pose", "landmark", "any"; the landmark second, if one is a pose
-    columns: tuple[tuple[str, int, str], ...]  # what is measured: name, width and unit
+    ends: tuple[str, ...]  # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
+    columns: tuple[tuple[str, int, str], ...]  # measured columns: name, width and unit
     word: str  # that begins its lines in PyFactorGraph text
     axes: tuple[
         int, ...
     ] = ()  # of a pose prior or an edge there, those of rx ry rz x y z that are measured; others are free
-    anchors: bool = False  # whether it ties its variable to the world, so that nothing else has to
-    named_after: int = 0  # which of its variables messages name
+    anchors: bool = False  # true if it ties its variable to the world
+    named_after: int = 0  # index of the variable that messages name
     source: Source | None = None  # of factors that `build_graph` makes without further steps
 
     @property
     def residual(self) -> Residual:
-        """Residual that fits its ends and columns; refused if there is none."""
+        """Residual that fits the ends and columns; an error if there is none."""
         shape = self.ends, tuple(sorted(self.columns_at))
         if shape not in _RESIDUALS:
             fitting = (f"{' and '.join(c)} of {' and '.join(e)}" for e, c in _RESIDUALS)
@@ -114,24 +112,24 @@ class FactorKind:
 
     @property
     def rows(self) -> int:
-        """Of the residual: three of a quaternion, in the tangent of the body, before others, in the world's axes."""
+        """Number of rows of the residual: three for a quaternion, in the tangent of the body, then others, in the world's axes."""
         return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """What each row of the residual is of."""
+        """Name of each row of the residual."""
         names = [name for name, _, _ in self.columns]
         return tuple(row for name in sorted(names, key=_FIRST.index) for row in _ROWS[name])
 
     @property
     def columns_at(self) -> dict[str, slice]:
-        """Where each column is in what is measured."""
+        """Slice of the measured numbers for each column."""
         edges = np.cumsum([0, *(width for _, width, _ in self.columns)]).tolist()
         names = (name for name, _, _ in self.columns)
         return {name: slice(*ends) for name, ends in zip(names, pairwise(edges), strict=True)}
 
     def rows_in(self, units: str, *, planar: bool) -> list[int]:
-        """Rows of the residual in "rad", in "m" or in either, in the plane those that have a meaning there."""
+        """Rows of the residual in "rad", in "m" or in either; of a planar graph only the rows in the plane."""
         rows = enumerate(self.row_names)
         return [
             i for i, name in rows if _UNITS[name] in units.split() and not (planar and name in OUT_OF_PLANE)
@@ -202,12 +200,12 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
         "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), RANGE),
     }
 )
-"""All kinds of factors; ranges are last, for they alone differ between conditions."""
+"""All kinds of factors; ranges are last, because only they differ between conditions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """All factors of one kind, row by row; ``factors[rows]`` has some of them."""
+    """All factors of one kind, row by row; ``factors[rows]`` selects rows."""
 
     kind: FactorKind
     variables: Indices  # (n, ends)
@@ -226,21 +224,21 @@ class Factors:
             table.setflags(write=False)
 
     def __len__(self) -> int:
-        """Count of factors."""
+        """Number of factors."""
         return len(self.variables)
 
     def __getitem__(self, rows: ArrayLike | slice) -> "Factors":
-        """Some of the factors, in the order of the rows."""
+        """Select factors, in the order of the rows."""
         some = rows if isinstance(rows, slice) else np.asarray(rows)
         return Factors(self.kind, self.variables[some], self.measured[some], self.covariance[some])
 
     def column(self, name: str) -> Array:
-        """One of the columns that are measured; shape (n,) where it is a number, else (n, width)."""
+        """One measured column; shape (n,) for a number, else (n, width)."""
         values = self.measured[:, self.kind.columns_at[name]]
         return values[:, 0] if values.shape[1] == 1 else values
 
     def with_columns(self, **columns: Array) -> "Factors":
-        """The same factors, with some of what is measured exchanged."""
+        """Copy with some measured columns replaced."""
         measured = self.measured.copy()
         for name, values in columns.items():
             measured[:, self.kind.columns_at[name]] = values.reshape(len(self), -1)
@@ -254,11 +252,11 @@ class Factors:
 
     @property
     def subject(self) -> Indices:
-        """The variables that messages name, shape (n,)."""
+        """Variables that messages name, shape (n,)."""
         return self.variables[:, self.kind.named_after]
 
     def joined(self, more: "Factors") -> "Factors":
-        """These factors, then more."""
+        """Append factors of the same kind."""
         return Factors(
             self.kind,
             np.concatenate([self.variables, more.variables]),
@@ -269,7 +267,7 @@ class Factors:
 
 @dataclass(frozen=True, eq=False)
 class GraphValues(Record):
-    """A value for every variable of a `FactorGraph`: where to start, or what a solve ended with."""
+    """Values of all variables of a `FactorGraph`: starting values or an estimate."""
 
     kind: ClassVar[str] = "graph_values"
 
@@ -281,15 +279,15 @@ class GraphValues(Record):
 @dataclass(frozen=True, eq=False)
 class FactorGraph(Record):
     """
-    Variables and factors of one estimation problem; no solver is involved.
+    Variables and factors of one estimation problem, independent of any solver.
 
     A variable is a number: a row of the pose tables, or the number of poses plus a row of ``landmark_name``.
     ``graph["range"]`` is the table of one kind of `KINDS`, empty if there is none. Covariances of poses are
     in the tangent of the body, rotation before translation, perturbed from the right; those of positions are
-    in the world's axes, those of sightings, a landmark's place as seen from a pose, in the body's.
+    in the world's axes, those of sightings (a landmark's position relative to a pose) in the body's.
 
-    A ``planar`` graph is one in two dimensions: poses at depth 0 that turn about down only, and covariances that do not
-    mix what is in the plane with what is not, where they mean nothing. Its solution is that of the problem in SE(2).
+    A ``planar`` graph is two-dimensional: its poses have depth 0 and rotate about the down axis only, and its covariances
+    do not couple axes in the plane with others, which have no meaning. Its solution is that of the problem in SE(2).
     """
 
     kind: ClassVar[str] = "factor_graph"
@@ -308,11 +306,11 @@ class FactorGraph(Record):
         return self.factors.get(name) or kind.table([], [[]] * len(kind.columns), [])
 
     def of_residual(self, *residuals: Residual) -> list[Factors]:
-        """Tables of all kinds with one of some residuals, in the order of `KINDS`."""
+        """Tables of all kinds that have one of these residuals, in the order of `KINDS`."""
         return [self[name] for name, kind in KINDS.items() if kind.residual in residuals]
 
     def with_factors(self, **tables: Factors) -> "FactorGraph":
-        """Graph with some tables exchanged, by the names of `KINDS`."""
+        """Copy with some tables replaced, by the names of `KINDS`."""
         return replace(self, factors={**self.factors, **tables})
 
     @property
@@ -327,7 +325,7 @@ class FactorGraph(Record):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Rows of all residuals minus the dimension of all variables; the cost's expectation is half of it."""
+        """Rows of all residuals minus the dimension of all variables; the expected cost is half of it."""
         rows = sum(
             len(kind.rows_in("rad m", planar=self.planar)) * len(self[name]) for name, kind in KINDS.items()
         )
@@ -335,14 +333,14 @@ class FactorGraph(Record):
         return int(rows - pose * self.n_poses - landmark * self.landmark_name.size)
 
     def variable_name(self, variable: int) -> str:
-        """Name of a variable for people: ``A17``, ``float-1:17`` where the vehicle's name is longer, ``L0``."""
+        """Readable name of a variable: ``A17``, ``float-1:17`` if the vehicle's name is longer, ``L0``."""
         if variable >= self.n_poses:
             return str(self.landmark_name[variable - self.n_poses])
         name, number = str(self.vehicle_name[self.pose_vehicle[variable]]), int(self.pose_number[variable])
         return f"{name}{number}" if len(name) == 1 and not name.isdigit() else f"{name}:{number}"
 
     def to_dataset(self) -> "xr.Dataset":
-        """Graph as an xarray data set with units and long names, without the kinds of factors that it has none of."""
+        """Convert to an xarray data set with units and long names; empty kinds of factors are omitted."""
         dataset = super().to_dataset().assign_attrs(planar=int(self.planar))
         for name, factors in self.factors.items():
             if not len(factors):
@@ -361,7 +359,7 @@ class FactorGraph(Record):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Graph from a data set that `to_dataset` made."""
+        """Read a graph from a data set of `to_dataset`."""
         factors = {
             name: kind.table(
                 dataset[f"{name}_variables"].values,
@@ -377,10 +375,10 @@ class FactorGraph(Record):
 
 def check_graph(graph: FactorGraph) -> None:
     """
-    Refuse a graph whose measurements or noise levels cannot be used.
+    Refuse a graph with unusable measurements or noise levels.
 
-    GTSAM would take a zero sigma for a hard constraint, ignore one triangle of an asymmetric matrix, take a scaled
-    rotation as it is, and throw in the middle of a solve for a singular or overflowing covariance.
+    GTSAM treats a zero sigma as a hard constraint, ignores one triangle of an asymmetric matrix, accepts a scaled
+    rotation, and raises during a solve for a singular or overflowing covariance.
     """
     _check_names(graph)
     unknown = [name for name in graph.factors if name not in KINDS]
@@ -400,7 +398,7 @@ def check_graph(graph: FactorGraph) -> None:
 
 
 def check_values(graph: FactorGraph, values: GraphValues) -> None:
-    """Refuse values that do not fit a graph or cannot be a starting point."""
+    """Refuse values that do not fit a graph or are not finite."""
     sizes = values.position.shape[0], values.landmark_position.shape[0]
     needed = graph.n_poses, int(graph.landmark_name.size)
     if sizes != needed:
@@ -418,7 +416,7 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
 
 
 def check_anchored(graph: FactorGraph) -> None:
-    """Refuse a graph in which some variables are tied to the world by nothing; a depth leaves the horizontal free."""
+    """Refuse a graph with variables that nothing ties to the world; a depth leaves the horizontal position free."""
     loose = connected_parts(graph).loose
     if loose.any():
         raise EstimationError(
@@ -428,14 +426,14 @@ def check_anchored(graph: FactorGraph) -> None:
 
 
 class Parts(NamedTuple):
-    """Sets of variables that factors connect: the number of each variable's, and whether nothing ties that to the world."""
+    """Connected part of each variable, and whether nothing ties that part to the world."""
 
     part: Indices
     loose: NDArray[np.bool_]
 
 
 def connected_parts(graph: FactorGraph) -> Parts:
-    """Sets of variables that odometry and ranges connect."""
+    """Find the sets of variables that odometry, sightings and ranges connect."""
     pairs = np.concatenate([graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2])
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(graph.n_variables,) * 2)
     _, part = connected_components(links, directed=False)
@@ -449,7 +447,7 @@ def _check_names(graph: FactorGraph) -> None:
         raise EstimationError(
             f"pose: refers to vehicle {graph.pose_vehicle[wrong][0]}; allowed are 0 to {graph.vehicle_name.size - 1}"
         )
-    # one integer for each name: the chain's number is 32 bits wide
+    # one integer for each name: the pose number has 32 bits
     pose = graph.pose_vehicle.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
     for names, first in ((pose, 0), (graph.landmark_name, graph.n_poses)):
         distinct = np.unique(names, return_index=True)[1]
@@ -530,7 +528,7 @@ def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
         return
     variables, covariance = variables[full], covariance[full]
     sigma = np.sqrt(diagonal[full])
-    # free of units, so that metres and radians do not pass for bad conditioning
+    # without units, so that metres and radians do not look like bad conditioning
     with np.errstate(over="ignore"):
         correlation = covariance / sigma[:, :, None] / sigma[:, None, :]
     fine = np.isfinite(correlation).all(axis=(1, 2))
@@ -546,7 +544,7 @@ def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
 def _refuse(
     graph: FactorGraph, what: str, variables: Indices, values: Array, fine: Any, allowed: str
 ) -> None:
-    """Refuse values, shape (n, k), that are not all fine, shape (n,), in a line that names the first variable concerned."""
+    """Refuse values (n, k) unless all are fine (n,), in a line that names the first variable concerned."""
     if fine.all():
         return
     first = int(np.argmin(fine))

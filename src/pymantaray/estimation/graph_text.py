@@ -1,58 +1,93 @@
 """
-Lines of text that begin with a word, as columns: what PyFactorGraph and g2o files have in common.
+Lines of text that begin with a word, read as columns: the common part of PyFactorGraph and g2o files.
 
-A word's fields are collected line by line, and converted and checked column by column; refusals name the first line concerned.
+Fields are collected line by line, and converted and checked column by column; messages name the first wrong line.
 """
 
 from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import Literal, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, VARIANCES
+from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, SMALLEST_EIGENVALUE, VARIANCES
 
 Array = NDArray[np.float64]
 
-_MOST_NAMED = 5  # unknown words in a message
+_MAX_WORDS_NAMED = 5  # unknown words listed in a message
+
+
+_REPAIRED = 1e-6  # smallest eigenvalue of a repaired matrix with unit diagonal
 
 
 class Word(NamedTuple):
-    """Fields behind a word: a time or none, names or ids, measured numbers, and the upper triangle of a matrix."""
+    """Fields after a word: optional time, names or ids, measured numbers, and the upper triangle of a matrix."""
 
     timed: bool
     names: int
     measured: int
     matrix: int = 0
-    planar: bool | None = False  # whether it is of graphs in two dimensions; None of either
+    planar: bool | None = False  # true in graphs of two dimensions; None in both
 
     @property
     def numbers(self) -> int:
-        """Count of measured numbers and of those of the triangle."""
+        """Number of measured numbers and entries of the triangle."""
         return self.measured + self.matrix * (self.matrix + 1) // 2
 
     @property
     def width(self) -> int:
-        """Count of fields, the word included."""
+        """Number of fields, the word included."""
         return 1 + self.timed + self.names + self.numbers
 
     @property
     def flat(self) -> "Word":
-        """The same in two dimensions."""
+        """Fields in two dimensions."""
         measured, matrix = {7: 3, 3: 2, 1: 1}[self.measured], {6: 3, 3: 2}.get(self.matrix, self.matrix)
         return self._replace(measured=measured, matrix=matrix, planar=True)
 
 
+Indefinite = Literal["refuse", "drop", "repair"]
+"""Treatment of lines whose information or covariance matrix is not positive definite."""
+
+
+def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, NDArray[np.bool_]]:
+    """
+    Positive definite matrices (n, k, k) in place of others, and which were positive definite.
+
+    A repaired matrix has the same eigenvectors, after scaling to a unit diagonal, and eigenvalues of at least 1e-6. A diagonal entry
+    that is not positive becomes 1e-6 of the median of its axis. With "drop" others become the identity, to be left out.
+    """
+    diagonal = np.diagonal(matrices, axis1=1, axis2=2)
+    positive = diagonal > 0.0
+    scale = np.sqrt(np.where(positive, diagonal, 1.0))
+    correlation = matrices / scale[:, :, None] / scale[:, None, :]
+    fine = positive.all(axis=1) & (np.linalg.eigvalsh(correlation)[:, 0] >= SMALLEST_EIGENVALUE)
+    if fine.all() or treatment == "refuse":
+        return matrices, fine
+    out, eye = matrices.copy(), np.eye(matrices.shape[1])
+    if treatment == "drop":
+        out[~fine] = eye
+        return out, fine
+    typical = [float(np.median(d[d > 0.0])) if (d > 0.0).any() else 1.0 for d in diagonal.T]
+    scale = np.sqrt(np.where(positive, diagonal, _REPAIRED * np.array(typical)))[~fine]
+    unit = matrices[~fine] / scale[:, :, None] / scale[:, None, :]
+    unit[:, np.arange(len(eye)), np.arange(len(eye))] = 1.0
+    values, vectors = np.linalg.eigh(unit)
+    unit = (vectors * np.maximum(values, _REPAIRED)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    repaired = unit * scale[:, :, None] * scale[:, None, :]
+    out[~fine] = 0.5 * (repaired + np.swapaxes(repaired, 1, 2))
+    return out, fine
+
+
 class TextLines:
     """
-    Lines of a text file, without their ends, and refusals that name the line.
+    Lines of a text file, and errors that name the line.
 
-    Blank lines, comments and a byte-order mark are passed over; lines that begin with a word that is left out, or skipped
-    because it is not known, are counted.
+    Blank lines, comments and a byte-order mark are ignored; lines of omitted and skipped unknown words are counted.
     """
 
     def __init__(
@@ -62,7 +97,10 @@ class TextLines:
         leave_out: Collection[str] = (),
         *,
         skip_unknown: bool = False,
+        indefinite: Indefinite = "refuse",
     ) -> None:
+        self.indefinite = indefinite
+        self.repaired: Counter[str] = Counter()
         self._path, self.number = path, 0
         self._words, self._leave_out, self._skip_unknown = tuple(words), frozenset(leave_out), skip_unknown
         self._left_out: Counter[str] = Counter()
@@ -96,21 +134,32 @@ class TextLines:
 
     @property
     def left_out(self) -> dict[str, int]:
-        """How many lines of each word were passed over."""
+        """Number of skipped lines of each word."""
         return dict(self._left_out)
 
     def _refuse_unknown(self) -> NoReturn:
-        """Name what is not known, at most so many of them, the first line of each and how often it comes."""
+        """Raise an error that lists the first unknown words with their counts and first lines."""
         named = [
             f"{self._left_out[word]} of {word[:40]!r} (line {line})"
-            for word, line in list(self._unknown.items())[:_MOST_NAMED]
+            for word, line in list(self._unknown.items())[:_MAX_WORDS_NAMED]
         ]
         more = len(self._unknown) - len(named)
         listing = ", ".join(named) + (f" and {more} more words" if more else "")
         raise EstimationError(
-            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip them, counted"
-            " (--skip-unknown)"
+            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip and count"
+            " them (--skip-unknown, skip_unknown=True)"
         )
+
+    def treat(self, word: str, matrices: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Treat matrices of a word that are not positive definite as chosen, and count them; returns the rows to keep."""
+        out, fine = definite_matrices(matrices, self.indefinite)
+        count = int(np.count_nonzero(~fine))
+        if self.indefinite == "drop" and count:
+            self._left_out[f"{word} (indefinite matrix)"] += count
+            return out, fine
+        if self.indefinite == "repair" and count:
+            self.repaired[word] += count
+        return out, np.ones(len(fine), dtype=bool)
 
     def refuse(self, what: str, allowed: str, number: int | None = None) -> NoReturn:
         """Raise an error about the current line, or that of a number; 0 for none."""
@@ -120,7 +169,7 @@ class TextLines:
 
 
 class Table:
-    """All lines of one word: their numbers in the file, and their fields, one line after the other."""
+    """All lines of one word: line numbers, and the fields of all lines in sequence."""
 
     def __init__(self, word: str, grammar: Word) -> None:
         self.word, self.grammar = word, grammar
@@ -128,14 +177,14 @@ class Table:
         self.fields: list[str] = []
 
     def names(self, end: int) -> list[str]:
-        """Name or id of each line at one of its ends."""
+        """Name or id of one end of each line."""
         return self.fields[1 + self.grammar.timed + end :: self.grammar.width]
 
     def numbers(self, lines: TextLines, *, position: bool = True, quaternion: bool = False) -> Array:
         """
-        Time, if the word has one, measured numbers and triangle of each line, (n, k), finite and not too large.
+        Time (if any), measured numbers and triangle of each line, (n, k), checked for size.
 
-        The first three that are measured may be a position, the next four a quaternion.
+        The first three measured numbers may be a position, the next four a quaternion.
         """
         g, n = self.grammar, len(self.line)
         first = 1 + g.timed + g.names
@@ -173,7 +222,7 @@ class Table:
     def refuse_first(
         self, lines: TextLines, wrong: ArrayLike, what: Callable[[int], str], allowed: str
     ) -> None:
-        """Refuse the first line that is wrong, if one is."""
+        """Refuse the first wrong line, if any."""
         if np.any(wrong):
             row = int(np.argmax(wrong))
             lines.refuse(what(row), allowed, self.line[row])
@@ -190,7 +239,7 @@ class Table:
                     lines.refuse(f"{self.word}: {str(error)[:80]}", "numbers", self.line[row])
             raise
         text = "".join(fields)
-        if "_" in text or text.split(None, 1) != [text]:  # Python takes both, within and about a number
+        if "_" in text or text.split(None, 1) != [text]:  # Python accepts both in numbers
             odd = ["_" in field or field != field.strip() for field in fields]
             what = f"{self.word} with an underscore or a tab among its numbers"
             self.refuse_first(lines, np.array(odd, dtype=bool), lambda _: what, "digits and spaces")
@@ -201,9 +250,9 @@ def read_tables(
     lines: TextLines, grammar: Mapping[str, Word], *, one_space: bool
 ) -> tuple[dict[str, Table], bool]:
     """
-    Tables of all words of a grammar, empty if a file has none, and whether the graph is in two dimensions.
+    Read the tables of all words of a grammar, and whether the graph is two-dimensional.
 
-    ``one_space`` refuses any other white space between fields.
+    ``one_space`` refuses other white space between fields.
     """
     tables = {word: Table(word, g) for word, g in grammar.items()}
     takers = {

@@ -1,4 +1,4 @@
-"""Robust losses: what a range costs that is off by more than its noise explains, and how little it then weighs."""
+"""Robust losses: cost and weight of ranges with errors larger than their noise."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from pymantaray.estimation.range_models import chord
 
 Array = NDArray[np.float64]
 Kind = Literal["huber", "cauchy", "geman-mcclure"]
-# 95 % as efficient as least squares where all noise is normal
+# scales that are 95 % as efficient as least squares under normal noise
 _EFFICIENT: Mapping[str, float] = MappingProxyType(
     {"huber": 1.344998, "cauchy": 2.384947, "geman-mcclure": 3.787419}
 )
@@ -29,10 +29,10 @@ class Loss:
     ----------
     kind : {"huber", "cauchy", "geman-mcclure"}
     scale : float
-        Residual from which on a range counts for less, in its standard deviations. [-]
+        Residual above which a range loses weight, in its standard deviations. [-]
     graduated : bool
-        Whether the solver begins with a scale so large that the loss is nearly a square, and narrows it step
-        by step: graduated non-convexity. For ``geman-mcclure`` only.
+        Graduated non-convexity: begin with a scale so large that the loss is nearly quadratic, and reduce it step
+        by step. For ``geman-mcclure`` only.
 
     Raises
     ------
@@ -44,8 +44,8 @@ class Loss:
     With the whitened residual :math:`u` and the scale :math:`k`:
 
     - ``huber``: :math:`u^2/2` up to :math:`k`, :math:`k(|u| - k/2)` beyond; convex
-    - ``cauchy``: :math:`(k^2/2) \log(1 + u^2/k^2)`; falls for ever in weight
-    - ``geman-mcclure``: :math:`(k^2/2)\, u^2/(k^2 + u^2)`; at most :math:`k^2/2`, however far off
+    - ``cauchy``: :math:`(k^2/2) \log(1 + u^2/k^2)`; the weight falls without limit
+    - ``geman-mcclure``: :math:`(k^2/2)\, u^2/(k^2 + u^2)`; at most :math:`k^2/2` for any residual
 
     The surrogates of graduated non-convexity [1]_ for Geman-McClure with control parameter :math:`\mu` are
     the same loss with the scale :math:`k\sqrt{\mu}`.
@@ -61,7 +61,7 @@ class Loss:
     graduated: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what no solver could use."""
+        """Refuse an unknown kind or an unusable scale."""
         if self.kind not in _EFFICIENT:
             raise EstimationError(f"loss {self.kind!r}; allowed are {', '.join(_EFFICIENT)}")
         if not (self.scale > 0.0 and np.isfinite(self.scale)):
@@ -81,7 +81,7 @@ class Loss:
         return np.asarray(0.5 * u**2 / (1.0 + (u / k) ** 2))
 
     def weight(self, residual: ArrayLike) -> Array:
-        """Share of its least-squares weight that a range keeps: the cost's slope over the residual, 1 at zero. [-]."""
+        """Weight relative to least squares: the slope of the cost divided by the residual, 1 at zero. [-]."""
         u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
         if self.kind == "huber":
             return np.asarray(k / np.maximum(u, k))
@@ -96,11 +96,11 @@ LOSSES: Mapping[str, Loss] = MappingProxyType(
         "gnc": Loss("geman-mcclure", _EFFICIENT["geman-mcclure"], graduated=True),
     }
 )
-"""By name, each with the scale that makes it 95 % as efficient as least squares where there are no outliers."""
+"""Losses by name, each with the scale that is 95 % as efficient as least squares without outliers."""
 
 
 def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
-    """Distances between the values less the measured ranges, in their standard deviations, shape (n_ranges,)."""
+    """Residuals of the ranges in their standard deviations, shape (n_ranges,)."""
     place = np.concatenate([values.position, values.landmark_position])
     ranges = graph["range"]
     distance, _ = chord(*place[ranges.variables.T])
@@ -108,5 +108,5 @@ def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
 
 
 def range_weights(graph: FactorGraph, values: GraphValues, loss: Loss) -> Array:
-    """Weight from 0 to 1 that a loss leaves each range: which ones an estimate does not believe."""
+    """Weight of each range under a loss, from 0 (rejected) to 1."""
     return loss.weight(whitened_ranges(graph, values))

@@ -1,4 +1,4 @@
-"""Joint covariances at the optimum, and how ranges fit them."""
+"""Joint covariances at the optimum, and normalized innovations of ranges."""
 
 from typing import Any
 
@@ -9,16 +9,18 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE, Indices
-from pymantaray.estimation.optimize import LastStep, prove
+from pymantaray.estimation.optimize import LastStep, check_convergence
 from pymantaray.estimation.problems import LinearTerm, Problem, State, distance_problem
 
 Array = NDArray[np.float64]
 
-_EXPLAINED = 1e-8  # a direction whose residual keeps less of its variance is not predicted by anything else
+_MIN_VARIANCE = (
+    1e-8  # share of the variance of a residual; directions below it have no independent prediction
+)
 
 
 def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
-    """Poses whose covariances can be asked for: each once, and with a prior or odometry."""
+    """Check that each pose occurs once and has a prior or odometry."""
     used = [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
     if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
         raise EstimationError("covariances: needs poses with a prior or odometry, each once")
@@ -29,14 +31,14 @@ def covariances_at(
     graph: FactorGraph, values: GraphValues, poses: Indices, *, innovations: bool = True
 ) -> EpochCovariances:
     """
-    Covariances of poses in a graph whose ranges are distances, linearized at any values.
+    Covariances of poses in a graph whose ranges are distances, linearized at the given values.
 
     Parameters
     ----------
     poses : ndarray of int, shape (n_epochs, n_vehicles)
-        Each with a prior or odometry.
+        Each pose needs a prior or odometry.
     innovations : bool
-        Compute the innovations of the ranges, too; else they are NaN. With many ranges per epoch they take longer than all the rest.
+        Compute the innovations of the ranges, too; else they are NaN. With many ranges per epoch they take most of the time.
 
     Returns
     -------
@@ -46,19 +48,19 @@ def covariances_at(
     Raises
     ------
     EstimationError
-        If the values leave some direction undetermined.
+        If some direction is undetermined at the values.
     """
     poses = check_poses(graph, poses)
     groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=np.intp))
     problem = distance_problem(graph, groups=groups)
-    last = prove(problem, State.of(values)).last
+    last = check_convergence(problem, State.of(values)).last
     if last is None:
         raise EstimationError("covariances: some direction of the graph is not determined at these values")
     return group_marginals(problem, last, poses, groups, innovations=innovations)
 
 
 def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:
-    """For each epoch its poses, landmarks that any of them is ranged with, and what all ranges share: to be connected."""
+    """Variables to connect for each epoch: its poses, the landmarks that these range to, and shared unknowns."""
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     return [
         np.concatenate([epoch, np.unique(ends[ends >= n_poses]), shared])
@@ -127,7 +129,7 @@ def _innovation(terms: list[LinearTerm], covariance: Array, group: Indices, step
             jacobian[top:below, left : left + SIZE] = term.jacobian[:, SIZE * i : SIZE * (i + 1)]
         top = below
     values, vectors = np.linalg.eigh(np.eye(residual.size) - jacobian @ covariance @ jacobian.T)
-    usable = values > _EXPLAINED
+    usable = values > _MIN_VARIANCE
     if not usable.any():
         return np.nan, 0
     along = (residual + jacobian @ step[group].ravel()) @ vectors[:, usable]

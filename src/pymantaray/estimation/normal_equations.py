@@ -1,4 +1,4 @@
-"""Normal equations of a graph in blocks of six: their order of elimination, factorization and inverse."""
+"""Normal equations of a graph in blocks of six: elimination order, factorization and inverse."""
 
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +17,7 @@ SIZE = 6
 
 
 class Blocks(NamedTuple):
-    """Where the blocks of pairs of variables are, and whether they have the pair the other way round."""
+    """Indices of the blocks of pairs of variables, and whether the block has the pair in reverse order."""
 
     block: Indices
     turned: NDArray[np.bool_]
@@ -25,9 +25,9 @@ class Blocks(NamedTuple):
 
 class Structure:
     """
-    Which variables, pairs (n, 2), share a factor: an order of elimination and the blocks that are not zero.
+    Elimination order and nonzero blocks, from the pairs (n, 2) of variables that share a factor.
 
-    Row ``row[i]`` is that of variable i; off the diagonal there are ``column`` from ``start``.
+    Variable i has row ``row[i]``; ``column`` lists the off-diagonal columns, from ``start`` of each row.
     """
 
     def __init__(self, size: int, pairs: Indices) -> None:
@@ -36,7 +36,7 @@ class Structure:
         links = (links + links.T).tocsc()
         links.data[:] = -1.0
         links.setdiag(1.0 - links.sum(axis=0))
-        # scipy has minimum degree only as a part of this; weakly dominant, so that it does not exchange rows
+        # scipy offers minimum degree only within splu; the matrix is weakly dominant, so that rows are not exchanged
         self.row = np.asarray(
             splu(
                 links.tocsc(),
@@ -62,7 +62,7 @@ class Structure:
         return rows * self.row.size + self.column
 
     def blocks(self, pairs: Indices) -> Blocks:
-        """Blocks of pairs (n, 2) of variables that are connected."""
+        """Blocks of connected pairs (n, 2) of variables."""
         first, second = self.row[pairs.reshape(-1, 2)].T
         keys = np.minimum(first, second) * self.row.size + np.maximum(first, second)
         return Blocks(np.searchsorted(self._keys, keys), first > second)
@@ -81,7 +81,7 @@ class Factor:
         return x
 
     def inverse(self, groups: list[Indices]) -> list[Array]:
-        """Dense blocks of the inverse, one for each group of variables that are all connected."""
+        """Dense blocks of the inverse, one for each group of mutually connected variables."""
         s = self._structure
         rows = np.zeros(s.row.size, dtype=np.bool_)
         for group in groups:
@@ -106,10 +106,10 @@ class Factor:
 
 class NormalEquations:
     """
-    Matrix, gradient and cost of residuals linearized at one place; ``factorize`` uses the matrix up.
+    Matrix, gradient and cost of residuals linearized at one state; ``factorize`` overwrites the matrix.
 
-    Of order 1 the matrix is that of Gauss-Newton, of order 2 it has the largest part of the curvature of odometry as well, of
-    order 3 that of distances, of order 4 all of odometry's, for steps along arcs. ``scale`` is the diagonal before that of order 4.
+    The matrix of order 1 is that of Gauss-Newton. Order 2 adds the largest part of the curvature of odometry, order 3 that of
+    distances, and order 4 all curvature of odometry, for steps along arcs. ``scale`` is the diagonal before order 4 is added.
     """
 
     def __init__(self, structure: Structure, order: int = 1) -> None:
@@ -121,11 +121,11 @@ class NormalEquations:
 
     @property
     def matrix(self) -> Matrix:
-        """What residuals add to."""
+        """Arrays that residual kernels add to."""
         return Matrix(self.structure.row, self.diagonal, self.above, self.gradient)
 
     def factorize(self) -> Factor | None:
-        """Cholesky factor in place of the matrix; None if some direction is not determined."""
+        """Compute the Cholesky factor in place of the matrix; None if some direction is not determined."""
         s = self.structure
         element = np.ascontiguousarray(np.diagonal(self.diagonal, axis1=1, axis2=2))
         if cholesky.factorize(s.start, s.column, self.diagonal, self.above, element) >= 0:
@@ -133,7 +133,7 @@ class NormalEquations:
         return Factor(s, self.diagonal, self.above)
 
     def damped(self, factor: float) -> "NormalEquations":
-        """A copy with a multiple of its diagonal added, that without curvature where there is one."""
+        """Copy with a multiple of the diagonal added (of the diagonal without curvature, if stored)."""
         copy = NormalEquations(self.structure)
         copy.diagonal, copy.above = self.diagonal.copy(), self.above.copy()
         copy.gradient, copy.cost = self.gradient, self.cost
@@ -142,7 +142,7 @@ class NormalEquations:
         return copy
 
     def add(self, variables: Indices, matrix: Array, gradient: Array) -> None:
-        """Add a dense term of variables that are all connected."""
+        """Add a dense term of mutually connected variables."""
         s, n = self.structure, len(variables)
         blocks = np.swapaxes(matrix.reshape(n, SIZE, n, SIZE), 1, 2)
         rows, i = s.row[variables], np.arange(n)

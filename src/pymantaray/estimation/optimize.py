@@ -1,4 +1,4 @@
-"""Gauss-Newton on normal equations, with Levenberg-Marquardt where it does not descend."""
+"""Gauss-Newton on normal equations, with Levenberg-Marquardt if it does not descend."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -12,18 +12,18 @@ from pymantaray.estimation.solution import Progress, SolveOptions
 
 Array = NDArray[np.float64]
 
-_RISE = 1e-9  # relative; a smaller rise of the cost is rounding
-# Steps in a row that may leave the cost above its lowest: a full step from afar overshoots the rotations,
-# and the next one more than makes up for it. (A damped solve from there costs ten full steps.)
-_PATIENCE = 2
-_QUICK = 100.0  # by which a step with curvature shortens the next
-_CRAWL = 1e-9  # relative fall of the cost at which damped steps from a singular start end
-_FIRST_DAMPING, _MOST_DAMPING = 1e-5, 1e5  # of the diagonal
-_LITTLE = 0.01  # relative fall of the cost at which damped steps take all of its curvature
+_COST_ROUNDING = 1e-9  # relative; smaller increases of the cost are rounding
+# Successive steps that may leave the cost above its lowest value: a full step from far away overshoots the rotations,
+# and the next one compensates. (A damped solve from there costs ten full steps.)
+_MAX_RISES = 2
+_CURVATURE_GAIN = 100.0  # factor by which a step with curvature shortens the next step
+_STALLED_FALL = 1e-9  # relative decrease of the cost at which damped steps from a singular start end
+_FIRST_DAMPING, _MAX_DAMPING = 1e-5, 1e5  # of the diagonal
+_SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use full curvature
 
 
 class LastStep(NamedTuple):
-    """The last undamped step: where it started, the factor and the step, in the order of rows."""
+    """Last undamped step: its starting state, factor and step, in the order of rows."""
 
     state: State
     factor: Factor
@@ -31,7 +31,7 @@ class LastStep(NamedTuple):
 
 
 class Optimum(NamedTuple):
-    """Where an optimization ended, and how it went."""
+    """Final state of an optimization and its progress."""
 
     state: State
     progress: Progress
@@ -40,17 +40,19 @@ class Optimum(NamedTuple):
 
 def optimize(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
     """
-    Values that minimize a cost of squares, and how it went.
+    Minimize a least-squares cost.
 
-    Where Gauss-Newton does not get below its lowest cost within three steps or meets a singular system, damped steps take
-    over: from the start, of a graph without ranges from where it was lowest. Gauss-Newton polishes their end, unless that moves away again,
-    where large residuals make the optimum repel it. The last system solved is undamped, and proves convergence.
+    If Gauss-Newton does not fall below its lowest cost within three steps, or meets a singular system, damped steps take
+    over, from the start or, without ranges, from the state of lowest cost. Gauss-Newton then refines their result, unless it
+    diverges because of large residuals. The last system is undamped, and its step measures convergence.
     """
     first, lowest = _gauss_newton(problem, initial, options)
     progress = first.progress
     if not (progress.singular or np.isnan(progress.last_step)):
         return first
-    begin, taken = (lowest, progress.iterations) if problem.bare and not progress.singular else (initial, 0)
+    begin, taken = (
+        (lowest, progress.iterations) if problem.without_ranges and not progress.singular else (initial, 0)
+    )
     damped, iterations = _levenberg_marquardt(problem, begin, options, taken, singular=progress.singular)
     if iterations == 0 and begin is initial:
         return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
@@ -58,30 +60,32 @@ def optimize(problem: Problem, initial: State, options: SolveOptions) -> Optimum
     if not (
         end.progress.singular or end.progress.last_step <= options.step_tolerance
     ):  # repelled, or about to be
-        end = prove(problem, damped)
+        end = check_convergence(problem, damped)
     taken += iterations + end.progress.iterations
     return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=progress.initial_cost))
 
 
-def prove(problem: Problem, state: State) -> Optimum:
-    """A state as it is, with what an undamped step from it, not taken, says of convergence."""
+def check_convergence(problem: Problem, state: State) -> Optimum:
+    """Compute the next undamped step from a state, without applying it, as a measure of convergence."""
     equations = problem.linearize(state)
     progress = Progress(iterations=0, initial_cost=equations.cost, final_cost=equations.cost)
     factor = equations.factorize()
     if factor is None:
         return Optimum(state, replace(progress, singular=True))
-    return _proven(state, progress, equations, LastStep(state, factor, factor.solve(-equations.gradient)))
+    return _with_convergence(
+        state, progress, equations, LastStep(state, factor, factor.solve(-equations.gradient))
+    )
 
 
 def _gauss_newton(
     problem: Problem, initial: State, options: SolveOptions, taken: int = 0
 ) -> tuple[Optimum, State]:
     """
-    Run undamped; a cost that stays above its lowest for too long leaves ``last_step`` NaN. Beside, where it was lowest.
+    Undamped steps; returns the optimum and the state of lowest cost. ``last_step`` is NaN if the cost stays above its lowest.
 
-    With the curvature of odometry a step leaves a hundredth of the error, without it a sixth; that of distances, from the
-    second step on, matters where ranges are off by more than odometry is in doubt. Either is left out as soon as the
-    matrix is not positive definite with it, and both of the last step, which proves convergence.
+    With the curvature of odometry a step leaves 1 % of the error, without it a sixth. The curvature of distances, used from
+    the second step on, matters if range residuals exceed the uncertainty of odometry. Each is omitted as soon as the matrix
+    is not positive definite with it, and both are omitted in the last step, which measures convergence.
     """
     state, equations, most = initial, problem.linearize(initial, 2), 3
     lowest, above, best = equations.cost, 0, initial
@@ -98,12 +102,12 @@ def _gauss_newton(
         largest = float(np.abs(last.step).max())
         trial = state.moved(problem.structure, last.step)
         ended = equations.order == 1 and largest <= options.step_tolerance
-        if largest <= _QUICK * options.step_tolerance:
+        if largest <= _CURVATURE_GAIN * options.step_tolerance:
             most = 1
         ahead = None if ended else problem.linearize(trial, most)
         cost = problem.cost(trial) if ahead is None else ahead.cost
-        above = 0 if cost <= lowest + _RISE * (1.0 + lowest) else above + 1
-        if above > _PATIENCE or not np.isfinite(cost):
+        above = 0 if cost <= lowest + _COST_ROUNDING * (1.0 + lowest) else above + 1
+        if above > _MAX_RISES or not np.isfinite(cost):
             return Optimum(state, replace(progress, last_step=np.nan)), best
         best = trial if cost < lowest else best
         state, lowest = trial, min(lowest, cost)
@@ -113,11 +117,13 @@ def _gauss_newton(
         if (ended and above == 0) or iteration == options.max_iterations:
             break
         equations = ahead or problem.linearize(trial)
-    return _proven(state, progress, equations, last), best
+    return _with_convergence(state, progress, equations, last), best
 
 
-def _proven(state: State, progress: Progress, equations: NormalEquations, last: LastStep) -> Optimum:
-    """Add what the last undamped system says of convergence."""
+def _with_convergence(
+    state: State, progress: Progress, equations: NormalEquations, last: LastStep
+) -> Optimum:
+    """Add the convergence measures of the last undamped system."""
     progress = replace(
         progress,
         last_step=float(np.abs(last.step).max()),
@@ -131,16 +137,16 @@ def _levenberg_marquardt(
     problem: Problem, initial: State, options: SolveOptions, taken: int, *, singular: bool
 ) -> tuple[State, int]:
     """
-    End of damped steps and their number: at a minimum, where no damping lowers the cost, or where a singular graph begins to crawl.
+    Damped steps until a minimum, until no damping lowers the cost, or until a singular graph stalls; returns their number, too.
 
-    Without ranges poses move along arcs, so that a chain may turn as a whole; ranges tie it to other chains, and from afar arcs end
-    in other minima. Where a step along arcs gained little Gauss-Newton's matrix is not the cost's own: then that with all of the
-    curvature is asked first. Away from a minimum it is not positive definite.
+    Without ranges poses move along arcs, so that a chain can rotate as a whole. Ranges tie chains to each other; arcs from far
+    away then lead to other minima. If a step along arcs gained little, Gauss-Newton's matrix is a poor model of the cost, and
+    the matrix with full curvature is tried first. It is not positive definite far from a minimum.
     """
     state, damping, fall = initial, _FIRST_DAMPING, np.inf
     for iteration in range(10 * options.max_iterations):
         matrices = [problem.linearize(state)]
-        if fall <= _LITTLE and problem.bare and not singular:
+        if fall <= _SMALL_FALL and problem.without_ranges and not singular:
             matrices.insert(0, problem.linearize(state, 4))
         before = matrices[0].cost
         damped = _damped_step(problem, state, matrices, damping, options.step_tolerance)
@@ -150,14 +156,14 @@ def _levenberg_marquardt(
         fall = (before - cost) / before
         if options.report is not None:
             options.report(taken + iteration + 1, cost)
-        if singular and fall <= _CRAWL:
+        if singular and fall <= _STALLED_FALL:
             return state, iteration + 1
         damping *= 0.1
     return state, 10 * options.max_iterations
 
 
 class _DampedStep(NamedTuple):
-    """Where a damped step led, its cost and its damping."""
+    """Result of a damped step: state, cost and damping."""
 
     state: State
     cost: float
@@ -168,11 +174,11 @@ def _damped_step(
     problem: Problem, state: State, matrices: list[NormalEquations], damping: float, tolerance: float
 ) -> _DampedStep | None:
     """
-    First step that lowers the cost, by ever more damping; None if there is none, or hardly damped ones are within tolerance.
+    Increase damping until a step lowers the cost; None if none does, or if a weakly damped step is within tolerance.
 
-    Of two matrices the first is no longer asked when it is not positive definite.
+    The first of two matrices is dropped once it is not positive definite.
     """
-    while damping <= _MOST_DAMPING:
+    while damping <= _MAX_DAMPING:
         for equations in list(matrices):
             factor = equations.damped(damping).factorize()
             if factor is None and len(matrices) > 1:
@@ -181,7 +187,7 @@ def _damped_step(
                 step = factor.solve(-equations.gradient)
                 if damping <= _FIRST_DAMPING and float(np.abs(step).max()) <= tolerance:
                     return None
-                trial = state.moved(problem.structure, step, arc=problem.bare)
+                trial = state.moved(problem.structure, step, arc=problem.without_ranges)
                 cost = problem.cost(trial)
                 if cost < equations.cost:
                     return _DampedStep(trial, cost, damping)

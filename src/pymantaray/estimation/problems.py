@@ -1,4 +1,4 @@
-"""What is minimized: poses seen from each other and from the world, and ranges as distances or expanded travel times."""
+"""Costs to minimize: relative poses, sightings, measured positions, and ranges as distances or expanded travel times."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -16,40 +16,40 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 
 Array = NDArray[np.float64]
 _OUT_OF_PLANE = np.array([0, 1, 5])  # rx, ry and z of a block
-_TURN = 1e-5  # rad; of central differences of gradients, which leaves 1e-10 of them
-_MIN_WEIGHT = 1e-12  # of a range under a loss; less would leave its rows without digits
+_DIFFERENCE_ANGLE = 1e-5  # rad; step of central differences of gradients, with a relative error of 1e-10
+_MIN_WEIGHT = 1e-12  # smallest weight of a range under a loss; its rows lose all digits below
 
 
 class State(NamedTuple):
-    """Values of all variables; a landmark is a pose that does not turn."""
+    """Values of all variables; a landmark is a pose without rotation."""
 
     rotation: Array  # (n_variables, 3, 3)
-    place: Array  # (n_variables, 3) [m]
-    shared: Array  # what all ranges share, in its prior standard deviations
+    position: Array  # (n_variables, 3) [m]
+    shared: Array  # unknowns that all ranges share, in their prior standard deviations
 
     @classmethod
     def of(cls, values: GraphValues, n_shared: int = 0) -> "State":
-        """State of a graph's values; what is shared is zero."""
+        """Convert a graph's values; shared unknowns are zero."""
         level = np.tile(np.eye(3), (len(values.landmark_position), 1, 1))
         rotation = np.concatenate([matrix_from_quaternion(values.quaternion), level])
         place = np.concatenate([values.position, values.landmark_position])
         return cls(np.ascontiguousarray(rotation), np.ascontiguousarray(place), np.zeros(n_shared))
 
     def values(self, graph: FactorGraph) -> GraphValues:
-        """Values of a graph's variables."""
+        """Convert to values of a graph's variables."""
         n = graph.n_poses
-        return GraphValues(self.place[:n], quaternion_from_matrix(self.rotation[:n]), self.place[n:])
+        return GraphValues(self.position[:n], quaternion_from_matrix(self.rotation[:n]), self.position[n:])
 
     def moved(self, structure: Structure, step: Array, *, arc: bool = False) -> "State":
-        """State after a step in the order of rows, (n, 6), straight on or along arcs."""
-        rotation, place = np.empty_like(self.rotation), np.empty_like(self.place)
-        residuals.move(self.rotation, self.place, structure.row, step, arc, rotation, place)
+        """State after a step in the order of rows, (n, 6), along straight lines or arcs."""
+        rotation, place = np.empty_like(self.rotation), np.empty_like(self.position)
+        residuals.move(self.rotation, self.position, structure.row, step, arc, rotation, place)
         shared = step[structure.row[len(place) :]].ravel()[: self.shared.size]
         return State(rotation, place, self.shared + shared)
 
 
 class FactorBlocks(NamedTuple):
-    """Blocks of pairs of poses, and of poses with landmarks that they sight."""
+    """Blocks of pairs of poses, and of poses with the landmarks they sight."""
 
     relative: Blocks
     sighted: Blocks
@@ -71,7 +71,7 @@ class FactorsExceptRanges:
         self.pairs = np.concatenate([self._relative_pairs, self._sighted_pairs])
 
     def is_of(self, graph: FactorGraph) -> bool:
-        """Whether a graph has the same tables."""
+        """True if a graph has the same tables."""
         tables = _except_ranges(graph)
         shape = graph.n_poses, graph.n_variables, graph.planar
         return (self.n_poses, self.n_variables, self.planar) == shape and all(
@@ -79,34 +79,34 @@ class FactorsExceptRanges:
         )
 
     def blocks(self, structure: Structure) -> FactorBlocks:
-        """Blocks of pairs of variables; poses that are seen from the world have none."""
+        """Blocks of pairs of variables; poses relative to the world have none."""
         n, inner = self._inner.size, self._inner
         out = Blocks(np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.bool_))
         out.block[inner], out.turned[inner] = structure.blocks(self._relative_pairs)
         return FactorBlocks(out, structure.blocks(self._sighted_pairs))
 
     def add(self, state: State, blocks: FactorBlocks, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks, and the curvature of odometry from order 2 on."""
+        """Add cost, gradient and blocks, from order 2 with the curvature of odometry."""
         costs = self._evaluate(state, blocks, out.matrix, 1 if out.order > 3 else min(out.order, 2))
         out.cost += sum(float(cost.sum()) for cost in costs)
 
     def add_curvature(self, state: State, blocks: FactorBlocks, out: NormalEquations) -> None:
         """
-        Add all curvature of poses seen from others: what a product of Jacobians lacks of the Hessian.
+        Add the full curvature of relative poses: the Hessian less the product of Jacobians.
 
-        Residuals are linear in positions, so that what is lacking has to do with rotations: it is the change of each
-        residual's own gradient as its two poses, copied for it alone, are turned, by central differences.
+        Residuals are linear in positions, so the difference involves rotations only. Central differences of each residual's
+        gradient, with its two poses rotated, give it.
         """
         inner, m = self._inner, len(self._relative_pairs)
         one, other = self._relative_pairs.T
         row = np.arange(2 * m)
         copies = residuals.RelativePoses(row[:m], row[m:], *(column[inner] for column in self._relative[2:]))
         pairs = Blocks(row[:m], np.zeros(m, dtype=np.bool_))
-        place = np.concatenate([state.place[one], state.place[other]])
+        place = np.concatenate([state.position[one], state.position[other]])
         rotation = np.concatenate([state.rotation[one], state.rotation[other]])
 
         def each(turned: Array) -> residuals.Matrix:
-            """Blocks and gradient of each residual by itself."""
+            """Blocks and gradient of each residual separately."""
             by_itself = residuals.Matrix(
                 row, np.zeros((2 * m, SIZE, SIZE)), np.zeros((m, SIZE, SIZE)), np.zeros((2 * m, SIZE))
             )
@@ -115,17 +115,15 @@ class FactorsExceptRanges:
             return by_itself
 
         at = each(rotation)
-        lacking = np.empty(
-            (m, 2, 3, 2, SIZE)
-        )  # by which end is turned and about what axis: of which end's gradient
+        lacking = np.empty((m, 2, 3, 2, SIZE))  # rotated end and axis, end and component of the gradient
         for end, axis in np.ndindex(2, 3):
             some = slice(end * m, (end + 1) * m)
             gradients = []
-            for angle in (_TURN, -_TURN):
+            for angle in (_DIFFERENCE_ANGLE, -_DIFFERENCE_ANGLE):
                 turned = rotation.copy()
                 turned[some] = rotation[some] @ so3_exp(angle * np.eye(3)[axis])
                 gradients.append(each(turned).gradient.reshape(2, m, SIZE))
-            change = np.moveaxis(gradients[0] - gradients[1], 0, 1) / (2.0 * _TURN)
+            change = np.moveaxis(gradients[0] - gradients[1], 0, 1) / (2.0 * _DIFFERENCE_ANGLE)
             ends = (at.diagonal[:m, axis], at.above[:, axis])
             if end == 1:
                 ends = (at.above[:, :, axis], at.diagonal[m:, axis])
@@ -133,7 +131,7 @@ class FactorsExceptRanges:
         whole = np.zeros((m, 2, SIZE, 2, SIZE))
         whole[:, :, :3] = lacking
         whole[:, :, 3:, :, :3] = np.moveaxis(lacking[..., 3:], (1, 2), (3, 4))
-        turns = whole[:, :, :3, :, :3]  # symmetric but for how the body's axes turn
+        turns = whole[:, :, :3, :, :3]  # symmetric except for the rotation of the body's axes
         whole[:, :, :3, :, :3] = 0.5 * (turns + np.moveaxis(turns, (1, 2), (3, 4)))
         rows = out.structure.row
         np.add.at(out.diagonal, rows[one], whole[:, 0, :, 0])
@@ -144,11 +142,11 @@ class FactorsExceptRanges:
         np.add.at(out.above, blocks.relative.block[inner], between)
 
     def cost(self, state: State) -> float:
-        """Half the sum of squares."""
+        """Half the sum of squared residuals."""
         return sum(float(cost.sum()) for cost in self._costs(state))
 
     def worst(self, state: State) -> tuple[list[int], float]:
-        """Variables and cost of the factor that fits worst."""
+        """Variables and cost of the factor with the largest cost."""
         costs = zip(self._costs(state), self._groups, strict=True)
         each = [(float(c.max()), int(c.argmax()), tables) for c, tables in costs if c.size]
         if not each:
@@ -166,15 +164,15 @@ class FactorsExceptRanges:
     def _evaluate(
         self, state: State, blocks: FactorBlocks, matrix: residuals.Matrix, order: int
     ) -> tuple[Array, Array, Array]:
-        """The same, and what is added to a matrix if they are of order 1 or 2."""
-        poses = residuals.Poses(state.rotation, state.place)
+        """Costs as in `_costs`; adds blocks of order 1 or 2 to a matrix."""
+        poses = residuals.Poses(state.rotation, state.position)
         relative, sighted, positions = (
             np.empty(len(rows)) for rows in (self._inner, self._sighted_pairs, self._positions.variable)
         )
         residuals.add_relative(self._relative, blocks.relative, poses, matrix, order, relative, _scratch())
-        if sighted.size:  # the kernel is compiled where there is one
+        if sighted.size:  # compile the kernel only if needed
             residuals.add_sightings(self._sighted, blocks.sighted, poses, matrix, order, sighted, _scratch())
-        residuals.add_places(self._positions, state.place, matrix, order, positions)
+        residuals.add_places(self._positions, state.position, matrix, order, positions)
         return relative, sighted, positions
 
 
@@ -183,13 +181,13 @@ def _except_ranges(graph: FactorGraph) -> list[Factors]:
 
 
 def _scratch() -> tuple[Array, Array, Array]:
-    """Room for the blocks, matrices and vectors of one residual."""
+    """Workspace for the blocks, matrices and vectors of one residual."""
     r = residuals
     return np.empty((r.BLOCKS, 6, 6)), np.empty((r.MATRICES, 3, 3)), np.empty((r.VECTORS, 6))
 
 
 def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Factors]) -> list[Any]:
-    """Columns of several tables, one below the other."""
+    """Concatenate the columns of several tables."""
     joined = zip(*map(columns, tables), strict=True)
     return [np.ascontiguousarray(np.concatenate(parts)) for parts in joined]
 
@@ -206,7 +204,7 @@ def _relative(table: Factors) -> tuple[Any, ...]:
 
 
 def _sighted(table: Factors) -> tuple[Any, ...]:
-    """Pose, landmark, its measured place, and the root of the information."""
+    """Pose, landmark, its measured position, and the root of the information."""
     root = np.zeros((len(table), SIZE, SIZE))
     root[:, :3, :3] = _information_root(table.covariance)
     pose, landmark = table.variables.astype(np.intp).T
@@ -214,7 +212,7 @@ def _sighted(table: Factors) -> tuple[Any, ...]:
 
 
 def _position(table: Factors) -> tuple[Any, ...]:
-    """Variable, measured position and its information; a depth has none across."""
+    """Variable, measured position and its information; a depth has none in the horizontal."""
     n = len(table)
     if "position" in table.kind.columns_at:
         root = _information_root(table.covariance)
@@ -225,7 +223,7 @@ def _position(table: Factors) -> tuple[Any, ...]:
 
 
 def _information_root(covariance: Array) -> Array:
-    """Lower triangular W with W^T W the inverse of each covariance."""
+    """Lower triangular W for which W^T W is the inverse of each covariance."""
     n = covariance.shape[1]
     if np.count_nonzero(covariance) <= len(covariance) * n:
         return np.asarray(np.eye(n) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, None])
@@ -245,11 +243,11 @@ class Distances:
         return self._at(state)[0]
 
     def cost(self, state: State, loss: Loss | None) -> float:
-        """Half the sum of squares, or of losses."""
+        """Half the sum of squares, or the sum of losses."""
         return _cost(self.whitened(state), loss)
 
     def add(self, state: State, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks, under a loss with its weights, and the curvature of distances in order 3."""
+        """Add cost, gradient and blocks, weighted under a loss, in order 3 with the curvature of distances."""
         white, slope = self._at(state)
         out.cost += _cost(white, loss)
         off = white * self._sigma
@@ -262,7 +260,7 @@ class Distances:
         residuals.add_pairs(self.pairs, blocks, white, slope, bend, information, out.matrix)
 
     def linear_among(self, state: State, variables: Indices) -> list["LinearTerm"]:
-        """Each range between some of the variables by itself."""
+        """Terms of the ranges between some of the variables, one for each range."""
         rows = np.isin(self.pairs, variables).all(axis=1)
         white, slope = (part[rows] for part in self._at(state))
         jacobian = np.zeros((white.size, 1, 2 * SIZE))
@@ -270,13 +268,13 @@ class Distances:
         return list(map(LinearTerm, self.pairs[rows], white[:, None], jacobian))
 
     def _at(self, state: State) -> tuple[Array, Array]:
-        distance, unit = chord(*state.place[self.pairs.T])
+        distance, unit = chord(*state.position[self.pairs.T])
         slope = np.concatenate([-unit, unit], axis=1) / self._sigma[:, None]
         return (distance - self._distance) / self._sigma, slope
 
 
 class LinearTerm(NamedTuple):
-    """Whitened residuals (m,), and their derivatives (m, 6 k) by the blocks of k variables."""
+    """Whitened residuals (m,) and their derivatives (m, 6 k) with respect to k variables."""
 
     variables: Indices
     residual: Array
@@ -284,10 +282,10 @@ class LinearTerm(NamedTuple):
 
 
 class EpochTerms(NamedTuple):
-    """Ranges of one epoch: which rows of the tables, between which variables, and how their residuals are whitened."""
+    """Ranges of one epoch: rows of the tables, variables, and the root of the covariance."""
 
     rows: Rows
-    variables: Indices  # ends, then what is shared
+    variables: Indices  # ends, then shared unknowns
     transmitter: Rows  # index into the variables
     receiver: Rows
     root: Array  # lower triangular root of the covariance
@@ -295,17 +293,16 @@ class EpochTerms(NamedTuple):
 
 class ExpandedRanges:
     """
-    Ranges of a graph as travel times expanded about one place.
+    Ranges of a graph as travel times expanded about one state.
 
-    What they share has a prior of unit covariance about zero. Under a loss the covariances of the epochs have to be
-    diagonal.
+    Shared unknowns have a prior of zero mean and unit covariance. A loss needs diagonal covariances of the epochs.
     """
 
     def __init__(
         self, ranges: TimedRanges, blocks: Sequence[Block], expansion: Expansion, shared: Indices
     ) -> None:
         self._ranges, self._expansion = ranges, expansion
-        self.pairs = np.empty((0, 2), dtype=np.intp)  # blocks are looked up epoch by epoch
+        self.pairs = np.empty((0, 2), dtype=np.intp)  # blocks are found epoch by epoch
         self._terms = []
         for rows, covariance in blocks:
             if rows.size:
@@ -320,11 +317,11 @@ class ExpandedRanges:
         return np.concatenate([np.empty(0), *self._by_epoch(self._at(state)[0])])
 
     def cost(self, state: State, loss: Loss | None) -> float:
-        """Half the sum of squares, or of losses, and the cost of what is shared."""
+        """Half the sum of squares, or the sum of losses, and the cost of shared unknowns."""
         return self.cost_of(self._at(state)[0], loss) + 0.5 * float(state.shared @ state.shared)
 
     def cost_of(self, residual: Array, loss: Loss | None) -> float:
-        """Half the sum of squares, or of losses, of residuals by row of the tables [m]."""
+        """Half the sum of squares, or the sum of losses, of residuals by row of the tables [m]."""
         if loss is None:
             white = [whiten(t.root, residual[t.rows]) for t in self._terms]
         else:
@@ -332,19 +329,19 @@ class ExpandedRanges:
         return sum(_cost(w, loss) for w in white)
 
     def add(self, state: State, _blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks, under a loss with its weights."""
+        """Add cost, gradient and blocks, weighted under a loss."""
         out.cost += self.cost(state, loss)
         for term in self.linear(state, loss):
             jacobian = term.jacobian
             out.add(term.variables, jacobian.T @ jacobian, jacobian.T @ term.residual)
         if state.shared.size:
-            rows = out.structure.row[state.place.shape[0] :]
+            rows = out.structure.row[state.position.shape[0] :]
             prior = np.zeros(rows.size * SIZE)
             prior[: state.shared.size] = state.shared
             out.gradient[rows] += prior.reshape(-1, SIZE)
 
     def linear_among(self, state: State, variables: Indices) -> list[LinearTerm]:
-        """Terms of the epochs whose ranges are all between some of the variables."""
+        """Terms of the epochs that involve only some of the variables."""
         return [term for term in self.linear(state) if np.isin(term.variables, variables).all()]
 
     def linear(self, state: State, loss: Loss | None = None) -> list[LinearTerm]:
@@ -371,14 +368,14 @@ class ExpandedRanges:
 
     def _at(self, state: State) -> tuple[Array, Array, Array]:
         r = self._ranges
-        return self._expansion(state.place[r.transmitter], state.place[r.receiver], state.shared)
+        return self._expansion(state.position[r.transmitter], state.position[r.receiver], state.shared)
 
     def _by_epoch(self, residual: Array) -> list[Array]:
         return [residual[t.rows] / np.diagonal(t.root) for t in self._terms]
 
 
 class Problem:
-    """A cost to be minimized, of a graph whose ranges are under a loss or, for None, squared."""
+    """Cost of a graph whose ranges have a loss or, for None, squared residuals."""
 
     def __init__(
         self,
@@ -392,12 +389,12 @@ class Problem:
         self._range_blocks = structure.blocks(ranges.pairs)
 
     @property
-    def bare(self) -> bool:
-        """Whether it is a pose graph without ranges, whose chains may turn as a whole."""
+    def without_ranges(self) -> bool:
+        """True for a graph without ranges, whose chains can rotate as a whole."""
         return isinstance(self.ranges, Distances) and not len(self.ranges.pairs)
 
     def under(self, loss: Loss | None) -> "Problem":
-        """The same ranges under another loss."""
+        """Copy with another loss on the ranges."""
         return Problem(self.factors, self.ranges, self.structure, loss)
 
     def cost(self, state: State) -> float:
@@ -405,12 +402,12 @@ class Problem:
         return self.factors.cost(state) + self.ranges.cost(state, self.loss)
 
     def linearize(self, state: State, order: int = 1) -> NormalEquations:
-        """Normal equations at a state, ranges weighted as the loss has it there."""
+        """Normal equations at a state, with ranges weighted by the loss."""
         out = NormalEquations(self.structure, order)
         i, n, m = np.arange(SIZE), self.factors.n_poses, self.factors.n_variables
         row = self.structure.row
-        out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark does not turn
-        out.diagonal[row[m:, None], i, i] = 1.0  # prior of what is shared
+        out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark has no rotation
+        out.diagonal[row[m:, None], i, i] = 1.0  # prior of shared unknowns
         self.factors.add(state, self._blocks, out)
         self.ranges.add(state, self._range_blocks, self.loss, out)
         if order > 3:
@@ -427,7 +424,7 @@ class Problem:
 
 
 def _add_arcs(state: State, out: NormalEquations, rows: Indices) -> None:
-    """Add the curvature that a gradient has because poses move along arcs: half of ``g . (R w) x d``, either way."""
+    """Add the curvature due to motion along arcs: half of ``g . (R w) x d``, symmetrically."""
     pull = np.cross(out.gradient[rows][:, None, 3:], np.eye(3)[None])  # [g], transposed
     mixed = 0.5 * np.swapaxes(state.rotation[: rows.size], 1, 2) @ pull
     turn, shift = np.arange(3), np.arange(3, 6)
@@ -436,7 +433,7 @@ def _add_arcs(state: State, out: NormalEquations, rows: Indices) -> None:
 
 
 def _hold_in_plane(out: NormalEquations, rows: Indices) -> None:
-    """Let nothing pull variables out of the plane, where by symmetry nothing does but rounding, and nothing may need to hold them."""
+    """Fix the coordinates out of the plane; by symmetry only rounding moves them."""
     out.diagonal[rows[:, None], _OUT_OF_PLANE, :] = 0.0
     out.diagonal[rows[:, None], :, _OUT_OF_PLANE] = 0.0
     out.diagonal[rows[:, None], _OUT_OF_PLANE, _OUT_OF_PLANE] = 1.0
@@ -459,7 +456,7 @@ class ProblemCache:
         return self._factors
 
     def structure(self, size: int, pairs: Indices, groups: Sequence[Indices]) -> Structure:
-        """Structure of variables that are connected by pairs, or all within a group."""
+        """Structure of variables that are connected by pairs or within groups."""
         within = [np.stack(np.triu_indices(len(group), 1), axis=1) for group in groups]
         every = [pairs, *(group[inner] for group, inner in zip(groups, within, strict=True))]
         joined = np.concatenate(every).astype(np.intp)
@@ -476,7 +473,7 @@ def distance_problem(
     cache: ProblemCache | None = None,
     groups: Sequence[Indices] = (),
 ) -> Problem:
-    """Problem of a graph whose ranges are distances; the variables of each group are connected besides."""
+    """Problem of a graph whose ranges are distances; the variables of each group are also connected."""
     cache = cache or ProblemCache()
     factors, ranges = cache.factors(graph), Distances(graph)
     pairs = np.concatenate([factors.pairs, ranges.pairs])

@@ -1,17 +1,17 @@
 """
 Factor graphs as PyFactorGraph text, in three dimensions or two.
 
-Writer and reader are two directions of one grammar, and so in one room; its lines are refused by number. Lines in two
-dimensions are those in three with what is in the plane alone: they are lifted as they are read, and flattened as they are
-written.
+Writer and reader use one grammar. Lines in two dimensions contain only the coordinates in the plane: the reader lifts them to three
+dimensions, and the writer flattens them.
 """
 
 import csv
 import itertools
 import re
 import string
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +32,8 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
-from pymantaray.estimation.graph_text import Table, TextLines, Word, read_tables
+from pymantaray.estimation.graph_columns import ROTATION_FIRST, columns, to_graph, write_rows
+from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 
@@ -47,26 +48,22 @@ FLAT = {  # words in two dimensions, by those in three
     EDGE: "EDGE_SE2",
     SIGHTING: "EDGE_SE2_XY",
 }
-_IN_PLANE = {6: [0, 1, 5], 3: [0, 1]}  # of x y z rx ry rz, and of x y z
 _LETTERS = "ABCDEFGHIJKMNOPQRSTUVWXYZ"  # of vehicles; L is for landmarks
 _NAME = re.compile(rf"([{_LETTERS}]+|L)([0-9]+)")
-_OUTER_NAME = re.compile("[A-Za-z0-9_-]+")
-_LARGEST_NUMBER = 2**31 - 1  # of a pose; records keep it in 32 bits
-_FREE = 1e12  # an axis with this variance or more is not constrained
+_STUDY_NAME = re.compile("[A-Za-z0-9_-]+")
+_LARGEST_NUMBER = 2**31 - 1  # of a pose; records store it in 32 bits
+_FREE_VARIANCE = 1e12  # an axis with this variance or more is not constrained
 _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
-TO_FILE = [3, 4, 5, 0, 1, 2]  # rotation before translation, and back: the exchange is its own inverse
-TO_XYZW = [1, 2, 3, 0]
-TO_WXYZ = [3, 0, 1, 2]
 
 
 _GRAMMAR = {
-    POSE: Word(timed=True, names=1, measured=7, matrix=0),
-    LANDMARK: Word(timed=False, names=1, measured=3, matrix=0),
-    POSE_PRIOR: Word(timed=True, names=1, measured=7, matrix=6),
-    LANDMARK_PRIOR: Word(timed=True, names=1, measured=3, matrix=3),
-    EDGE: Word(timed=True, names=2, measured=7, matrix=6),
-    RANGE: Word(timed=True, names=2, measured=1, matrix=1, planar=None),
-    SIGHTING: Word(timed=True, names=2, measured=3, matrix=3),
+    POSE: columns("pose", timed=True),
+    LANDMARK: columns("landmark"),
+    POSE_PRIOR: columns("pose prior", timed=True),
+    LANDMARK_PRIOR: columns("landmark prior", timed=True),
+    EDGE: columns("edge", timed=True),
+    RANGE: columns("range", timed=True),
+    SIGHTING: columns("sighting", timed=True),
 }
 
 
@@ -75,36 +72,38 @@ _WORDS = {**_GRAMMAR, **{flat: _GRAMMAR[word].flat for word, flat in FLAT.items(
 
 class GraphFile(NamedTuple):
     """
-    A graph read from a file, the file's values of its variables, and what was left out, counted by word.
+    A graph read from a file, the values of its variables, and the number of omitted lines by word.
 
-    ``valueless`` says that the file has no values: those here are by chordal initialization.
+    ``valueless`` is true if the file has no values; ``values`` are then by chordal initialization. ``repaired``
+    counts the lines whose matrix was made positive definite.
     """
 
     graph: FactorGraph
     values: GraphValues
     left_out: dict[str, int]
     valueless: bool = False
+    repaired: Mapping[str, int] = MappingProxyType({})
 
 
 def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:
     """
-    Write a factor graph as PyFactorGraph text, whole or not at all.
+    Write a factor graph as PyFactorGraph text, atomically.
 
     Parameters
     ----------
     graph : FactorGraph
-        Vehicles keep their names if all are single capital letters other than L, and landmarks theirs if all
-        are an L and a number; else they get such names in order, and a table beside the file,
-        ``name.names.csv`` for ``name.pyfg``, says whose they are.
+        Vehicles keep their names if all are single capital letters other than L, and landmarks if all
+        are an L and a number. Otherwise they get such symbols in order, and a table beside the file,
+        ``name.names.csv`` for ``name.pyfg``, lists their names.
     path : pathlib.Path or str
-        File to make or replace; its folder must exist.
+        File to create or replace; its folder must exist.
     initial : GraphValues
-        Values of the vertices: the truth, as PyFactorGraph means it, or any starting point.
+        Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
 
     Raises
     ------
     EstimationError
-        If the values do not fit the graph, or names are used twice or have other characters.
+        If the values do not fit the graph, a name occurs twice or has other characters.
     WriteError
         If the file cannot be written.
 
@@ -130,14 +129,14 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     full = graph.vehicle_name.tolist() + graph.landmark_name.tolist()
     table = names_file(path)
     if vehicles + landmarks != full:
-        odd = next((name for name in full if not _OUTER_NAME.fullmatch(name)), None)
+        odd = next((name for name in full if not _STUDY_NAME.fullmatch(name)), None)
         if odd is not None or len(set(full)) != len(full):
             what = "a name twice" if odd is None else f"the name {odd!r}"
             raise EstimationError(f"{path}: {what}; needs different names of letters, digits, _ and -")
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         file.writelines(_lines(graph, initial, vehicles, landmarks))
         if vehicles + landmarks == full:
-            table.unlink(missing_ok=True)  # of a file that is being replaced
+            table.unlink(missing_ok=True)  # from a replaced file
         else:
             with whole_file(table) as beside, beside.open("w", encoding="utf-8", newline="") as names:
                 csv.writer(names).writerows(
@@ -146,7 +145,7 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
 
 
 def names_file(path: Path) -> Path:
-    """Table of the names that vehicles and landmarks have outside a PyFactorGraph file, beside it."""
+    """Path of the table of vehicle and landmark names beside a PyFactorGraph file."""
     return path.with_name(f"{path.stem}.names.csv")
 
 
@@ -157,36 +156,41 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Parameters
     ----------
     path : pathlib.Path or str
-        If there is a table of names beside it, as `write_pyfg` makes one, vehicles and landmarks have the
-        names in that.
+        If a table of names of `write_pyfg` lies beside it, vehicles and landmarks get the names of the table.
 
     Returns
     -------
     graph : FactorGraph
-        Poses in the order of the file. Vehicles in the order of their first pose.
+        Poses are in the order of the file, vehicles in the order of their first pose.
     values : GraphValues
         Values of the vertices.
 
     Raises
     ------
     EstimationError
-        If the file cannot be read or a line is not in the grammar; the message names the line, what was
-        found and what is allowed.
+        If the file cannot be read or a line is not in the grammar; the message names the line, its error
+        and the allowed input.
 
     Notes
     -----
     A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth prior
-    if north and east are free too. Time stamps of factors are checked and not kept: each is taken to be at the time
-    of its poses. Vertices are the ground truth in files that PyFactorGraph wrote.
+    if north and east are free too. Time stamps of factors are checked and not kept: a factor has the time
+    of its poses. In files of PyFactorGraph, vertices are the ground truth.
     """
     file = load_pyfg(path)
     return file.graph, file.values
 
 
-def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown: bool = False) -> GraphFile:
-    """Read as `read_pyfg` does, without the lines of words that are named, or with ``skip_unknown`` of words that are not known."""
+def load_pyfg(
+    path: Path | str,
+    *,
+    leave_out: Collection[str] = (),
+    skip_unknown: bool = False,
+    indefinite: Indefinite = "refuse",
+) -> GraphFile:
+    """Read like `read_pyfg`, but skip the lines of the words in ``leave_out`` and, with ``skip_unknown``, of unknown words."""
     path = Path(path)
-    lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown)
+    lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
     tables, planar = read_tables(lines, _WORDS, one_space=True)
     reader = _Reader(lines, tables, planar=planar)
     graph, values = reader.graph(_read_names(names_file(path)))
@@ -194,11 +198,11 @@ def load_pyfg(path: Path | str, *, leave_out: Collection[str] = (), skip_unknown
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, values, lines.left_out)
+    return GraphFile(graph, values, lines.left_out, repaired=dict(lines.repaired))
 
 
 class _Reader:
-    """Makes a graph of the tables of one file."""
+    """Converts the tables of one file to a graph."""
 
     def __init__(self, lines: TextLines, tables: dict[str, Table], *, planar: bool) -> None:
         self._lines, self._planar = lines, planar
@@ -218,7 +222,7 @@ class _Reader:
         )
 
     def graph(self, names: dict[str, str]) -> tuple[FactorGraph, GraphValues]:
-        """Graph of all lines, and values of its vertices; with names by the symbols of vehicles and landmarks."""
+        """Convert all lines; ``names`` maps symbols of vehicles and landmarks to their names."""
         (poses,), (landmarks,) = self._names[POSE], self._names[LANDMARK]
         if not poses:
             self._lines.refuse(f"no {POSE} or {FLAT[POSE]} in the file", "one pose at least", 0)
@@ -251,36 +255,31 @@ class _Reader:
         flat = self._planar and word in FLAT
         grammar = _GRAMMAR[word].flat if flat else _GRAMMAR[word]
         values = self._values[word][:, grammar.timed :]
-        measured = values[:, : grammar.measured]
-        covariance = from_triangle(values[:, grammar.measured :], grammar.matrix)
-        if flat:
-            measured = lifted(measured)
-            covariance = lifted_matrix(covariance) if grammar.matrix else covariance
-            if word == POSE_PRIOR:
-                _free_out_of_plane(covariance)
-        if measured.shape[1] == 7:
-            measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_WXYZ]], axis=1)
-        return measured, covariance[:, TO_FILE][:, :, TO_FILE] if covariance.shape[1] == 6 else covariance
+        measured, covariance = to_graph(values, grammar, planar=flat)
+        if flat and word == POSE_PRIOR:
+            _free_out_of_plane(covariance)
+        return measured, covariance
 
     def _table(self, kind: FactorKind) -> Factors:
-        """Factors of a kind that has a word of its own."""
+        """Factors of a kind with a word of its own."""
         measured, covariance = self._numbers(kind.word)
         variables = self._variables(kind.word)
         if kind.word == EDGE:  # with free rotation it measures the position alone
-            free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
+            free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
             mine = (free == [True] * 3 + [False] * 3).all(axis=1) == bool(kind.axes)
             variables, measured, covariance = variables[mine], measured[mine], covariance[mine]
             if kind.axes:
                 covariance = covariance[:, kind.axes][:, :, kind.axes]
         columns = [measured[:, place] for place in kind.columns_at.values()]
-        return kind.table(variables, columns, covariance)
+        covariance, keep = self._lines.treat(self._tables[kind.word].word, covariance)
+        return kind.table(variables, columns, covariance)[keep]
 
     def _pose_priors(self) -> dict[str, Factors]:
-        """Factors of the kinds that are written as pose priors, told apart by their free axes."""
+        """Factors of the kinds that are written as pose priors, distinguished by their free axes."""
         measured, covariance = self._numbers(POSE_PRIOR)
         variables, quaternion = self._variables(POSE_PRIOR), measured[:, 3:]
-        free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
-        # down may be told from across only where the prior's own axes are the world's, up to a turn about down
+        free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
+        # depth is distinct from horizontal axes only if the prior's axes are the world's, up to a rotation about down
         level = np.abs(quaternion[:, 1:3]).max(axis=1, initial=0.0) < 1e-9
         left, allowed, tables = np.ones(len(free), dtype=bool), [], {}
         for name, kind in KINDS.items():
@@ -300,12 +299,13 @@ class _Reader:
                 mine &= level
                 allowed[-1] += " on level axes"
             left &= ~mine
-            tables[name] = kind.table(variables[mine], [c[mine] for c in columns], matrix[mine])
+            treated, keep = self._lines.treat(self._tables[POSE_PRIOR].word, matrix[mine])
+            tables[name] = kind.table(variables[mine], [c[mine] for c in columns], treated)[keep]
         if left.any():
             row = int(np.argmax(left))
             self._lines.refuse(
                 f"pose prior with free axes {_axes(free[row])}",
-                f"{', or '.join(allowed)} (free: variance {_FREE:g} or more)",
+                f"{', or '.join(allowed)} (free: variance {_FREE_VARIANCE:g} or more)",
                 self._tables[POSE_PRIOR].line[row],
             )
         return tables
@@ -323,7 +323,7 @@ class _Reader:
         return np.array(columns, dtype=np.int32).T
 
     def _checked_names(self, lifted: str, table: Table) -> list[list[str]]:
-        """Names in the lines of a word without leading zeros, so that A01 and A1 are the same, by their ends."""
+        """Names in the lines of a word, for each end, without leading zeros, so that A01 equals A1."""
         ends = []
         for end in range(_GRAMMAR[lifted].names):
             fields = table.names(end)
@@ -381,14 +381,14 @@ class _Reader:
 
 
 def _free_out_of_plane(covariance: Array) -> None:
-    """Free the axes out of the plane, of priors (n, 6, 6) in the order of the file, where those in the plane are free."""
-    free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE
-    covariance[free[:, :2].all(axis=1), 2, 2] = _FREE
-    covariance[free[:, 5], 3, 3] = covariance[free[:, 5], 4, 4] = _FREE
+    """Free the axes out of the plane of priors (n, 6, 6) if the axes in the plane are free."""
+    free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
+    covariance[free[:, 3:5].all(axis=1), 5, 5] = _FREE_VARIANCE
+    covariance[free[:, 2], 0, 0] = covariance[free[:, 2], 1, 1] = _FREE_VARIANCE
 
 
 def _read_names(path: Path) -> dict[str, str]:
-    """Names by the symbols of vehicles and landmarks; none without a table."""
+    """Names by symbol of vehicles and landmarks; empty without a table."""
     if not path.is_file():
         return {}
     try:
@@ -396,17 +396,17 @@ def _read_names(path: Path) -> dict[str, str]:
             head, *rows = csv.reader(file)
     except (OSError, ValueError, csv.Error) as error:
         raise EstimationError(f"{path}: not a readable table of names: {error}") from None
-    names = {row[0]: row[1] for row in rows if len(row) == 2 and _OUTER_NAME.fullmatch(row[1])}
+    names = {row[0]: row[1] for row in rows if len(row) == 2 and _STUDY_NAME.fullmatch(row[1])}
     if head != ["symbol", "name"] or len(names) != len(rows) or len(set(names.values())) != len(rows):
         raise EstimationError(
-            f"{path}: needs a line symbol,name, then a symbol of the graph file and a name of letters, digits, _ and -"
-            " in each line, none of them twice"
+            f"{path}: needs a line symbol,name, then in each line a symbol of the graph file and a name of letters, digits, _ and -,"
+            " each once"
         )
     return names
 
 
 def _symbols(graph: FactorGraph) -> tuple[list[str], list[str]]:
-    """What vehicles and landmarks are called in the file."""
+    """Symbols of vehicles and landmarks in the file."""
     vehicles: list[str] = graph.vehicle_name.tolist()
     width = 1
     while len(_LETTERS) ** width < len(vehicles):
@@ -428,21 +428,26 @@ def _lines(
     time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
     poses = [f"{t} {name}" for t, name in zip(time, names[: graph.n_poses], strict=False)]
     planar = graph.planar
-    places = np.concatenate([initial.position, initial.quaternion[:, TO_XYZW]], axis=1)
-    yield from _rows(POSE, poses, places, planar=planar)
-    yield from _rows(LANDMARK, landmarks, initial.landmark_position, planar=planar)
+    places = np.concatenate([initial.position, initial.quaternion], axis=1)
+    yield from write_rows(_words(POSE), poses, places, planar=planar)
+    yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, planar=planar)
     for table, kind in KINDS.items():
         factors = graph[table]
-        # a factor is at the time of the variable that messages name; landmarks have none
+        # a factor has the time of the variable that messages name; landmarks have no time
         heads = [
             f"{time[after]} {' '.join(names[v] for v in ends)}"
             for after, ends in zip(factors.subject.tolist(), factors.variables.tolist(), strict=True)
         ]
-        yield from _rows(kind.word, heads, *_in_file(factors), planar=planar)
+        yield from write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), planar=planar)
 
 
-def _in_file(factors: Factors) -> tuple[Array, Array]:
-    """What is measured and its covariance, in the order of the kind's word."""
+def _words(word: str) -> tuple[str, str | None]:
+    """Words in three dimensions and in two."""
+    return word, FLAT.get(word)
+
+
+def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
+    """Measured columns and covariance; kinds without a word of their own become pose priors with free axes."""
     kind, covariance, measured = factors.kind, factors.covariance, factors.measured
     if kind.axes:
         axes = np.array(kind.axes)
@@ -450,77 +455,14 @@ def _in_file(factors: Factors) -> tuple[Array, Array]:
         for column, place in kind.columns_at.items():
             where = slice(3, 7) if column == "quaternion" else axes[axes >= 3] - 3
             measured[:, where] = factors.measured[:, place]
-        covariance = np.tile(_FREE * np.eye(6), (len(factors), 1, 1))
+        covariance = np.tile(_FREE_VARIANCE * np.eye(6), (len(factors), 1, 1))
         covariance[:, axes[:, None], axes] = factors.covariance
-    if _GRAMMAR[kind.word].matrix == 6:
-        measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_XYZW]], axis=1)
-        covariance = covariance[:, TO_FILE][:, :, TO_FILE]
     return measured, covariance
-
-
-def _rows(
-    word: str, heads: Iterable[str], measured: Array, covariance: Array | None = None, *, planar: bool
-) -> Iterator[str]:
-    """Lines of a word, in two dimensions those of its flat one."""
-    if planar and word in FLAT:
-        word, measured = FLAT[word], flattened(measured)
-        covariance = covariance if covariance is None else flat_matrix(covariance)
-    table = measured if covariance is None else np.concatenate([measured, triangle(covariance)], axis=1)
-    form = f"{word} %s " + " ".join(["%.17g"] * table.shape[1]) + "\n"
-    for head, row in zip(heads, table.tolist(), strict=True):
-        yield form % (head, *row)
-
-
-def flattened(measured: Array) -> Array:
-    """What is in the plane of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle about down."""
-    if measured.shape[1] == 3:
-        return measured[:, :2]
-    z, w = measured[:, 5], measured[:, 6]
-    sign = np.where(w < 0.0, -1.0, 1.0)
-    return np.column_stack([measured[:, :2], 2.0 * np.arctan2(sign * z, sign * w)])
-
-
-def lifted(measured: Array) -> Array:
-    """The inverse of `flattened`: x y, (n, 2), or x y and an angle, (n, 3)."""
-    none = np.zeros((len(measured), 3))
-    if measured.shape[1] == 2:
-        return np.column_stack([measured, none[:, 0]])
-    half = 0.5 * measured[:, 2]
-    return np.column_stack([measured[:, :2], none, np.sin(half), np.cos(half)])
-
-
-def flat_matrix(matrices: Array) -> Array:
-    """What is in the plane of matrices over x y z rx ry rz, (n, 6, 6), or x y z, (n, 3, 3)."""
-    inside = _IN_PLANE[matrices.shape[1]]
-    return np.asarray(matrices[:, inside][:, :, inside])
-
-
-def lifted_matrix(matrices: Array) -> Array:
-    """The inverse of `flat_matrix`; out of the plane there is a unit."""
-    size = {3: 6, 2: 3}[matrices.shape[1]]
-    inside = np.array(_IN_PLANE[size])
-    out = np.tile(np.eye(size), (len(matrices), 1, 1))
-    out[:, inside[:, None], inside] = matrices
-    return out
-
-
-def triangle(matrices: Array) -> Array:
-    """Upper triangles by rows of matrices (n, k, k)."""
-    rows, columns = np.triu_indices(matrices.shape[-1])
-    return np.asarray(matrices[:, rows, columns])
-
-
-def from_triangle(triangles: Array, size: int) -> Array:
-    """Symmetric matrices of their upper triangles by rows."""
-    out = np.zeros((triangles.shape[0], size, size))
-    rows, columns = np.triu_indices(size)
-    out[:, rows, columns] = out[:, columns, rows] = triangles
-    return out
 
 
 def _axes(which: ArrayLike) -> str:
     """Names of axes of a tangent, translation first."""
-    return " ".join(_AXES[TO_FILE][np.asarray(which)[TO_FILE]].tolist())
+    return " ".join(_AXES[ROTATION_FIRST][np.asarray(which)[ROTATION_FIRST]].tolist())
 
 
 def _turn(covariance: Array, quaternion: Array) -> Array:

@@ -1,5 +1,5 @@
 """
-What an estimator believes of its ranges: travel times that a model of the water predicts, and unknowns that ranges share.
+Range models of estimators: predicted travel times, and unknowns that ranges share.
 
 A range model is anything with `RangeModel.predict`. The unknowns are amplitudes of sound-speed modes, and
 offset and skew of clocks; they are estimated with the poses.
@@ -16,14 +16,14 @@ from pymantaray.errors import EstimationError
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
-_LEVEL = 0.01  # m; ends nearer in depth than this have the slowness between them by Simpson's rule
+_LEVEL_DIFFERENCE = 0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
 
 
 class TimedRanges(NamedTuple):
     """
-    What was measured of each range of a graph, row by row; the transmitter may be either of its variables.
+    Measured travel times of the ranges of a graph, row by row; the transmitter may be either variable.
 
-    The epoch is the number of the ping, from 0, and its time since the start of the mission. [s]
+    The epoch is the number of the ping, from 0; its time is since the start of the mission. [s]
     """
 
     transmitter: Rows
@@ -34,12 +34,12 @@ class TimedRanges(NamedTuple):
     travel_time: Array  # measured, with its noise [s]
 
     def links(self, transmitter: Array, receiver: Array) -> "RangeLinks":
-        """Links of these ranges between places, shape (n, 3)."""
+        """Links of these ranges between positions, shape (n, 3)."""
         return RangeLinks(self.time, transmitter, receiver, self.sound_speed)
 
 
 class RangeLinks(NamedTuple):
-    """Measured links of a graph, row by row, at the positions believed now."""
+    """Measured links of a graph, row by row, at the current positions."""
 
     time: Array  # of the ping since the start of the mission, (n,) [s]
     transmitter: Array  # (n, 3) [m]
@@ -48,42 +48,42 @@ class RangeLinks(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """Travel times that a model predicts, and how they change with the ends; any number where not possible."""
+    """Predicted travel times and their gradients; arbitrary numbers where there is no arrival."""
 
     travel_time: Array  # (n,) [s]
     transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s/m]
     receiver_gradient: Array  # by the receiver's
-    possible: NDArray[np.bool_]  # whether the believed ocean has an arrival there, (n,)
+    possible: NDArray[np.bool_]  # true if the assumed ocean has an arrival, (n,)
 
 
 class RangeModel(Protocol):
     """Predicts the travel times of links."""
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Travel times of all links of a graph."""
+        """Predict the travel times of all links of a graph."""
         ...
 
 
 @runtime_checkable
 class AdjustableModel(RangeModel, Protocol):
-    """A range model whose ocean has shapes of unknown amplitude."""
+    """A range model whose ocean has modes of unknown amplitude."""
 
     amplitude_sigma: Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m/s]
 
     def adjusted(self, amplitudes: Array) -> "AdjustableModel":
-        """Give the model with these amplitudes, counted from the ocean that was believed first. [m/s]."""
+        """Copy of the model with these amplitudes relative to the initially assumed ocean. [m/s]."""
         ...
 
     def sensitivity(self, links: RangeLinks) -> Array:
-        """Change of the travel times by the amplitudes, shape (n, n_modes); zero where not possible. [s²/m]."""
+        """Derivative of the travel times by the amplitudes, shape (n, n_modes); zero without an arrival. [s²/m]."""
         ...
 
 
 class TravelTimeUncertainty(Protocol):
-    """Knows how uncertain the predicted travel times are because the ocean is not known exactly."""
+    """Uncertainty of predicted travel times due to the uncertainty of the ocean."""
 
     def covariances(self, links: RangeLinks, epoch: Rows) -> list[Array]:
-        """Give one covariance matrix for each epoch, of its links in the order of the rows. [s²]."""
+        """Covariance matrix of the links of each epoch, in the order of the rows. [s²]."""
         ...
 
 
@@ -98,23 +98,23 @@ class ConstantSpeed:
         self.sound_speed = float(sound_speed)
 
     def speed(self, measured: Array) -> Array:
-        """Sound speed along each link, whatever was measured at the transmitters. [m/s]."""
+        """Sound speed along each link; the measured sound speeds are ignored. [m/s]."""
         return np.full(np.shape(measured), self.sound_speed)
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Distance over the sound speed."""
+        """Predict the distance divided by the sound speed."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
 class TransmitterSpeed:
-    """The sound speed measured at the transmitter, along the whole link: the paper's c_i."""
+    """The sound speed measured at the transmitter for the whole link: the paper's c_i."""
 
     def speed(self, measured: Array) -> Array:
-        """Sound speed along each link: the measured one. [m/s]."""
+        """Measured sound speed of each link. [m/s]."""
         return np.asarray(measured, dtype=float)
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Distance over the transmitter's sound speed."""
+        """Predict the distance divided by the transmitter's sound speed."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
@@ -156,18 +156,18 @@ class MeanSlowness:
         self._sum = np.concatenate([[0.0], np.cumsum(np.diff(z) * _mean_inverse(c[:-1], c[1:]))])
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Distance times the mean slowness between the ends' depths, which the gradients have, too."""
+        """Predict the distance times the mean slowness between the ends' depths; gradients include both factors."""
         a, b = links.transmitter[:, 2], links.receiver[:, 2]
         slow_a, slow_b = self._slowness(a), self._slowness(b)
-        level = np.abs(b - a) < _LEVEL
+        level = np.abs(b - a) < _LEVEL_DIFFERENCE
         apart = np.where(level, 1.0, b - a)
         mean = np.where(
             level,
             (slow_a + 4.0 * self._slowness(0.5 * (a + b)) + slow_b) / 6.0,
             (self._integral(b) - self._integral(a)) / apart,
         )
-        # nearly level ends: the mean changes by half of what the slowness there does
-        middle, h = 0.5 * (a + b), 0.5 * _LEVEL
+        # nearly equal depths: the mean changes by half the change of slowness
+        middle, h = 0.5 * (a + b), 0.5 * _LEVEL_DIFFERENCE
         half = 0.5 * (self._slowness(middle + h) - self._slowness(middle - h)) / (2.0 * h)
         by_a = np.where(level, half, (mean - slow_a) / apart)
         by_b = np.where(level, half, (slow_b - mean) / apart)
@@ -193,14 +193,14 @@ class MeanSlowness:
 
 
 class ClockPrior(NamedTuple):
-    """What is known of the vehicles' clocks beforehand; landmarks keep true time."""
+    """Prior knowledge of the vehicles' clocks; landmarks have true time."""
 
     offset_sigma: float
-    """Standard deviation of each clock's offset at the start of the mission; 0 where it is known to be none. [s]"""
+    """Standard deviation of each clock's offset at the start of the mission; 0 if there is no offset. [s]"""
     skew_sigma: float
-    """Of its growth with time, likewise. [-]"""
+    """Standard deviation of the growth of the offset with time; 0 if there is none. [-]"""
     turn_around: float | None = None
-    """From ping to answer of a two-way exchange; None where ranging is one way. [s]"""
+    """Time from ping to reply of a two-way exchange; None for one-way ranging. [s]"""
 
 
 class Unknowns:
@@ -211,7 +211,7 @@ class Unknowns:
     clocks of the vehicles that ``pose_vehicle`` gives for each pose, and a bias of each ordered pair. ``sigma``, the prior
     standard deviations, has one entry for each; ``name`` and ``unit`` leave out the biases, which come last.
 
-    The solver has them in units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
+    The solver uses units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
     ping sent at true time T and received at T + t is measured as
 
     .. math:: t + o_r + k_r (T + t) - o_t - k_t T
@@ -249,7 +249,7 @@ class Unknowns:
         if bias_sigma is not None:
             # landmarks are numbered after the vehicles
             who = np.append(
-                np.asarray(pose_vehicle, dtype=np.intp), n + np.arange(_most_landmarks(ranges, pose_vehicle))
+                np.asarray(pose_vehicle, dtype=np.intp), n + np.arange(_n_landmarks(ranges, pose_vehicle))
             )
             pairs = np.stack([who[ranges.transmitter], who[ranges.receiver]], axis=1)
             distinct, self._pair = np.unique(pairs, axis=0, return_inverse=True)
@@ -275,7 +275,7 @@ class Unknowns:
         )
 
     def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
-        """Travel times to be measured of some ranges, and their change with the unknowns, (n, n_unknowns)."""
+        """Predict the measured travel times of some ranges, and their derivatives by the unknowns, (n, n_unknowns)."""
         value, k = self.sigma * u, self._n_modes
         columns = []
         if isinstance(self._model, AdjustableModel):
@@ -306,8 +306,8 @@ class Unknowns:
         return prediction, np.hstack(columns) * self.sigma
 
     def _by_clocks(self, sent: Array, time: Array, rows: Rows) -> Array:
-        """Change of measured travel times by the offsets of all clocks, then by their skews; without the known ones."""
-        assert self._clocks is not None  # asked only then
+        """Derivatives of measured travel times by unknown clock offsets, then by unknown skews."""
+        assert self._clocks is not None  # called only then
         n = self._n_vehicles
         offset, skew = np.zeros((rows.size, n + 1)), np.zeros((rows.size, n + 1))
         row, t, r = np.arange(rows.size), self._transmitter[rows], self._receiver[rows]
@@ -325,7 +325,7 @@ class Unknowns:
 
 
 class UnknownsEstimate(NamedTuple):
-    """What a solve says of the unknowns that its ranges share, (n_unknowns,), in their units."""
+    """Estimate of the unknowns that ranges share, (n_unknowns,), in their units."""
 
     name: tuple[str, ...]
     unit: tuple[str, ...]
@@ -335,37 +335,35 @@ class UnknownsEstimate(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class BelievedRanges:
-    """What an estimator makes of the ranges of a graph."""
+class ModelRanges:
+    """Range model of an estimator with the measured travel times of a graph."""
 
     model: RangeModel
-    ranges: TimedRanges  # row by row the ranges of the graph
+    ranges: TimedRanges  # rows are those of the graph's ranges
     uncertainty: TravelTimeUncertainty | None = None  # adds to the ranges' own variance
-    correlated: bool = (
-        False  # whether its covariances between the links of an epoch count, beside the variances
-    )
-    unknowns: Unknowns | None = None  # what is to be estimated with the poses
+    correlated: bool = False  # use covariances between the links of an epoch, too
+    unknowns: Unknowns | None = None  # unknowns to estimate with the poses
 
     @property
     def n_unknowns(self) -> int:
-        """Dimension of the variable that all ranges share."""
+        """Number of unknowns that all ranges share."""
         return 0 if self.unknowns is None else self.unknowns.sigma.size
 
     def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
-        """As `Unknowns.predict`, with no columns where nothing is unknown."""
+        """Predict as `Unknowns.predict`, without columns if there are no unknowns."""
         if self.unknowns is None:
             return self.model.predict(links), np.empty((links.time.size, 0))
         return self.unknowns.predict(links, rows, u)
 
 
-def _most_landmarks(ranges: TimedRanges, pose_vehicle: NDArray[np.int32]) -> int:
-    """How many landmarks there are at least, by the ranges to them."""
+def _n_landmarks(ranges: TimedRanges, pose_vehicle: NDArray[np.int32]) -> int:
+    """Number of landmarks that ranges refer to."""
     last = max((int(end.max(initial=-1)) for end in (ranges.transmitter, ranges.receiver)), default=-1)
     return max(last + 1 - len(pose_vehicle), 0)
 
 
 def _mean_inverse(c1: Array, c2: Array) -> Array:
-    """Mean of 1/c over a layer in which c runs linearly from c1 to c2."""
+    """Mean of 1/c over a layer with c linear from c1 to c2."""
     x = (c2 - c1) / c1
     small = np.abs(x) < 1e-5
     safe = np.where(small, 1.0, x)
@@ -373,14 +371,14 @@ def _mean_inverse(c1: Array, c2: Array) -> Array:
 
 
 def _along_chords(links: RangeLinks, slowness: Array) -> Prediction:
-    """Travel times along straight lines at a given slowness each."""
+    """Travel times along straight lines, each with its own slowness."""
     distance, unit = chord(links.transmitter, links.receiver)
     gradient = slowness[:, None] * unit
     return Prediction(distance * slowness, -gradient, gradient, np.ones(distance.size, dtype=bool))
 
 
 def chord(a: Array, b: Array) -> tuple[Array, Array]:
-    """Distances between places, shape (n,), and directions from the first to the second, (n, 3); zero where both are one."""
+    """Distances between positions, shape (n,), and directions from first to second, (n, 3); zero for equal positions."""
     step = b - a
     distance = np.linalg.norm(step, axis=1)
     return distance, step / np.where(distance > 0.0, distance, 1.0)[:, None]

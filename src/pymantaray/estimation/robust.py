@@ -9,25 +9,25 @@ from pymantaray.estimation.optimize import Optimum, optimize
 from pymantaray.estimation.problems import Problem, State
 from pymantaray.estimation.solution import Progress, SolveOptions
 
-ROBUST_STEPS = 300  # allowed at least: re-weighting takes more of them than least squares
-_LONGEST = 64.0  # times the step that the re-weighted system asks for
-_SHORTEST = 1e-4
-_POLISH = 50  # full steps at most
-_NARROW = 1.4  # by which the control parameter falls from one surrogate to the next, GTSAM's default
-_ROUGH = SolveOptions(step_tolerance=1.0, max_iterations=1)  # of one surrogate
-_FIRST = SolveOptions(step_tolerance=1.0)
+ROBUST_STEPS = 300  # smallest limit: re-weighting takes more steps than least squares
+_MAX_STEP_FACTOR = 64.0  # times the step of the re-weighted system
+_MIN_STEP_FACTOR = 1e-4
+_POLISH_STEPS = 50  # full steps at most
+_CONTROL_RATIO = 1.4  # ratio of control parameters of successive surrogates, GTSAM's default
+_SURROGATE_OPTIONS = SolveOptions(step_tolerance=1.0, max_iterations=1)  # of one surrogate
+_LEAST_SQUARES_OPTIONS = SolveOptions(step_tolerance=1.0)
 
 
 def optimize_robust(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
     """
-    Values that minimize the cost of a problem under its loss, by graduated non-convexity if that says so, and how it went.
+    Minimize the cost of a problem under its loss, by graduated non-convexity if the loss is graduated.
 
-    The step, of iteratively re-weighted least squares, always points downhill, but is too short where the losses
-    are flatter than their weights say, and too long where rotations turn far: a line search doubles or halves it.
+    The step of iteratively re-weighted least squares always reduces the cost, but is too short if the losses are flatter
+    than their weights imply, and too long if rotations change much: a line search doubles or halves it.
 
-    Graduated, the least-squares optimum comes first; its largest residual r gives the first control parameter
-    2 r²/k², for which the surrogate is convex over all residuals. It falls by a factor of 1.4 from one
-    surrogate to the next, each descended by one step, until it is 1 and the surrogate the loss.
+    A graduated loss begins with the least-squares optimum. Its largest residual r gives the first control parameter
+    2 r²/k², for which the surrogate is convex over all residuals. Each surrogate takes one step; the parameter decreases
+    by a factor of 1.4 until it is 1 and the surrogate equals the loss.
     """
     loss = problem.loss
     if loss is None:
@@ -35,27 +35,27 @@ def optimize_robust(problem: Problem, initial: State, options: SolveOptions) -> 
     options = replace(options, max_iterations=max(options.max_iterations, ROBUST_STEPS))
     if not loss.graduated:
         return _descend(problem, initial, options)
-    progress, state = _descend_steps(problem.under(None), initial, _FIRST)
+    progress, state = _descend_steps(problem.under(None), initial, _LEAST_SQUARES_OPTIONS)
     steps = progress.iterations
     largest = float(np.abs(problem.whitened(state)).max(initial=0.0))
     control = 2.0 * (largest / loss.scale) ** 2
     while control > 1.0 and not progress.singular:
         surrogate = problem.under(replace(loss, scale=loss.scale * np.sqrt(control)))
-        progress, state = _descend_steps(surrogate, state, _ROUGH)
+        progress, state = _descend_steps(surrogate, state, _SURROGATE_OPTIONS)
         steps += progress.iterations
-        control /= _NARROW
+        control /= _CONTROL_RATIO
     end = _descend(problem, state, options)
     taken, cost = steps + end.progress.iterations, problem.cost(initial)
     return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=cost))
 
 
 def _descend(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
-    """Steps along the line search, then a proof of convergence or of the want of it."""
+    """Descend with a line search, then measure convergence."""
     progress, state = _descend_steps(problem, initial, options)
     if progress.singular or not np.isfinite(progress.final_cost):
         return Optimum(state, progress)
-    # one full step more is the proof; some more where costs no longer differ, but steps do
-    end = optimize(problem, state, replace(options, max_iterations=_POLISH))
+    # further full steps measure convergence when costs no longer differ
+    end = optimize(problem, state, replace(options, max_iterations=_POLISH_STEPS))
     proof = end.progress
     if not proof.final_cost <= proof.initial_cost + 1e-9 * (1.0 + proof.initial_cost):
         end, proof = Optimum(state, proof), replace(proof, final_cost=proof.initial_cost, last_step=np.nan)
@@ -64,7 +64,7 @@ def _descend(problem: Problem, initial: State, options: SolveOptions) -> Optimum
 
 
 def _descend_steps(problem: Problem, initial: State, options: SolveOptions) -> tuple[Progress, State]:
-    """Steps along the line search; their progress is without gradient and decrement."""
+    """Descend with a line search; progress has no gradient and decrement."""
     state, cost = initial, problem.cost(initial)
     progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
@@ -87,11 +87,11 @@ def _descend_steps(problem: Problem, initial: State, options: SolveOptions) -> t
 def _along(
     problem: Problem, state: State, step: NDArray[np.float64], cost: float
 ) -> tuple[State | None, float]:
-    """State of lowest cost among multiples of a step that are powers of two; None if none lowers it."""
+    """State of lowest cost among power-of-two multiples of a step; None if none lowers the cost."""
     factor, best = 1.0, state.moved(problem.structure, step)
     lowest = problem.cost(best)
     if lowest < cost:
-        while factor < _LONGEST:
+        while factor < _MAX_STEP_FACTOR:
             factor *= 2.0
             trial = state.moved(problem.structure, factor * step)
             trial_cost = problem.cost(trial)
@@ -99,7 +99,7 @@ def _along(
                 break
             best, lowest = trial, trial_cost
         return best, lowest
-    while factor > _SHORTEST:
+    while factor > _MIN_STEP_FACTOR:
         factor *= 0.5
         trial = state.moved(problem.structure, factor * step)
         trial_cost = problem.cost(trial)

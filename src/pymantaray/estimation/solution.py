@@ -1,4 +1,4 @@
-"""What a solve is asked for and what it ends with: method, options, progress, health gate and solution."""
+"""Method, options, progress, health gate and solution of a solve."""
 
 import math
 from collections.abc import Callable
@@ -20,16 +20,16 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Method:
     """
-    How a graph is solved.
+    Method to solve a graph.
 
     Parameters
     ----------
     loss : Loss, optional
-        Of its ranges, in place of least squares.
+        Loss on the ranges, instead of least squares.
     incremental : bool
-        Whether the factors are replayed in the order of time, in place of a batch.
+        Pass the factors to iSAM2 in the order of time, instead of a batch solve.
     lag : float, optional
-        Whether they are so by a smoother that forgets what is older than this. [s]
+        Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2. [s]
     """
 
     loss: Loss | None = None
@@ -38,22 +38,22 @@ class Method:
 
 
 @dataclass(frozen=True)
-class ReplayOptions:
+class IncrementalOptions:
     """
-    Limits of a replay in the order of time.
+    Limits of an incremental solve.
 
     Parameters
     ----------
     every : {"ping", "sample"}
-        When to update: at each time with a range and at the end, or at each time with a pose.
+        Update at each time with a range and at the end, or at each time with a pose.
     relinearize : float
-        Variables that moved by more than this are linearized again. [m, rad]
+        Relinearize variables that moved by more than this. [m, rad]
     wildfire : float
-        A change smaller than this is not passed on to the next variables. [m, rad]
+        Do not propagate smaller changes to further variables. [m, rad]
     final_updates : int
-        Updates without new factors after the last one, at most; they end when nothing is linearized again.
+        Maximum number of updates without new factors after the last one; they end when nothing is relinearized.
     end_tolerance : float
-        Largest component of the step that a batch solver would take from the end. [m, rad]
+        Largest allowed component of the next batch step from the end. [m, rad]
     """
 
     every: Literal["ping", "sample"] = "ping"
@@ -71,22 +71,21 @@ class SolveOptions:
     Parameters
     ----------
     step_tolerance : float
-        The solver stops when no variable moves by more than this in a step, which leaves a sixth of it: the
-        default 2e-6 m at the paper's size. A looser one saves one step of four or five. [m, rad]
+        The solver stops when no variable moves by more than this in a step. The remaining error is a sixth of it; with the
+        default, 2e-6 m for the paper's graph. A looser tolerance saves one step of four or five. [m, rad]
     end_tolerance : float
-        Largest step that the undamped system may still ask for at the end of damped steps, where the optimum
-        repels undamped ones. [m, rad]
+        Largest allowed undamped step at the end of damped steps, if undamped steps diverge from the optimum. [m, rad]
     max_iterations : int
-        Steps after which it gives up.
+        Maximum number of steps.
     decrement_tolerance : float
-        Largest cost that one more step may promise to take away at the optimum. [-]
+        Largest predicted decrease of the cost by one more step at the optimum. [-]
     chi_square_sigmas : float
-        Half width of the interval about its expectation in which the final cost has to lie where the
-        model is right, in standard deviations of the chi-square distribution. [-]
-    replay : ReplayOptions
-        Of a replay in the order of time.
+        Half width of the allowed interval about the expected cost if the model is right, in standard deviations
+        of the chi-square distribution. [-]
+    incremental : IncrementalOptions
+        Limits of an incremental solve.
     report : callable, optional
-        Told the number of each step of a batch and the cost behind it.
+        Called with the number of each batch step and the cost after it.
     """
 
     step_tolerance: float = 4e-5
@@ -94,33 +93,32 @@ class SolveOptions:
     max_iterations: int = 50
     decrement_tolerance: float = 1e-3
     chi_square_sigmas: float = 5.0
-    replay: ReplayOptions = field(default_factory=ReplayOptions)
+    incremental: IncrementalOptions = field(default_factory=IncrementalOptions)
     report: Callable[[int, float], None] | None = None
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How an optimization went; costs are half the sum of squared whitened residuals."""
+    """Progress of an optimization; costs are half the sum of squared whitened residuals."""
 
     iterations: int
     initial_cost: float
     final_cost: float
     singular: bool = False  # the linear system could not be solved, or left a variable undetermined
     gradient_norm: float = math.nan  # largest component of the cost's gradient at the last linearization
-    newton_decrement: float = math.nan  # cost that the last step promised to take away
+    newton_decrement: float = math.nan  # predicted decrease of the cost by the last step
     last_step: float = math.nan  # its largest component [m, rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
     """
-    Values that a solve ended with, and its health; the values are NaN unless ``usable``.
+    Final values of a solve and its status; the values are NaN unless ``usable``.
 
-    Fields mean what they mean in `Estimates`; ``position`` and ``quaternion`` have one row for each pose of
-    the graph, or the shape ``(n_vehicles, n_times, ...)`` where `solve_conditions` returns them. Of a solve
-    with a range model, ``gated_links`` counts the ranges that the believed ocean does not allow in the end,
-    and ``expansions`` the times that the model was asked and the graph solved. ``seconds`` of CPU time are told by
-    `solve_conditions`; what estimators share is paid by the first that needs it.
+    Fields are those of `Estimates`. ``position`` and ``quaternion`` have one row for each pose of the graph, or the shape
+    ``(n_vehicles, n_times, ...)`` in results of `solve_conditions`. After a solve with a range model, ``gated_links`` counts
+    the ranges without an arrival in the assumed ocean, and ``expansions`` the evaluations of the model.
+    `solve_conditions` sets ``seconds`` of CPU time; the first estimator includes the time for shared results.
     """
 
     position: Array
@@ -135,17 +133,18 @@ class Solution:
     gated_links: int = 0
     expansions: int = 0
     seconds: float = math.nan
-    covariances: EpochCovariances | None = None  # at the epochs asked for, if the values are usable
-    unknowns: UnknownsEstimate | None = None  # what the ranges share, likewise
+    update_seconds: Array | None = None  # CPU time of each update of a fixed-lag solve
+    covariances: EpochCovariances | None = None  # at the requested epochs, if the values are usable
+    unknowns: UnknownsEstimate | None = None  # of the ranges, likewise
 
     @property
     def usable(self) -> bool:
-        """Whether the values are a converged optimum."""
+        """True if the values are a converged optimum."""
         return self.status.usable
 
     @property
     def values(self) -> GraphValues:
-        """The values of the graph's variables."""
+        """Values of the graph's variables."""
         return GraphValues(
             position=self.position.reshape(-1, 3),
             quaternion=self.quaternion.reshape(-1, 4),
@@ -155,10 +154,10 @@ class Solution:
 
 def gate(progress: Progress, options: SolveOptions, *, expected_cost: float = math.nan) -> SolveStatus:
     """
-    Verdict on one solve; the cost has to lie within its chi-square bounds where one is expected.
+    Status of one solve; the cost must be within its chi-square bounds if there is an expected cost.
 
-    A solver that gives up at once returns its starting point, which looks perfect when it was started at
-    the truth; hence nothing is taken on trust.
+    A solver that stops at once returns its starting values, which look perfect if they are the truth; so every condition
+    is checked.
     """
     if progress.singular or not math.isfinite(progress.final_cost):
         return SolveStatus.FAILED
@@ -178,10 +177,10 @@ def gate(progress: Progress, options: SolveOptions, *, expected_cost: float = ma
     return SolveStatus.OK
 
 
-def judged(
+def make_solution(
     values: GraphValues, progress: Progress, status: SolveStatus, expected_cost: float = math.nan
 ) -> Solution:
-    """Solution with a verdict from `gate`: its values are NaN unless that makes them usable."""
+    """Solution with a status from `gate`; its values are NaN unless the status is usable."""
     mask = 1.0 if status.usable else np.nan
     return Solution(
         position=values.position * mask,

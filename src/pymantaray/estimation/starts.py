@@ -1,4 +1,4 @@
-"""Where to start: dead reckoning over a fleet's odometry or a graph's edges, chordal initialization, and anchors for what floats."""
+"""Starting values: dead reckoning over odometry or a graph's edges, chordal initialization, and anchors of free parts."""
 
 from typing import Any, NamedTuple
 
@@ -16,12 +16,16 @@ from pymantaray.records import Measurements
 Array = NDArray[np.float64]
 Indices = NDArray[Any]
 
-_JUMP = 1e9  # weight of an edge that is not from one pose to the next of its vehicle, which has 1
+_LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1
 
 
 def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     """
-    Trajectories that odometry alone gives, from the mean of each vehicle's first-pose prior.
+    Dead-reckon trajectories by odometry alone, from the mean of each vehicle's first-pose prior.
+
+    Parameters
+    ----------
+    measurements : Measurements
 
     Returns
     -------
@@ -35,48 +39,56 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     EstimationError
         If a vehicle has no first-pose prior or an odometry edge is not finite.
     """
-    o = measurements
     for what, values in (
-        ("first-pose prior", np.concatenate([o.first_position, o.first_quaternion], axis=1)),
-        ("odometry", np.concatenate([o.odometry_rotation, o.odometry_translation], axis=2)),
+        (
+            "first-pose prior",
+            np.concatenate([measurements.first_position, measurements.first_quaternion], axis=1),
+        ),
+        (
+            "odometry",
+            np.concatenate([measurements.odometry_rotation, measurements.odometry_translation], axis=2),
+        ),
     ):
-        fine = np.isfinite(values).reshape(o.name.size, -1).all(axis=1)
+        fine = np.isfinite(values).reshape(measurements.name.size, -1).all(axis=1)
         if not fine.all():
             raise EstimationError(
-                f"vehicle {o.name[np.argmin(fine)]}: {what} is not finite; dead reckoning needs all of it"
+                f"vehicle {measurements.name[np.argmin(fine)]}: {what} is not finite; dead reckoning needs all of it"
             )
-    n_vehicles, n_times = o.depth.shape
-    step = matrix_from_quaternion(o.odometry_rotation)
+    n_vehicles, n_times = measurements.depth.shape
+    step = matrix_from_quaternion(measurements.odometry_rotation)
     rotation = np.empty((n_times, n_vehicles, 3, 3))
-    rotation[0] = matrix_from_quaternion(o.first_quaternion)
+    rotation[0] = matrix_from_quaternion(measurements.first_quaternion)
     for k in range(n_times - 1):
         np.matmul(rotation[k], step[:, k], out=rotation[k + 1])
-    moved = np.einsum("taij,atj->ati", rotation[:-1], o.odometry_translation)
-    position = np.concatenate([o.first_position[:, None], moved], axis=1).cumsum(axis=1)
+    moved = np.einsum("taij,atj->ati", rotation[:-1], measurements.odometry_translation)
+    position = np.concatenate([measurements.first_position[:, None], moved], axis=1).cumsum(axis=1)
     return position, quaternion_from_matrix(np.swapaxes(rotation, 0, 1))
 
 
 class StartingValues(NamedTuple):
-    """Values to start at, and the variables that have the values they had before, because nothing but ranges places them."""
+    """Starting values, and the variables that keep their earlier values because only ranges constrain them."""
 
     values: GraphValues
     unchanged: Indices
 
 
-def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> StartingValues:
+def dead_reckon_graph(
+    graph: FactorGraph, values: GraphValues, *, rng: np.random.Generator | None = None
+) -> StartingValues:
     """
-    Values that the edges of a graph give when composed from its pose priors.
+    Compose the edges of a graph from its pose priors.
 
-    A pose is reached from the nearest prior over the fewest edges that are not odometry (one pose to the next
-    of a vehicle, either way), and over the fewest edges among these. A landmark is where its prior has it, else its first
-    sighting. The first pose of a chain without a prior and landmarks without either have their ``values``.
+    The path to a pose starts at the nearest prior and has as few edges other than odometry as possible, then as few edges as
+    possible. A landmark has the position of its prior, else of its first sighting. The first pose of a chain without a prior,
+    and landmarks without prior and sighting, keep their ``values``. A random generator
+    selects random paths instead.
     """
     n = graph.n_poses
     prior, edge, survey = graph["prior"], graph["edge"], graph["survey"]
     at_prior = np.unique(prior.subject)
     ends = edge.variables.astype(int)
-    first = _first_of_chains(graph, at_prior)
-    parent, order, tree_edge = _shortest_tree(graph, np.concatenate([at_prior, first]))
+    first = first_of_chains(graph)
+    parent, order, tree_edge = _shortest_tree(graph, np.concatenate([at_prior, first]), rng)
     position, rotation = np.array(values.position), matrix_from_quaternion(values.quaternion)
     position[prior.subject] = prior.column("position")
     rotation[prior.subject] = matrix_from_quaternion(prior.column("quaternion"))
@@ -106,14 +118,14 @@ def dead_reckon_graph(graph: FactorGraph, values: GraphValues) -> StartingValues
 
 def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     """
-    Values by chordal initialization: rotations first, then positions, each by linear least squares, whatever was known before.
+    Chordal initialization: linear least squares of all rotations, then of all positions.
 
-    Rotations are any matrices that fit the edges and the priors, and then the nearest rotations; the first pose of a chain
-    without a prior, and landmarks that nothing but ranges sees, have their ``values``. GTSAM's `InitializePose3` does the same
+    Rotations are first solved as unconstrained matrices and then projected to the nearest rotations. The first pose of a chain
+    without a prior, and landmarks that only ranges constrain, keep their ``values``. GTSAM's `InitializePose3` does the same
     for edges alone.
     """
     n, prior, edge, sighting = graph.n_poses, graph["prior"], graph["edge"], graph["sighting"]
-    first = _first_of_chains(graph, np.unique(prior.subject))
+    first = first_of_chains(graph)
     turn = matrix_from_quaternion(edge.column("quaternion"))
     known = np.concatenate([prior.column("quaternion"), values.quaternion[first]])
     at, transposed = np.concatenate([prior.subject, first]), np.swapaxes(matrix_from_quaternion(known), 1, 2)
@@ -170,9 +182,9 @@ def _linear(
     step: Array | float = 0.0,
 ) -> Array:
     """
-    Blocks X (size, k, 3) with least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known``.
+    Solve linear least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known`` for blocks X (size, k, 3).
 
-    Turns are (n, k, k), steps and what is known (n, k, 3).
+    ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3).
     """
     k, n = turn.shape[1], len(ends)
     row, column = np.indices((k, k)).reshape(2, -1)
@@ -204,13 +216,13 @@ def _linear(
     return np.asarray(solver.solve(a.T @ right)).reshape(size, k, 3)
 
 
-def _first_of_chains(graph: FactorGraph, at_prior: Indices) -> Indices:
-    """First pose of each set of poses that edges connect and no prior is in."""
-    return _first_of_parts(graph.n_poses, graph["edge"].variables, at_prior)
+def first_of_chains(graph: FactorGraph) -> Indices:
+    """First pose of each chain of edges without a pose prior."""
+    return _first_of_parts(graph.n_poses, graph["edge"].variables, graph["prior"].subject)
 
 
 def _first_of_parts(size: int, ends: Indices, known: Indices) -> Indices:
-    """First of each set of variables that pairs (n, 2) connect and none of the known ones is in."""
+    """First variable of each set that pairs (n, 2) connect, for sets without known variables."""
     links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
     _, part = connected_components(links, directed=False)
     first = np.unique(part, return_index=True)[1]
@@ -221,9 +233,9 @@ def anchor_loose_parts(
     graph: FactorGraph, values: GraphValues, *, sigma: float = 1e-3
 ) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
-    Give a prior, sigma on each axis [m, rad], to the first pose of each part that nothing ties to the world.
+    Add a prior at the first pose of each part that nothing ties to the world; return these poses, too.
 
-    It is where the values have it. Poses that now have one are named beside; a part without poses gets none.
+    The prior has the mean of ``values`` and ``sigma`` on each axis [m, rad]. A part without poses gets none.
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -238,18 +250,22 @@ def anchor_loose_parts(
 
 
 def _shortest_tree(
-    graph: FactorGraph, starts: Indices
+    graph: FactorGraph, starts: Indices, rng: np.random.Generator | None
 ) -> tuple[list[int], list[int], dict[tuple[int, int], int]]:
     """
-    Shortest ways from the starts: before each pose the one it is reached from (n_poses at a start), and the order.
+    Shortest paths from the starts: the predecessor of each pose (n_poses at a start), the order of poses, and edge rows.
 
-    Beside, the row of the edge between two poses, either way.
+    The edge rows are indexed by pairs of poses, in both directions. A generator gives edges random lengths.
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)
     vehicle, number = graph.pose_vehicle.astype(int)[ends], graph.pose_number.astype(int)[ends]
     next_one = (vehicle[:, 0] == vehicle[:, 1]) & (np.abs(number[:, 0] - number[:, 1]) == 1)
-    weight = np.where(next_one, 1.0, _JUMP)
+    weight = (
+        np.where(next_one, 1.0, _LOOP_CLOSURE_WEIGHT)
+        if rng is None
+        else 1e-6 + rng.exponential(size=len(ends))
+    )
     tree_edge: dict[tuple[int, int], int] = {}
     for k in np.argsort(weight, kind="stable").tolist():
         a, b = ends[k].tolist()

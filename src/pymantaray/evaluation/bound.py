@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import CONDITIONS, GraphValues, build_graph, covariances_at
-from pymantaray.estimation.covariance import reckoned_covariances
+from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
 
@@ -72,7 +72,7 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
     if not samples.size:
         return np.empty((0, *2 * (o.name.size, 3)))
     if e.dead_reckoned:
-        return reckoned_covariances(o, samples).position
+        return dead_reckoning_covariances(o, samples).position
     graph = build_graph(o, None if e.ranges is None else "straight", e.links)
     values = GraphValues(
         position=truth.position.reshape(-1, 3),

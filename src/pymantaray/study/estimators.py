@@ -49,7 +49,7 @@ class EstimatorFactory:
             scale_sigma=section.scale_sigma,
             bias_sigma=section.bias_sigma,
             range_sigma=section.range_sigma,
-            averaged=section.directions == "mean",
+            mean_of_directions=section.directions == "mean",
             dead_reckoned=section.solver.kind == "dead-reckoning",
         )
 

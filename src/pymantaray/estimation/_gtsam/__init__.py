@@ -1,1 +1,1 @@
-"""Everything that touches GTSAM; nothing outside this folder imports it."""
+"""All code that uses GTSAM; no other folder imports it."""

@@ -1,7 +1,7 @@
 """
-From a solver-free graph to GTSAM factors and values, for replays.
+Convert graphs to GTSAM factors and values, for incremental solves.
 
-`_maker` chooses a generator of GTSAM factors by `Residual`, ends and columns; a new kind with one of these residuals needs nothing here.
+`_maker` chooses a generator of GTSAM factors by `Residual`, ends and columns; a new kind with one of these residuals needs no change here.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
-    """All factors, the ranges last and under a loss; variable ``i`` of the graph has the key ``i``."""
+    """Convert all factors, ranges last and under a loss; variable ``i`` of the graph has the key ``i``."""
     out = gtsam.NonlinearFactorGraph()
     for factor in _in_plane(graph) if graph.planar else ():
         out.add(factor)
@@ -40,7 +40,7 @@ def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
 
 
 def _maker(kind: FactorKind) -> Callable[[Factors, list[Any]], Iterator[Any]]:
-    """Generator of the factors of a kind that measures no distances."""
+    """Generator of the factors of a kind other than ranges."""
     if kind.residual is Residual.SIGHTING:
         return _sightings
     if kind.residual is Residual.POSITION:
@@ -51,7 +51,7 @@ def _maker(kind: FactorKind) -> Callable[[Factors, list[Any]], Iterator[Any]]:
 
 
 def values_of(initial: GraphValues) -> Any:
-    """GTSAM values of a starting point."""
+    """Convert starting values."""
     out = gtsam.Values()
     for key, pose in enumerate(poses_of(initial.quaternion, initial.position)):
         out.insert(key, pose)
@@ -61,7 +61,7 @@ def values_of(initial: GraphValues) -> Any:
 
 
 def _models(make: Callable[[Array], Any], covariance: Array) -> list[Any]:
-    """One noise model for each matrix; equal ones share theirs."""
+    """One noise model for each matrix; equal matrices share one."""
     models: dict[bytes, Any] = {}
     out = []
     for matrix in covariance:
@@ -86,9 +86,9 @@ def _positions(factors: Factors, noise: list[Any]) -> Iterator[Any]:
 
 def _depths(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     """
-    Fixes with zero precision across.
+    Position fixes with zero horizontal precision.
 
-    A pose prior would live in the body's tangent and, on a turned body, let depth pull sideways.
+    A pose prior is in the body's tangent, so on a tilted body depth would pull sideways.
     """
     level = np.zeros((len(factors), 3))
     level[:, 2] = factors.column("depth")
@@ -138,7 +138,7 @@ def _stride_error(measured: Array, factor: Any, values: Any, jacobians: list[Arr
 
 
 def _in_plane(graph: FactorGraph) -> Iterator[Any]:
-    """Priors that hold a planar graph in its plane, where nothing pulls on them."""
+    """Priors that hold a planar graph in its plane, without effect on the solution."""
     upright = gtsam.noiseModel.Diagonal.Precisions(np.array([1.0, 1.0, 0.0, 0.0, 0.0, 1.0]))
     for key in range(graph.n_poses):
         yield gtsam.PriorFactorPose3(key, gtsam.Pose3(), upright)
@@ -173,7 +173,7 @@ def _m_estimator(loss: Loss) -> Any:
 
 
 def graph_values(values: Any, graph: FactorGraph) -> GraphValues:
-    """Numbers of GTSAM values, in the order of the graph's variables."""
+    """Convert GTSAM values to arrays in the order of the graph's variables."""
     table = gtsam.utilities.extractPose3(values)
     landmarks = [values.atPoint3(key) for key in range(graph.n_poses, graph.n_variables)]
     return GraphValues(
@@ -184,7 +184,7 @@ def graph_values(values: Any, graph: FactorGraph) -> GraphValues:
 
 
 def poses_of(quaternion: Array, translation: Array) -> list[Any]:
-    """GTSAM's poses, one for each row."""
+    """GTSAM poses, one for each row."""
     matrix = np.zeros((translation.shape[0], 4, 4))
     matrix[:, :3, :3] = matrix_from_quaternion(quaternion)
     matrix[:, :3, 3] = translation

@@ -8,20 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation._gtsam.factors import poses_of
-from pymantaray.estimation.graph import FactorGraph
+from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues
+from pymantaray.estimation.trilateration import trilaterate
 
 Array = NDArray[np.float64]
 
 
 class Timeline(NamedTuple):
-    """At which update each factor and each variable enters; -1 for a variable that no factor mentions."""
+    """Update at which each factor and each variable enters; -1 for a variable without factors."""
 
     factor_update: NDArray[np.intp]
     variable_update: NDArray[np.intp]
 
 
 def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline:
-    """Sort factors and variables by the update at which all they need is there; what always is has time minus infinity."""
+    """Find the update at which each factor and variable enters; a time of minus infinity means always available."""
     of_variable = np.searchsorted(update_time, variable_time)
     last = update_time.size
     first_use = np.full(variable_time.size, last)
@@ -33,21 +34,34 @@ def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline
     return Timeline(of_factor, np.where(first_use == last, -1, first_use))
 
 
+class Options(NamedTuple):
+    """Thresholds of iSAM2 [m, rad]."""
+
+    relinearize: float
+    wildfire: float
+
+
+def parameters(options: Options) -> Any:
+    """Parameters of iSAM2."""
+    steps = gtsam.ISAM2GaussNewtonParams()
+    steps.setWildfireThreshold(options.wildfire)
+    out = gtsam.ISAM2Params()
+    out.setOptimizationParams(steps)
+    out.setRelinearizeThreshold(options.relinearize)
+    out.relinearizeSkip = 1
+    out.findUnusedFactorSlots = True
+    out.setFactorization("CHOLESKY")
+    return out
+
+
 class IncrementalSmoother:
-    """A running estimate; after an update that fails it is of no further use."""
+    """Current estimate; unusable after a failed update."""
 
     def __init__(self, relinearize: float, wildfire: float) -> None:
-        steps = gtsam.ISAM2GaussNewtonParams()
-        steps.setWildfireThreshold(wildfire)
-        parameters = gtsam.ISAM2Params()
-        parameters.setOptimizationParams(steps)
-        parameters.setRelinearizeThreshold(relinearize)
-        parameters.relinearizeSkip = 1
-        parameters.setFactorization("CHOLESKY")
-        self._smoother = gtsam.ISAM2(parameters)
+        self._smoother = gtsam.ISAM2(parameters(Options(relinearize, wildfire)))
 
     def update(self, factors: Any, rows: NDArray[np.intp], new: Any) -> tuple[float, int] | None:
-        """Take one step with more factors and variables: seconds, variables relinearized; None if singular."""
+        """Add factors and variables and update: seconds and number of relinearized variables; None if singular."""
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(factors.at(i))
@@ -59,27 +73,29 @@ class IncrementalSmoother:
         return time.perf_counter() - begin, int(result.getVariablesRelinearized())
 
     def pose(self, key: int) -> Any:
-        """Estimate of one pose now."""
+        """Current estimate of one pose."""
         return self._smoother.calculateEstimatePose3(key)
 
     def values(self) -> Any:
-        """Estimate of everything now."""
+        """Current estimate of all variables."""
         return self._smoother.calculateEstimate()
 
 
 class Smoother(Protocol):
-    """What knows poses."""
+    """Estimator that has poses."""
 
     def pose(self, key: int) -> Any:
-        """Estimate of one pose now."""
+        """Current estimate of one pose."""
         ...
 
 
 class Entering:
-    """Where new poses start: at their prior, at the end of an edge from a pose that is there, or where they are told."""
+    """Starting values of new variables: from a prior, from an edge to an existing pose, or from given values."""
 
-    def __init__(self, graph: FactorGraph, start: Any) -> None:
+    def __init__(self, graph: FactorGraph, start: Any, update_time: Array) -> None:
         self._start, self._n_poses = start, graph.n_poses
+        self._graph, self._update_time = graph, update_time
+        self._with_prior = set(graph["survey"].subject.tolist())
         self._time = graph.pose_time
         prior, edge = graph["prior"], graph["edge"]
         priors = poses_of(prior.column("quaternion"), prior.column("position"))
@@ -91,16 +107,45 @@ class Entering:
             self._edges.setdefault(a, []).append((b, row, False))
         self._there: set[int] = set()
 
-    def values(self, variables: NDArray[np.intp], smoother: Smoother) -> Any:
-        """Starting values of variables that are new."""
+    def values(self, variables: NDArray[np.intp], smoother: Smoother, update: int) -> Any:
+        """Starting values of the new variables of an update."""
         out = gtsam.Values()
         poses = variables[variables < self._n_poses]
         for key in poses[np.argsort(self._time[poses], kind="stable")].tolist():
             out.insert(key, self._pose(key, out, smoother))
             self._there.add(key)
         for key in variables[variables >= self._n_poses].tolist():
-            out.insertPoint3(key, self._start.atPoint3(key))
+            out.insertPoint3(key, self._landmark(key, out, smoother, self._update_time[update]))
         return out
+
+    def _landmark(self, key: int, new: Any, smoother: Smoother, now: float) -> Any:
+        """Given value with a prior, else the first sighting or trilateration from the poses so far."""
+        if key in self._with_prior:
+            return self._start.atPoint3(key)
+        graph, n = self._graph, self._n_poses
+
+        def past(name: str) -> Factors:
+            table = graph[name]
+            first, second = table.variables.T
+            there = [pose < n and self._time[pose] <= now for pose in first.tolist()]
+            return table[(second == key) & np.array(there, dtype=bool)]
+
+        sighting, ranges = past("sighting"), past("range")
+        if len(sighting):
+            pose = self._current(int(sighting.variables[0, 0]), new, smoother)
+            return pose.transformFrom(sighting.column("position")[0])
+        position = np.zeros((n, 3))
+        for pose in np.unique(ranges.variables[:, 0]).tolist():
+            position[pose] = self._current(pose, new, smoother).translation()
+        level = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+        values = GraphValues(position, level, np.zeros((graph.landmark_name.size, 3)))
+        found = trilaterate(graph.with_factors(range=ranges), values, [key])
+        return found[key][0] if key in found else self._start.atPoint3(key)
+
+    @staticmethod
+    def _current(key: int, new: Any, smoother: Smoother) -> Any:
+        """Current estimate of a pose, new or not."""
+        return new.atPose3(key) if new.exists(key) else smoother.pose(key)
 
     def _pose(self, key: int, new: Any, smoother: Smoother) -> Any:
         if key in self._prior:
@@ -108,6 +153,6 @@ class Entering:
         for other, row, forward in self._edges.get(key, ()):
             if other in self._there:
                 step = self._steps[row]
-                at = new.atPose3(other) if new.exists(other) else smoother.pose(other)
+                at = self._current(other, new, smoother)
                 return at.compose(step if forward else step.inverse())
         return self._start.atPose3(key)

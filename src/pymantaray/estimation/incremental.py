@@ -1,4 +1,4 @@
-"""On-line operation replayed: the factors of a graph in the order of time, one update for each ping."""
+"""Incremental estimation by iSAM2: factors enter in the order of time, one update for each ping."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,75 +9,77 @@ from numpy.typing import NDArray
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.optimize import Optimum, prove
+from pymantaray.estimation.optimize import Optimum, check_convergence
 from pymantaray.estimation.problems import Problem, State, distance_problem
-from pymantaray.estimation.solution import Progress, Solution, SolveOptions, gate, judged
+from pymantaray.estimation.solution import Progress, Solution, SolveOptions, gate, make_solution
+from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import quaternion_from_matrix
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Replay:
-    """What an on-line estimator knew and when, and what it ended with."""
+class IncrementalResult:
+    """Final solution of an incremental estimator, and its estimates and latencies during the mission."""
 
-    solution: Solution  # after the last update, gated without bounds on the cost; its iterations are updates
-    proof: Optimum  # its end, with a step of a batch solver that was not taken
+    solution: Solution  # after the last update, without bounds on the cost; its iterations are updates
+    optimum: Optimum  # final state, with the next step of a batch solver (not applied)
     update_time: Array  # since the start of the mission, (n_updates,) [s]
-    seconds: Array  # that each update took; NaN for those not reached because one failed
+    seconds: Array  # duration of each update; NaN after a failed update
     relinearized: NDArray[np.intp]  # variables linearized again in each update
-    position: (
-        Array  # each pose as believed at its own time: after an update, or reckoned from the last one [m]
-    )
+    position: Array  # estimate of each pose at its own time: after an update, or dead-reckoned from the last one [m]
     quaternion: Array
-    before: Array  # each position before the update that the pose came with, reckoned from the last one [m]
+    before: (
+        Array  # each position before the first update with the pose, dead-reckoned from the last update [m]
+    )
 
 
-def replay(
+def solve_incrementally(
     graph: FactorGraph,
     initial: GraphValues,
     *,
     loss: Loss | None = None,
     options: SolveOptions | None = None,
     problem: Problem | None = None,
-) -> Replay:
+) -> IncrementalResult:
     """
-    Feed the factors of a graph, whose ranges are distances, to iSAM2 in the order of their latest pose.
+    Estimate a graph whose ranges are distances by iSAM2, with factors in the order of their latest pose.
 
-    Variables that have no prior and no edge from a pose that is there already enter at their initial value, and have to
-    be determined by what is known then: a landmark without a prior is not, by its first range.
+    A pose without a prior or an edge from an existing pose enters at its initial value. A landmark enters, with all its
+    ranges and sightings so far, as soon as these determine its position.
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
     from pymantaray.estimation._gtsam.incremental import Entering, IncrementalSmoother, timeline
 
     options = options or SolveOptions()
-    check_replay(graph, initial, options.replay.every)
+    check_times(graph, initial, options.incremental.every)
     if loss is not None and loss.graduated:
         raise EstimationError(
-            "a replay cannot graduate a loss, which takes all ranges at once; choose huber, cauchy or geman-mcclure"
+            "a graduated loss needs all ranges at once, so an incremental solve cannot use it; choose huber, cauchy or geman-mcclure"
         )
     factors, start = graph_factors(graph, loss), values_of(initial)
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
-    update_time = update_times(graph, moment, options.replay.every)
+    update_time = update_times(graph, moment, options.incremental.every)
+    moment[graph.n_poses :] = determined_times(graph, initial)
     line = timeline(factors, moment, update_time)
     if (line.variable_update < 0).any():
         name = graph.variable_name(int(np.argmin(line.variable_update)))
-        raise EstimationError(f"{name}: no factor mentions it; a replay needs a prior or an edge for it")
-    smoother = IncrementalSmoother(options.replay.relinearize, options.replay.wildfire)
+        raise EstimationError(f"{name}: no factor mentions it; give it a prior or an edge")
+    smoother = IncrementalSmoother(options.incremental.relinearize, options.incremental.wildfire)
     log = _Log(graph, update_time)
-    entering = Entering(graph, start)
+    entering = Entering(graph, start, update_time)
     steps, failed, none = 0, False, np.empty(0, dtype=int)
     for k in range(update_time.size):
         variables = np.flatnonzero(line.variable_update == k)
-        new = entering.values(variables, smoother)
+        new = entering.values(variables, smoother, k)
         done = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
         steps += 1
         if done is None:
             failed = True
             break
         log.note(k, variables[variables < graph.n_poses], new, smoother, done)
-    for _ in range(0 if failed else options.replay.final_updates):
-        done = smoother.update(factors, none, entering.values(none, smoother))
+    for _ in range(0 if failed else options.incremental.final_updates):
+        done = smoother.update(factors, none, entering.values(none, smoother, update_time.size - 1))
         steps += 1
         if done is None or done[1] == 0:
             failed = done is None
@@ -86,19 +88,19 @@ def replay(
     cost = problem.cost(State.of(initial))
     if failed:
         progress = Progress(steps, cost, np.nan, singular=True)
-        proof = Optimum(State.of(initial), progress)
-        return log.replay(judged(initial, progress, gate(progress, options)), proof)
-    # one step of a batch solver, not taken: it says how far the end is from the optimum
-    proof = prove(problem, State.of(graph_values(smoother.values(), graph)))
-    end = replace(proof.progress, iterations=steps, initial_cost=cost)
-    limits = replace(options, end_tolerance=options.replay.end_tolerance)
+        optimum = Optimum(State.of(initial), progress)
+        return log.result(make_solution(initial, progress, gate(progress, options)), optimum)
+    # one batch step, not applied, measures the distance from the optimum
+    optimum = check_convergence(problem, State.of(graph_values(smoother.values(), graph)))
+    end = replace(optimum.progress, iterations=steps, initial_cost=cost)
+    limits = replace(options, end_tolerance=options.incremental.end_tolerance)
     expected = np.nan if loss is not None else graph.degrees_of_freedom / 2.0
-    solution = judged(proof.state.values(graph), end, gate(end, limits), expected)
-    return log.replay(solution, proof)
+    solution = make_solution(optimum.state.values(graph), end, gate(end, limits), expected)
+    return log.result(solution, optimum)
 
 
 class _Log:
-    """Estimates as they were, update by update."""
+    """Record of the estimates of each update."""
 
     def __init__(self, graph: FactorGraph, update_time: Array) -> None:
         n = graph.n_poses
@@ -119,13 +121,13 @@ class _Log:
             self._before[key] = before.translation()
             self._position[key], self._rotation[key] = pose.translation(), pose.rotation().matrix()
 
-    def replay(self, solution: Solution, proof: Optimum) -> Replay:
+    def result(self, solution: Solution, optimum: Optimum) -> IncrementalResult:
         quaternion = np.full((self._rotation.shape[0], 4), np.nan)
         reached = ~np.isnan(self._rotation[:, 0, 0])
         quaternion[reached] = quaternion_from_matrix(self._rotation[reached])
-        return Replay(
+        return IncrementalResult(
             solution,
-            proof,
+            optimum,
             self._time,
             self._seconds,
             self._relinearized,
@@ -136,22 +138,24 @@ class _Log:
 
 
 def update_times(graph: FactorGraph, moment: Array, every: str) -> Array:
-    """Times of the updates: of each pose, or of each range and of the end."""
+    """Times of the updates: those of all poses, or those of all ranges and the end."""
     if every == "sample":
         return np.unique(graph.pose_time)
     pinged = moment[graph["range"].variables].max(axis=1)
     return np.unique(np.append(pinged[np.isfinite(pinged)], graph.pose_time.max()))
 
 
-def check_replay(graph: FactorGraph, initial: GraphValues, every: str) -> None:
-    """Refuse what cannot be replayed in the order of time."""
+def check_times(graph: FactorGraph, initial: GraphValues, every: str) -> None:
+    """Refuse a graph without usable times."""
     check_graph(graph)
     check_values(graph, initial)
     if every not in {"ping", "sample"}:
-        raise EstimationError(f"replay with an update every {every!r}; allowed are 'ping' and 'sample'")
+        raise EstimationError(f"an update every {every!r}; allowed: 'ping', 'sample'")
     if graph.n_poses == 0:
-        raise EstimationError("a graph without poses has no time to replay")
+        raise EstimationError("a graph without poses has no times; an incremental solve needs poses")
     fine = np.isfinite(graph.pose_time)
     if not fine.all():
         name = graph.variable_name(int(np.argmin(fine)))
-        raise EstimationError(f"{name}: its time is not finite; a replay needs the time of every pose")
+        raise EstimationError(
+            f"{name}: its time is not finite; an incremental solve needs the time of every pose"
+        )

@@ -5,19 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from factories import without
+from two_minima import drone
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     LOSSES,
     Estimator,
     GraphSolver,
+    IncrementalOptions,
     Method,
-    ReplayOptions,
     SolveOptions,
     build_graph,
+    open_graph,
     solve_conditions,
+    solve_graph,
 )
-from pymantaray.estimation.replay import replay
+from pymantaray.estimation.incremental import solve_incrementally
 from pymantaray.records import SolveStatus
 
 ATOL = 1e-2  # m; what the default threshold of relinearization may leave
@@ -43,7 +46,9 @@ def cut(graph, until):
 def test_last_update_ends_at_the_batch_optimum(mission, every):
     _, graph, start = mission
     batch = GraphSolver(TIGHT).solve(graph, start)
-    end = replay(graph, start, options=SolveOptions(replay=ReplayOptions(every=every))).solution
+    end = solve_incrementally(
+        graph, start, options=SolveOptions(incremental=IncrementalOptions(every=every))
+    ).solution
     assert end.status == SolveStatus.OK
     np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=ATOL)
     np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=ATOL)
@@ -56,8 +61,8 @@ def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
     batch = GraphSolver(TIGHT).solve(graph, start)
     off = []
     for relinearize in (1e-1, 1e-3, 1e-5):
-        options = ReplayOptions(relinearize=relinearize, wildfire=1e-3 * relinearize, end_tolerance=1.0)
-        end = replay(graph, start, options=SolveOptions(replay=options)).solution
+        options = IncrementalOptions(relinearize=relinearize, wildfire=1e-3 * relinearize, end_tolerance=1.0)
+        end = solve_incrementally(graph, start, options=SolveOptions(incremental=options)).solution
         off.append(np.abs(end.position - batch.position).max())
     assert off[2] <= off[1] <= off[0], off
     assert off[2] < 1e-3, off
@@ -65,7 +70,9 @@ def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
 
 def test_estimate_at_each_epoch_is_the_batch_optimum_of_what_was_known_then(mission):
     _, graph, start = mission
-    on_line = replay(graph, start, options=SolveOptions(replay=ReplayOptions(every="sample")))
+    on_line = solve_incrementally(
+        graph, start, options=SolveOptions(incremental=IncrementalOptions(every="sample"))
+    )
     for when in (1000.0, 3000.0, 5000.0):
         known = GraphSolver(TIGHT).solve(cut(graph, when), start, model_is_right=False)
         now = graph.pose_time == when
@@ -76,7 +83,7 @@ def test_estimate_at_each_epoch_is_the_batch_optimum_of_what_was_known_then(miss
 
 def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission):
     fleet, graph, start = mission
-    on_line = replay(graph, start)
+    on_line = solve_incrementally(graph, start)
     np.testing.assert_array_equal(on_line.update_time, np.array([5, 10, 15, 20, 25, 29]) * 200.0)
     n = fleet.position.shape[1]
     first = slice(0, 5)  # before the first ping there is odometry alone
@@ -96,12 +103,12 @@ def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission):
 
 def test_the_future_does_not_reach_back(mission):
     _, graph, start = mission
-    whole = replay(graph, start)
+    whole = solve_incrementally(graph, start)
     when = 3000.0
     ranges = graph["range"]
     later = graph.pose_time[ranges.variables[:, 0]] > when
     longer = ranges.with_columns(distance=ranges.column("distance") + np.where(later, 77.0, 0.0))
-    changed = replay(graph.with_factors(range=longer), start)
+    changed = solve_incrementally(graph.with_factors(range=longer), start)
     before = graph.pose_time <= when
     np.testing.assert_array_equal(whole.position[before], changed.position[before])
     assert np.abs(whole.position - changed.position).max() > 1.0
@@ -114,7 +121,7 @@ def test_replay_with_a_robust_loss_ends_at_its_batch_optimum(mission, kind):
     ranges = graph["range"]
     late = np.where(rng.random(len(ranges)) < 0.1, rng.uniform(50, 500, len(ranges)), 0)
     dirty = graph.with_factors(range=ranges.with_columns(distance=ranges.column("distance") + late))
-    end = replay(dirty, start, loss=LOSSES[kind]).solution
+    end = solve_incrementally(dirty, start, loss=LOSSES[kind]).solution
     assert end.status == SolveStatus.OK
     batch = GraphSolver().solve(dirty, end.values, method=Method(LOSSES[kind]))
     np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=ATOL)
@@ -124,7 +131,7 @@ def test_replay_with_a_robust_loss_ends_at_its_batch_optimum(mission, kind):
 def test_starting_values_of_what_odometry_reaches_do_not_matter(mission):
     _, graph, start = mission
     elsewhere = replace(start, position=start.position + 500.0)
-    a, b = (replay(graph, s) for s in (start, elsewhere))
+    a, b = (solve_incrementally(graph, s) for s in (start, elsewhere))
     np.testing.assert_array_equal(a.position, b.position)
 
 
@@ -134,7 +141,7 @@ def test_undetermined_variables_fail_at_their_update_and_the_interpreter_lives(m
     # a landmark without a prior, ranged once
     once = np.delete(np.arange(len(graph["range"])), of_landmark[1:])
     unknown = without(graph, "survey").with_factors(range=graph["range"][once])
-    failed = replay(unknown, start)
+    failed = solve_incrementally(unknown, start)
     assert failed.solution.status == SolveStatus.FAILED
     assert np.isnan(failed.solution.position).all()
     assert np.isnan(failed.seconds).any()
@@ -149,10 +156,10 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(mission):
         (timeless, {}, "^A7: its time is not finite"),
         (lonely, {}, "^C29: no factor mentions it"),
         (graph, {"loss": LOSSES["gnc"]}, "graduate"),
-        (graph, {"options": SolveOptions(replay=ReplayOptions(every="hour"))}, "every 'hour'"),
+        (graph, {"options": SolveOptions(incremental=IncrementalOptions(every="hour"))}, "every 'hour'"),
     ):
         with pytest.raises(EstimationError, match=message):
-            replay(bad, start, **options)
+            solve_incrementally(bad, start, **options)
 
 
 def test_options_of_the_solver_reach_the_replay(mission):
@@ -161,8 +168,23 @@ def test_options_of_the_solver_reach_the_replay(mission):
     method = Method(incremental=True)
     assert GraphSolver().solve(graph, start, method=method).status == SolveStatus.OK
     assert GraphSolver(strict).solve(graph, start, method=method).status == SolveStatus.NOT_CONVERGED
-    often = GraphSolver(SolveOptions(replay=ReplayOptions(every="sample")))
+    often = GraphSolver(SolveOptions(incremental=IncrementalOptions(every="sample")))
     updates = [solver.solve(graph, start, method=method).iterations for solver in (GraphSolver(), often)]
     assert updates[1] >= fleet.position.shape[1] > updates[0]
     one = {"e": Estimator("straight", method=method)}
     assert solve_conditions(fleet.noisy, one, solver=often)["e"].iterations == updates[1]
+
+
+@pytest.mark.parametrize("lag", [None, 1e6])
+def test_a_landmark_without_a_prior_enters_once_its_ranges_determine_it(tmp_path, lag):
+    """Its vertex is 1 km off, so that it can only come from the ranges; the optimum is that of a batch."""
+    text, landmark = drone(wave=20.0)
+    vertex = next(line for line in text.splitlines() if line.startswith("VERTEX_XYZ"))
+    (tmp_path / "g.pyfg").write_text(text.replace(vertex, "VERTEX_XYZ L0 1000 -1000 500"))
+    file = open_graph(tmp_path / "g.pyfg")
+    method = Method(incremental=lag is None, lag=lag)
+    solution = GraphSolver().solve(file.graph, file.values, method=method)
+    batch = solve_graph(file, start="best").solution
+    assert solution.usable
+    np.testing.assert_allclose(solution.landmark_position[0], landmark, atol=3.0)
+    np.testing.assert_allclose(solution.position, batch.position, atol=ATOL)

@@ -1,0 +1,133 @@
+"""Graphs with two minima: which start finds the lower one, and whether the other is reported."""
+
+import json
+
+import numpy as np
+import pytest
+from refusals import refused
+from scipy.optimize import least_squares
+from two_minima import drone, ring
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import FactorGraph, GraphValues, open_graph, solve_graph
+from pymantaray.estimation.minima import random_start
+from pymantaray.estimation.trilateration import trilaterate
+from pymantaray.records import SolveStatus
+
+
+@pytest.fixture
+def opened(tmp_path):
+    def write(text, name="g.g2o"):
+        (tmp_path / name).write_text(text)
+        return open_graph(tmp_path / name)
+
+    return write
+
+
+def costs(result):
+    return {outcome.name: outcome.solution.final_cost for outcome in result.outcomes}
+
+
+def test_best_finds_the_ring_without_the_twist_of_the_file(opened):
+    file = opened(ring(24, 1, 0, 0.1, 20.0))
+    result = solve_graph(file, start="best", truth=False)
+    cost = costs(result)
+    assert cost["file"] > cost["chordal"] + 40.0
+    assert result.solution.final_cost == min(cost.values())
+    assert result.start in {"chordal", "dead-reckoning"}
+    assert result.alternative is None
+    assert solve_graph(file, start="file", truth=False).solution.final_cost == cost["file"]
+
+
+def test_best_keeps_the_file_where_chordal_initialization_ends_higher_and_warns_of_both(opened):
+    result = solve_graph(opened(ring(6, 1, 9, 0.9, 20.0)), start="best", truth=False)
+    cost = costs(result)
+    assert result.start == "file"
+    assert cost["file"] < cost["chordal"] - 0.5
+    # twice the difference is within the 95 % quantile of chi-square, 7.8 with three degrees of freedom
+    assert result.alternative.cost == pytest.approx(cost["chordal"])
+    assert result.solution.status is SolveStatus.SECOND_MINIMUM
+    assert "two minima fit the measurements" in result.warning
+
+
+def test_a_mirrored_landmark_is_found_by_trilateration_and_both_sides_are_reported(opened, tmp_path):
+    text, landmark = drone(wave=0.3)
+    file = opened(text, "g.pyfg")
+    mirrored = solve_graph(file, start="file").values.landmark_position[0]
+    assert np.sign(mirrored[2]) == -np.sign(landmark[2])
+    result = solve_graph(file)  # best is the default of a small graph
+    names = {outcome.name for outcome in result.outcomes}
+    assert {"file", "dead-reckoning", "chordal", "trilateration", "mirrored-L0"} <= names
+    sides = {np.sign(o.solution.values.landmark_position[0, 2]) for o in result.outcomes}
+    assert sides == {-1.0, 1.0}
+    assert result.solution.final_cost == pytest.approx(min(costs(result).values()), rel=1e-6)
+    one, other = result.values.landmark_position[0], result.alternative.solution.values.landmark_position[0]
+    assert one[2] * other[2] < 0.0
+    assert "L0 differs by" in result.warning
+    out = tmp_path / "out"
+    out.mkdir()
+    result.save(out)
+    np.testing.assert_array_equal(GraphValues.load(out / "alternative.nc").landmark_position[0], other)
+    summary = json.loads((out / "summary.json").read_text())
+    assert [row["cost"] for row in summary["starts"]] == list(costs(result).values())
+
+
+def test_a_path_with_depth_decides_the_side(opened):
+    text, landmark = drone(wave=20.0)
+    result = solve_graph(opened(text, "g.pyfg"))
+    np.testing.assert_allclose(result.values.landmark_position[0], landmark, atol=3.0)
+    assert result.alternative is None
+    assert result.solution.status is SolveStatus.OK
+
+
+@pytest.mark.parametrize("spread", [(1.0, 1.0, 1.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.0)])
+def test_trilateration_lists_every_minimum_of_the_ranges(spread):
+    """Against many descents from random points, of points in space, in a plane and on a line."""
+    rng = np.random.default_rng(1)
+    point, landmark = 10.0 * rng.normal(size=(12, 3)) * spread, np.array([5.0, -8.0, 12.0])
+    distance = np.linalg.norm(point - landmark, axis=1)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (12, 1))
+    graph = FactorGraph(
+        agent_name=np.array(["A"]),
+        landmark_name=np.array(["L0"]),
+        pose_agent=np.zeros(12, int),
+        pose_number=np.arange(12),
+        pose_time=np.arange(12.0),
+    )
+    pairs = np.column_stack([np.arange(12), np.full(12, 12)])
+    graph = graph.with_factors(range=graph["range"].kind.table(pairs, [distance], np.ones((12, 1, 1))))
+    found = trilaterate(graph, GraphValues(point, level, np.zeros((1, 3))))[12]
+    assert min(np.linalg.norm(x - landmark) for x in found) < (1e-5 if spread[1] else 10.0)
+    for x in found[: 2 if spread[1] else None]:
+        if not spread[2]:
+            np.testing.assert_allclose(np.linalg.norm(point - x, axis=1), distance, atol=1e-5)
+    if spread == (1.0, 1.0, 0.0):
+        np.testing.assert_allclose(sorted(x[2] for x in found[:2]), [-12.0, 12.0], atol=1e-5)
+    ends = [
+        least_squares(lambda x: np.linalg.norm(x - point, axis=1) - distance, 20.0 * rng.normal(size=3))
+        for _ in range(20)
+    ]
+    least = min(np.sum((np.linalg.norm(found[0] - point, axis=1) - distance) ** 2) / 2, np.inf)
+    assert least <= min(end.cost for end in ends) + 1e-9
+
+
+def test_random_starts_are_reproducible_and_at_the_measured_distances(opened):
+    text, _ = drone()
+    file = opened(text, "g.pyfg")
+    one, same, other = (
+        random_start(file.graph, file.values, np.random.default_rng(seed)) for seed in (5, 5, 6)
+    )
+    np.testing.assert_array_equal(one.position, same.position)
+    assert np.abs(one.landmark_position - other.landmark_position).max() > 1.0
+    ranges = file.graph["range"]
+    off = np.linalg.norm(one.landmark_position[0] - one.position[ranges.variables[:, 0]], axis=1)
+    assert np.abs(off - ranges.column("distance")).min() < 1e-9
+    results = [solve_graph(file, random_starts=3, seed=2) for _ in range(2)]
+    assert costs(results[0]) == costs(results[1])
+    assert {"random-1", "random-2", "random-3"} <= set(costs(results[0]))
+
+
+def test_random_starts_of_a_single_start_are_refused(opened):
+    file = opened(ring(6, 0, 0, 0.1, 1.0))
+    refused(EstimationError, "use start 'best'", solve_graph, file, start="file", random_starts=2)
+    refused(EstimationError, "random starts: -1", solve_graph, file, random_starts=-1)
