@@ -318,15 +318,11 @@ def _print_starts(out: Printer, result: "GraphResult") -> None:
     """Print status and cost from each start, and a warning of a second plausible minimum."""
     import pandas as pd
 
+    from pymantaray.records.result_table import ResultTable
+
     if len(result.outcomes) > 1:
         starts = pd.DataFrame(result.summary()["starts"])
-        columns = {
-            "start": ("start", ""),
-            "status": ("status", ""),
-            "cost": ("cost", ".6g"),
-            "iterations": ("iterations", "d"),
-        }
-        out.table("starts", starts, columns, "Starts")
+        out.table(ResultTable("starts", starts, "Solutions from each start"))
     out.warn([] if result.warning is None else [result.warning])
     out.add(alternative_start=None if result.alternative is None else result.alternative.name)
 

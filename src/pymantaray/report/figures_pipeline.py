@@ -36,7 +36,7 @@ STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
 """What a study does, in order: folder, words, and the function that does it."""
 _SIZE = (0.80, 0.66)  # of a box, in columns and rows
 _CLEARANCE = 0.04  # between an arrow and a box that it passes
-_ARROW = {"color": style.GREY, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0, "zorder": 2}
+_ARROW: dict[str, Any] = {"color": style.GREY, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0, "zorder": 2}
 _COLOURS = {
     "ocean": "#cfe8f6", "water": "#cfe8f6", "fleet": "#d5efe4", "acoustics": "#fbe0d0",
     "sensing": "#fdf3cf", "estimation": "#e6def3", "evaluation": "#f6dbe9",
