@@ -151,7 +151,7 @@ def test_results_are_a_folder_of_page_tables_and_files_for_other_programs(mantar
         tmp_path / "out",
     )
     assert done.code == 0, done.err
-    assert "Nodes" in done.out
+    assert "Positions, standard deviations" in done.out
     page = (tmp_path / "out" / "index.html").read_text()
     assert "survey_map" in page
     assert 'name="viewport"' in page

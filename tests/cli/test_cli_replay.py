@@ -51,7 +51,7 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
     assert done.code == 0, done.err
     assert done.out.splitlines()[0] == "8 events: 8 ok"
     assert "clocks [ms]: A +0.000 ± 0.000, B +1.000 ± 0.000" in done.out
-    assert "interval over pairs [m]" in " ".join(done.out.split())
+    assert "Intervals (95 %) resample pairs" in " ".join(done.out.split())
     assert done.out.splitlines()[-1].endswith("out/index.html")
     assert names_in(files / "out") == ["figures", "index.html", "replay.json", "tables"]
     assert names_in(files / "out" / "figures") == [
