@@ -509,7 +509,7 @@ def start():
 @attack
 def signals(material):
     """Ctrl-C and requests to stop at any moment, imports and writing included; kill -9 leaves no output that looks whole."""
-    main = "from pymantaray.cli.main import main; import sys; print('ready', file=sys.stderr, flush=True); main()"
+    main = "from pymantaray.__main__ import main; import sys; print('ready', file=sys.stderr, flush=True); main()"
     words = ["ranges", "m.csv", "--ocean", "synthetic:fram", "--interval", "60", "--out", "out", "--quiet"]
     for k, number in enumerate([signal.SIGINT, signal.SIGTERM, signal.SIGKILL] * 8):
 
@@ -519,7 +519,7 @@ def signals(material):
                 [sys.executable, "-P", "-c", main, *words], stderr=subprocess.PIPE, text=True
             )
             process.stderr.readline()  # until then Python starts, whose own affair a signal is
-            time.sleep(0.3 * k)
+            time.sleep(0.05 + 0.3 * k)
             process.send_signal(number)
             _, said = process.communicate(timeout=TIME_LIMIT)
             whole = (folder / "out" / "manifest.json").exists()
@@ -534,7 +534,7 @@ def signals(material):
                 faults.append("a temporary file is left")
             return "; ".join(faults)
 
-        yield Attempt(f"{number.name} after {0.3 * k:.1f} s", [], call=call, codes=(0,))
+        yield Attempt(f"{number.name} after {0.05 + 0.3 * k:.2f} s", [], call=call, codes=(0,))
 
 
 @attack
@@ -616,7 +616,9 @@ class _Server:
         self.process.send_signal(signal.SIGINT)
         self.process.communicate(timeout=60)
         self._log.seek(0)
-        if "Traceback" in (said := self._log.read()):
+        said = self._log.read()
+        self._log.close()
+        if "Traceback" in said:
             sys.stderr.write(f"server: {said[-600:]}\n")
 
     def answers(self):

@@ -66,7 +66,7 @@ def main(arguments: list[str] | None = None) -> None:
         try:
             _check_environment()
             words = sys.argv[1:] if arguments is None else arguments
-            raise SystemExit(app(args=words, prog_name="mantaray", standalone_mode=False) or 0)
+            sys.exit(app(args=words, prog_name="mantaray", standalone_mode=False) or 0)
         except _UsageError as error:
             _refuse(error)
         except (MantaRayError, FileNotFoundError, PermissionError) as error:
@@ -75,7 +75,7 @@ def main(arguments: list[str] | None = None) -> None:
             raise SystemExit(EXIT_KNOWN_ERROR) from None
         except KeyboardInterrupt:
             raise SystemExit(130) from None
-        except (ImportError, MemoryError, OSError) as error:
+        except Exception as error:
             stop = _stop_behind(error)
             if stop is not None:
                 raise SystemExit(stop) from None
@@ -119,7 +119,7 @@ def _refuse(error: Any) -> NoReturn:
 
 
 def _stop_behind(error: BaseException) -> int | None:
-    """Exit code of Ctrl-C or a request to stop that met a module in its initialization: pybind11 makes an ImportError of it."""
+    """Exit code of Ctrl-C or a request to stop that another exception replaced, as in the initialization of a compiled module."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):

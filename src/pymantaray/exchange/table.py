@@ -151,7 +151,8 @@ def _parquet(path: Path) -> TextTable:
     if frame.empty:
         raise ExchangeError(f"{path}: no rows; a trajectory needs at least two")
     frame = frame.reset_index() if frame.index.name else frame
-    return TextTable(path, frame.set_axis(range(1, len(frame) + 1)).rename(columns=str), [])
+    frame.index, frame.columns = pd.RangeIndex(1, len(frame) + 1), frame.columns.map(str)  # without a copy
+    return TextTable(path, frame, [])
 
 
 def _parquet_frame(path: Path) -> pd.DataFrame:
@@ -181,7 +182,7 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
         table = table.set_column(
             table.schema.get_field_index(name), name, table[name].cast(schema.field(name).type)
         )
-    frame: pd.DataFrame = table.to_pandas()
+    frame: pd.DataFrame = table.to_pandas(split_blocks=True, self_destruct=True)
     return frame
 
 
@@ -207,7 +208,9 @@ def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
         titles.append(column)
         if key in _TITLES:
             factors[column] = factor
-    return TextTable(table.path, table.frame.set_axis(titles, axis=1), table.comments), factors
+    frame = table.frame.copy(deep=False)
+    frame.columns = pd.Index(titles)
+    return TextTable(table.path, frame, table.comments), factors
 
 
 def _numbers(table: TextTable, factors: dict[str, float], columns: list[str]) -> Array:
