@@ -198,7 +198,7 @@ def test_no_descent_from_random_points_ends_below_the_certified_cost(opened, tex
 
 
 def test_a_graph_with_depths_has_no_certificate_and_says_why(opened, make_fleet):
-    fleet = make_fleet(seed=7, n_agents=1, n_times=5, n_landmarks=1)
+    fleet = make_fleet(seed=7, n_vehicles=1, n_times=5, n_landmarks=1)
     graph = build_graph(fleet.noisy, "straight")
     certificate = certify(graph, values_at(fleet.noise_free, *fleet.start))
     assert not certificate.certified

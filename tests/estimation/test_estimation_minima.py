@@ -88,9 +88,9 @@ def test_trilateration_lists_every_minimum_of_the_ranges(spread):
     distance = np.linalg.norm(point - landmark, axis=1)
     level = np.tile([1.0, 0.0, 0.0, 0.0], (12, 1))
     graph = FactorGraph(
-        agent_name=np.array(["A"]),
+        vehicle_name=np.array(["A"]),
         landmark_name=np.array(["L0"]),
-        pose_agent=np.zeros(12, int),
+        pose_vehicle=np.zeros(12, int),
         pose_number=np.arange(12),
         pose_time=np.arange(12.0),
     )

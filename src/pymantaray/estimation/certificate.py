@@ -212,7 +212,7 @@ class ChordalProblem:
     def _differences(self) -> list[_Differences]:
         """All factors but ranges as relative measurements, priors from the world."""
         out, turns = [], [2] if self.d == 2 else [0, 1, 2]
-        for name in ("prior", "fix", "survey", "edge", "attitude", "sighting"):
+        for name in ("prior", "fix", "survey", "edge", "attitude", "dvl", "sighting"):
             table = self.graph[name]
             ends = table.variables.astype(np.intp)
             first = ends[:, 0] if ends.shape[1] == 2 else np.full(len(table), -1)

@@ -103,7 +103,7 @@ def effective_degrees_of_freedom(covariance: Array) -> float:
     Parameters
     ----------
     covariance : ndarray
-        Joint covariance P, of any shape (..., n, ..., n) that is square when flattened, such as (n_agents, 3, n_agents, 3).
+        Joint covariance P, of any shape (..., n, ..., n) that is square when flattened, such as (n_vehicles, 3, n_vehicles, 3).
 
     Returns
     -------
