@@ -12,8 +12,10 @@ from refusals import refused
 
 from pymantaray.config import checks
 from pymantaray.config.fleet import FloatVehicle, StationVehicle
+from pymantaray.config.mission import keys_of_schedule
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
+from pymantaray.sensing import PingSchedule
 from pymantaray.study import (
     list_presets,
     load_sound,
@@ -484,3 +486,22 @@ def test_a_copy_is_checked_as_a_file_is():
         (quick.ocean, {"centre_lat": 1.0, "centre_lon": None}, "must be given together"),
     ):
         refused(StudyError, line, model.model_copy, update=update)
+
+
+def test_the_first_ping_may_be_at_the_start(tiny):
+    times = {
+        start: tiny(mission={"ping_start_h": start}).mission.pings().times(4.0 * 3600.0).tolist()
+        for start in ("none", 0.0, "30 min")
+    }
+    assert times == {
+        "none": [3600.0, 7200.0, 10800.0, 14400.0],
+        0.0: [0.0, 3600.0, 7200.0, 10800.0, 14400.0],
+        "30 min": [1800.0, 5400.0, 9000.0, 12600.0],
+    }
+    assert keys_of_schedule(PingSchedule(600.0, start=60.0)) == {
+        "ping_interval_h": 600.0 / 3600.0,
+        "ping_start_h": 60.0 / 3600.0,
+    }
+    for start, refusal in ((0.01, "ping_start_h is 36 s; it must be a whole multiple"), (-1.0, "0 or more")):
+        with pytest.raises(StudyError, match=refusal):
+            tiny(mission={"ping_start_h": start})

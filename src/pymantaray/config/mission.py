@@ -1,10 +1,10 @@
 """Sections of a configuration about time: durations and periods, and who pings when."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pymantaray.config.common import (
     Hours,
@@ -73,6 +73,8 @@ class MissionSection(Section):
     """Time between samples of poses and sensors. both ends are samples: not in the paper, record 0001. [s]"""
     ping_interval_h: Hours[PositiveFloat] = 4.0
     """All vehicles ping at every multiple. Not at 0: not in the paper, record 0001. [h]"""
+    ping_start_h: Hours[NonNegativeFloat] | None = None
+    """First ping; ``ping_interval_h`` unless given. [h]"""
     schedule: AnySchedule | None = None
     """Who pings when, in place of ``ping_interval_h``."""
     gnss_depth: Metres[PositiveFloat] = 1.0
@@ -84,7 +86,21 @@ class MissionSection(Section):
 
         if self.schedule is not None:
             return self.schedule.build(start)
-        return PingSchedule(interval=self.ping_interval_h * 3600.0)
+        start_s = None if self.ping_start_h is None else self.ping_start_h * 3600.0
+        return PingSchedule(interval=self.ping_interval_h * 3600.0, start=start_s)
+
+    @model_validator(mode="after")
+    def _first_ping_is_a_sample(self) -> Self:
+        if self.ping_start_h is not None:
+            samples = self.ping_start_h * 3600.0 / self.sampling_period_s
+            if abs(samples - round(samples)) > 1e-9 * max(samples, 1.0):
+                raise ValueError(
+                    f"ping_start_h is {self.ping_start_h * 3600.0:g} s; it must be a whole multiple of sampling_period_s,"
+                    f" {self.sampling_period_s:g} s"
+                )
+            if self.schedule is not None:
+                raise ValueError("ping_start_h and schedule exclude each other; leave one out")
+        return self
 
 
 def keys_of_schedule(schedule: "Schedule") -> dict[str, Any]:
@@ -95,5 +111,6 @@ def keys_of_schedule(schedule: "Schedule") -> dict[str, Any]:
         slots = {"slots": list(schedule.slots), "slot_s": schedule.slot, "start_s": schedule.start}
         return {"schedule": {"kind": "slots", **slots}}
     if isinstance(schedule, PingSchedule):
-        return {"ping_interval_h": schedule.interval / 3600.0}
+        start = {} if schedule.start is None else {"ping_start_h": schedule.start / 3600.0}
+        return {"ping_interval_h": schedule.interval / 3600.0, **start}
     return {}

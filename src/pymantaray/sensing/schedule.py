@@ -73,22 +73,26 @@ class Schedule(ABC):
 
 @dataclass(frozen=True)
 class PingSchedule(Schedule):
-    """All vehicles ping at every whole multiple of an interval [s], except at 0."""
+    """All vehicles ping at an interval [s]: at its whole multiples except 0, or from a start [s] on."""
 
     interval: float
+    start: float | None = None
 
     def __post_init__(self) -> None:
-        """Check the interval."""
+        """Check interval and start."""
         check_fields(SensingError, self, "s", "interval", positive=True)
+        if self.start is not None:
+            check_fields(SensingError, self, "s", "start")
 
     def __str__(self) -> str:
         """Return the schedule as error messages name it."""
         return f"PingSchedule: interval is {self.interval:g} s"
 
     def times(self, duration: float) -> Array:
-        """Whole multiples of the interval."""
-        count = math.floor(duration / self.interval * (1.0 + 1e-12))
-        return np.asarray(self.interval * np.arange(1, count + 1))
+        """Whole multiples of the interval after the start, itself included, or after 0."""
+        first, start = (1, 0.0) if self.start is None else (0, self.start)
+        count = math.floor((duration - start) / self.interval * (1.0 + 1e-12))
+        return np.asarray(start + self.interval * np.arange(first, count + 1))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
         """All pairs, both ways, and every landmark."""

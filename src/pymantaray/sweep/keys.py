@@ -38,15 +38,15 @@ def stage_fields(stage: str, config: StudyConfig) -> tuple[str, ...]:
     if FLEET in before and config.fleet.trajectories:  # which are sampled at pings too
         first = (*first, "mission.ping_*")
     names = (*first, *(field for name in before for field in _READS[name]))
-    return tuple(key for name in names for key in _matching(name, config))
+    return tuple(key for name in names for key in _matching(name))
 
 
-def _matching(field: str, config: StudyConfig) -> list[str]:
+def _matching(field: str) -> list[str]:
     """Fields that a pattern stands for; a name without a star is itself."""
     section, _, key = field.partition(".")
     if "*" not in key:
         return [field]
-    known = type(getattr(config, section)).model_fields
+    known = StudyConfig.model_fields[section].annotation.model_fields  # type: ignore[union-attr]
     return [f"{section}.{name}" for name in fnmatch.filter(known, key)]
 
 
