@@ -45,12 +45,12 @@ def test_a_table_is_read_as_it_stands(tmp_path):
 
 BAD = {
     "no travel_time; the columns are time": (HEAD.replace(",travel_time", ""), ROW.rsplit(",", 1)[0]),
-    "lacks source_north, source_east, receiver_north, receiver_east": (
+    "no source_north, source_east, receiver_north, receiver_east; the columns are": (
         HEAD.replace("lat", "x").replace("lon", "y"),
         ROW,
     ),
     "line 2: travel_time is 'soon'; it must be a number": (HEAD, ROW.replace("1.6", "soon")),
-    "line 2: time is 'noon'; all are seconds, or all are dates": (
+    "line 2: time is 'noon'; all cells must be seconds, or all must be dates": (
         HEAD,
         ROW.replace("2020-03-10T12:00:00Z", "noon"),
     ),
@@ -65,8 +65,8 @@ BAD = {
     "line 2: sigma is 'small'; allowed: seconds, or an empty cell": (f"{HEAD},sigma", f"{ROW},small"),
     "sigma of event 1 is 0.0; allowed: seconds above 0": (f"{HEAD},sigma", f"{ROW},0"),
     "has positions in lat, lon and in north, east": (f"{HEAD},source_north", f"{ROW},0"),
-    "has two columns sigma; keep one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),
-    "has two columns cast; keep one": (f"{HEAD},cast,cast", f"{ROW},a,a"),
+    "two columns sigma; remove one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),
+    "two columns cast; remove one": (f"{HEAD},cast,cast", f"{ROW},a,a"),
 }
 
 
@@ -200,4 +200,4 @@ def test_positions_of_located_nodes_take_the_place_of_the_events_own(tmp_path):
         np.testing.assert_array_equal(events.source_position, own.source_position)
     refused(ReplayError, "receiver_lat is ''", read_events, write(tmp_path, empty))
     nodes.write_text("name,north,east,depth\nB,1,2,3\n")
-    refused(ReplayError, "nodes.csv: lacks lat, lon", read_events, write(tmp_path, ROW), nodes)
+    refused(ReplayError, "nodes.csv: no lat, lon; the columns are", read_events, write(tmp_path, ROW), nodes)
