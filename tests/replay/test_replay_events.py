@@ -49,8 +49,8 @@ BAD = {
         HEAD.replace("lat", "x").replace("lon", "y"),
         ROW,
     ),
-    "line 2: travel_time is 'soon'; it must be a number": (HEAD, ROW.replace("1.6", "soon")),
-    "line 2: time is 'noon'; all are seconds, or all are dates": (
+    "line 2: travel_time is 'soon'; it must be a finite number": (HEAD, ROW.replace("1.6", "soon")),
+    "line 2: time is 'noon'; all cells must be seconds, or all must be dates": (
         HEAD,
         ROW.replace("2020-03-10T12:00:00Z", "noon"),
     ),
@@ -65,8 +65,8 @@ BAD = {
     "line 2: sigma is 'small'; allowed: seconds, or an empty cell": (f"{HEAD},sigma", f"{ROW},small"),
     "sigma of event 1 is 0.0; allowed: seconds above 0": (f"{HEAD},sigma", f"{ROW},0"),
     "has positions in lat, lon and in north, east": (f"{HEAD},source_north", f"{ROW},0"),
-    "has two columns sigma; keep one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),
-    "has two columns cast; keep one": (f"{HEAD},cast,cast", f"{ROW},a,a"),
+    "two columns sigma; remove one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),
+    "two columns cast; remove one": (f"{HEAD},cast,cast", f"{ROW},a,a"),
 }
 
 
