@@ -297,11 +297,11 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv old.csv W": "old.csv.json: exists already; give another name or --force",
     "times links.csv links.csv W --force": "links.csv: is the input",
     "times lacks.csv out.csv W": "lacks.csv: no source_depth; the columns are name, source_north, source_east, Source_depth",
-    "times twice.csv out.csv W": "twice.csv: has two columns source_east; keep one",
-    "times word.csv out.csv W": "word.csv, line 5: receiver_east is 'x'; it must be a number",
+    "times twice.csv out.csv W": "twice.csv: two columns source_east; remove one",
+    "times word.csv out.csv W": "word.csv, line 5: receiver_east is 'x'; it must be a finite number",
     "times lat.csv out.csv W": "lat.csv: latitudes and longitudes need a place of the profile; give --centre",
     "times far.csv out.csv --ocean synthetic:fram": "far.csv: a latitude is not in -90 to 90 degrees",
-    "times inf.csv out.csv W": "inf.csv, line 2: .* source_north is 'inf'",
+    "times inf.csv out.csv W": "inf.csv, line 2: source_north is 'inf'",
     "times binary.csv out.csv W": "binary.csv: a binary file, not a text table",
     "times nothing.csv out.csv W": "nothing.csv: cannot be read: No such file",
     "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
@@ -335,7 +335,7 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "write-bellhop links.csv --out run": "no ocean given; exactly one of --ocean, --profile and --run is needed",
     "write-bellhop links.csv --out run W --link 1": "give LINKS.csv, or --run with --link ROW",
     "write-bellhop --out run W --link 0": "--link needs a run",
-    "write-bellhop links.csv --out . W": "link_0.env: exists already; give another folder or --force",
+    "write-bellhop links.csv --out . W": "link_0.env: already exists; give another folder or --force",
 }
 
 

@@ -181,13 +181,13 @@ REFUSED = {
     "m.csv: no lon; the columns are time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
     "m.csv: no east; the columns are time, lat, north, depth; a trajectory needs": text(
         "time,lat,north,depth\n0,1,1,2\n1,1,1,2"),
-    "m.csv, line 3: depth is 'x'; it must be a number": text(
+    "m.csv, line 3: depth is 'x'; it must be a finite number": text(
         "time,north,east,depth\n0,0,0,0\n1,0,0,x"),
-    "m.csv, line 3: time is 'noon'; all are seconds, or all are dates": text(
+    "m.csv, line 3: time is 'noon'; all cells must be seconds, or all must be dates": text(
         "time,north,east,depth\n2020-01-01,0,0,0\nnoon,0,0,0"),
-    "m.csv, line 2: time is '5'; all are seconds, or all are dates": text(
+    "m.csv, line 2: time is '5'; all cells must be seconds, or all must be dates": text(
         "time,north,east,depth\n5,0,0,0\n2020-01-01,0,0,0"),
-    "m.csv, line 3: time is 'inf'; all are seconds": text(
+    "m.csv, line 3: time is 'inf'; all cells must be seconds": text(
         "time,north,east,depth\n0,0,0,0\ninf,0,0,0\n1,1,1,1"),
     "m.csv: pitch without heading; add": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
     "m.csv: heading has values up to 359, .* rename the column to heading_deg": text(
@@ -197,7 +197,7 @@ REFUSED = {
     r"m.csv: column 'depth\(ft\)' has unit 'ft'; allowed: m, km": text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0"),
     "m.csv: only qw, qx, qy of a quaternion; give all of qw, qx, qy, qz": text(
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
-    "m.csv: has two columns vehicle; keep one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
+    "m.csv: two columns vehicle; remove one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
     "m.csv, line 3: no vehicle name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
     "m.csv: A: 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
     "m.csv: is empty; a table needs a header": text(""),
@@ -247,4 +247,4 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
         lambda: read_pings(mistyped, None),
     )
     both = text("time,transmitter,receiver,receivers\n0,A,B,B\n")(tmp_path)
-    refused(ExchangeError, "has two columns receivers; keep one", read_pings, both, None)
+    refused(ExchangeError, "two columns receivers; remove one", read_pings, both, None)

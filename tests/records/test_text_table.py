@@ -24,7 +24,7 @@ def test_cells_and_their_lines(tmp_path, separator, encoding):
     assert table.frame.index.tolist() == [4, 6]
     assert table.comments == ["# 74° N", "  # a remark"]
     assert table.numbers(["depth (m)"]).tolist() == [[1.5], [2.0]]
-    with pytest.raises(RecordError, match=r"a\.csv, line 4: name is 'a'; it must be a number"):
+    with pytest.raises(RecordError, match=r"a\.csv, line 4: name is 'a'; it must be a finite number"):
         table.numbers(["name"])
 
 

@@ -49,7 +49,7 @@ BAD = {
         HEAD.replace("lat", "x").replace("lon", "y"),
         ROW,
     ),
-    "line 2: travel_time is 'soon'; it must be a number": (HEAD, ROW.replace("1.6", "soon")),
+    "line 2: travel_time is 'soon'; it must be a finite number": (HEAD, ROW.replace("1.6", "soon")),
     "line 2: time is 'noon'; all cells must be seconds, or all must be dates": (
         HEAD,
         ROW.replace("2020-03-10T12:00:00Z", "noon"),

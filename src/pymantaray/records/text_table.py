@@ -49,7 +49,7 @@ class TextTable:
         if wrong.size:
             row, k = wrong[0]
             raise RecordError(
-                f"{self.path}, line {self.frame.index[row]}: {columns[k]} is {self.frame[columns[k]].iloc[row]!r}; it must be a"
+                f"{self.path}, line {self.frame.index[row]}: {columns[k]} is {self.frame[columns[k]].iloc[row]!r}; it must be a finite"
                 " number"
             )
         return values
