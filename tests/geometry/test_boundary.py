@@ -66,4 +66,11 @@ def test_a_boundary_that_ends_inside_the_water_is_refused(slope):
     check(NORTH, EAST)
     says = "bed: east -2000 to 5000 m; it must extend over the water, -2000 to 6000 m"
     refused(FleetError, says, check, NORTH, np.array([-2e3, 6e3]))
-    refused(GeometryError, r"boundary: depth: shape is \(2, 2\); it must be \(4, 3\)", BoundarySurface, np.ones((2, 2)), NORTH, EAST)
+    refused(
+        GeometryError,
+        r"boundary: depth: shape is \(2, 2\); it must be \(4, 3\)",
+        BoundarySurface,
+        np.ones((2, 2)),
+        NORTH,
+        EAST,
+    )
