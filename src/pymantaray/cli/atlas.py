@@ -75,7 +75,9 @@ def run(
     ] = None,
     distances: Annotated[
         str,
-        typer.Option("--distances", metavar="M,...", help="Horizontal distances in ascending order [m]."),
+        typer.Option(
+            "--distances", metavar="M,...", help="Horizontal distances in metres, in ascending order."
+        ),
     ] = "2000,5000,10000",
     bearings: Annotated[
         int, typer.Option("--bearings", min=1, help="Number of directions, evenly spaced from north.")
@@ -90,12 +92,12 @@ def run(
         ),
     ] = 1500.0,
     safe: Annotated[
-        str, typer.Option("--safe", metavar="M,...", help="Error thresholds in ascending order [m].")
+        str, typer.Option("--safe", metavar="M,...", help="Error thresholds in metres, in ascending order.")
     ] = "1,5,20",
     within_db: Annotated[
         float,
         typer.Option(
-            "--within-db", help="Count arrivals at most this much weaker than the strongest arrival [dB]."
+            "--within-db", help="Count arrivals at most this many dB weaker than the strongest arrival."
         ),
     ] = 10.0,
     start: Annotated[str | None, typer.Option("--start", help="First instant (UTC) of a series.")] = None,
