@@ -97,7 +97,7 @@ def run(
     within_db: Annotated[
         float,
         typer.Option(
-            "--within-db", help="Count arrivals at most this much weaker than the strongest arrival [dB]."
+            "--within-db", help="Count arrivals at most this many dB weaker than the strongest arrival."
         ),
     ] = 10.0,
     start: Annotated[str | None, typer.Option("--start", help="First instant (UTC) of a series.")] = None,
