@@ -77,7 +77,7 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
 def test_what_only_the_run_s_own_check_sees_is_told_by_the_check_too(mantaray, small_text, tmp_path):
     study = tmp_path / "study.toml"
     study.write_text(small_text.replace("physics_step_s = 0.125", "physics_step_s = 20.0"), encoding="utf-8")
-    says = "vehicle 'B': physics_step is 20 s; it may be at most 10 s"
+    says = "vehicle 'B': physics_step is 20 s; it must be at most 10 s"
     checked, ran = (
         mantaray("ocean", "check", "--study", study),
         mantaray("study", "run", study, "--no-figures"),
@@ -228,8 +228,8 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
     ("from-cast none.csv new.nc --bottom 300", "cannot be read: No such file"),
     ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast cannot be combined"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
-    ("perturb ocean.nc new.nc", "--method eof: --rms and --scale needed"),
-    ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean: takes no --rms"),
+    ("perturb ocean.nc new.nc", "--method eof needs --rms and --scale"),
+    ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean does not use --rms"),
     ("perturb ocean.nc new.nc --rms 0 --scale 10", "rms is 0; it must be positive"),
     ("check ocean.nc --sea-floor none.nc", "none.nc: no such file"),
     ("plot ocean.nc --out figures --sea-floor none.nc", "none.nc: no such file"),
@@ -269,7 +269,7 @@ def test_casts_are_converted_for_other_programs_and_refused_in_one_line(mantaray
     for words, says in (
         (("cast.csv", "new.asvp"), "the time of cast is unknown"),
         (("cast.csv", "new.asvp", *time), "1501 levels, echo sounders take 1000 at most"),
-        (("cast.csv", "new.asvp", "--name", "b"), "no cast 'b'; there is cast"),
+        (("cast.csv", "new.asvp", "--name", "b"), "no cast 'b'; available: cast"),
         (("cast.csv", "new.txt"), "the output's name must end in .asvp or .nc"),
         (("cast.csv", "new.nc", "--lat", 3), "--lat and --lon must be used together"),
     ):

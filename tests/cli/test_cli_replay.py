@@ -144,4 +144,4 @@ def test_rays_take_one_cast(mantaray, files):
     assert done.code == 2
     assert "casts.csv: contains 2 casts (first, second)" in done.err
     twice = mantaray("rays", "times", "links.csv", "out.csv", *WATER, "--profile", "casts.csv")
-    assert "holds 4 casts (first, second, first, second); one is needed" in twice.err
+    assert "contains 4 casts (first, second, first, second); only one is allowed" in twice.err

@@ -181,7 +181,7 @@ def test_what_cannot_be_done_is_refused_in_one_line(run, make_ocean):
     water = make_ocean(uniform=(0.0, 2.5))
     refused(
         FleetError,
-        "at most 0.25 s, capture_radius / speed (current included)",
+        r"at most 0.25 s, capture_radius / speed \(current included\)",
         run,
         jumpy,
         water=water,

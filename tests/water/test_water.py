@@ -110,7 +110,7 @@ def test_several_casts_are_a_water_each(tmp_path):
     waters = open_waters(path, bathymetry=100.0)
     assert [water.name for water in waters] == ["A", "B"]
     assert waters[1].time == np.datetime64("2020-03-02T12:00")
-    refused(WaterError, r"contains 2 casts \(A, B\); one is needed", open_water, path, bathymetry=100.0)
+    refused(WaterError, r"contains 2 casts \(A, B\); only one is allowed", open_water, path, bathymetry=100.0)
 
 
 def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram):
