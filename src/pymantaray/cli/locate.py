@@ -488,9 +488,8 @@ def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
     for row in values["nodes"].to_dict("records"):
         if row["status"] != "ok":
             out.line(f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used")
-    budget = tables["budget"].frame
-    some = (budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)
-    out.table(replace(tables["budget"], frame=budget[some]))
+    if "budget" in tables:
+        out.table(tables["budget"])
     if "candidates" in tables:
         out.table(tables["candidates"].first(_MAX_CANDIDATES))
     for mirror in located.mirrors:

@@ -125,7 +125,8 @@ def _print_table(table: "ResultTable") -> None:
     for k, head in enumerate(table.heads):
         justify: Literal["left", "right"] = "right" if head.numbers else "left"
         named = k == 0 and max((len(row[0]) for row in rows), default=0) <= _NAME  # headings fold first
-        shown.add_column(escape(head.text), no_wrap=named, overflow="fold", justify=justify)
+        widest = max((len(row[k]) for row in rows), default=0) if head.numbers else None  # numbers never fold
+        shown.add_column(escape(head.text), no_wrap=named, overflow="fold", justify=justify, min_width=widest)
     for cells in rows:
         shown.add_row(*cells)
     Console().print(shown)

@@ -308,7 +308,7 @@ class Location:
         """All tables by name, in the order of the page; empty ones are left out."""
         frames = {
             "nodes": self.nodes,
-            "budget": self.budget,
+            "budget": self.budget[(self.budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)],
             "tests": test_table(self.tests),
             "candidates": self.candidates,
             "unknowns": self.other_unknowns,
@@ -326,7 +326,7 @@ class Location:
                 frame,
                 _CAPTIONS.get(name, ""),
                 brief=brief.get(name, ()),
-                words=_HEADS,
+                words=_HEADS | ({"name": "test"} if name == "tests" else {}),
                 folded=name == "candidates",
             )
             for name, frame in frames.items()

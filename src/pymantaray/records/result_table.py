@@ -249,10 +249,15 @@ def _formats(table: "pd.DataFrame") -> list[str]:
     """
     Format of the measured numbers of each column.
 
-    Columns in one unit have the same, if each number then shows a digit, except columns of whole numbers, which have no decimals.
+    Columns in one unit have the same, if each number then shows a digit, and standard deviations have one of their own. Columns
+    of whole numbers have no decimals.
     """
     columns = [str(column) for column in table.columns]
     units = [next((ending for ending in _UNITS if column.endswith(ending)), column) for column in columns]
+    units = [
+        f"sigma {unit}" if column.startswith("sigma_") else unit
+        for column, unit in zip(columns, units, strict=True)
+    ]
     numbers = [measured_numbers(table.iloc[:, k].tolist()) for k in range(len(columns))]
     units = [
         column if (own == np.round(own)).all() else unit

@@ -134,11 +134,15 @@ def _cards(location: Location) -> list[Card]:
             if np.isfinite(row["lat"])
             else f"{row['north']:.2f} N, {row['east']:.2f} E m"
         )
-        sigma = f"σ {show(row['sigma_north_m'])}, {show(row['sigma_east_m'])}, {show(row['sigma_depth_m'])} m"
+        sigma = (
+            "σ " + ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth")) + " m"
+        )
         cards.append(Card(str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth"))
     cards.append(Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the pings used"))
     model = location.hyperparameters
-    cards.append(Card("Sound speed", str(model["sound_speed"]), "by the marginal likelihood, or as asked"))
+    compared = location.candidates["sound_speed"].nunique() > 1
+    chosen = "model with the largest marginal likelihood" if compared else "model as requested"
+    cards.append(Card("Sound speed", str(model["sound_speed"]), chosen))
     verdict = "passed" if location.passed else "failed"
     cards.append(Card("Tests of the noise", verdict, f"{len(location.tests)} chi-square tests"))
     return cards
