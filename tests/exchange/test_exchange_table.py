@@ -23,18 +23,33 @@ TABLE = pd.DataFrame(
 )
 
 
-@pytest.mark.parametrize("name", ["mission.csv", "mission.tsv", "mission.parquet"])
+@pytest.mark.parametrize("name", ["mission.csv", "mission.tsv", "mission.parquet", None])
 def test_a_table_comes_back_to_the_last_digit(name, tmp_path):
-    path = tmp_path / name
-    if name.endswith("parquet"):
-        TABLE.to_parquet(path)
-    else:
-        TABLE.to_csv(path, index=False, sep="," if name.endswith("csv") else "\t")
-    tracks = read_trajectories(path)
+    source = TABLE.copy() if name is None else tmp_path / name
+    if name and name.endswith("parquet"):
+        TABLE.to_parquet(source)
+    elif name:
+        TABLE.to_csv(source, index=False, sep="," if name.endswith("csv") else "\t")
+    tracks = read_trajectories(source)
     assert (tracks.names, tracks.start, tracks.geodetic, tracks.notes) == (["A", "B"], None, False, ())
     for own, rows in zip(tracks.poses, (slice(0, 3), slice(3, 6)), strict=True):
         np.testing.assert_array_equal(own.time, TIME)
         np.testing.assert_array_equal(own.place, TABLE[["north", "east", "depth"]].to_numpy()[rows])
+
+
+def test_a_data_frame_is_left_as_it_was_and_its_faults_are_one_line():
+    frame = TABLE.set_index("time").rename(columns={"depth": "depth [m]", "vehicle": "name"})
+    before = frame.copy()
+    assert read_trajectories(frame).names == ["A", "B"]
+    pd.testing.assert_frame_equal(frame, before)
+    dates = TABLE.assign(time=pd.Timestamp("2014-07-15") + pd.to_timedelta(TABLE["time"], unit="s"))
+    assert read_trajectories(dates).start == np.datetime64("2014-07-15")
+    for faulty, message in (
+        (TABLE.drop(columns="depth"), "data frame: no depth; the columns are time, vehicle, north, east"),
+        (TABLE.assign(north=np.nan), "data frame, line 1: north is nan; it must be a finite number"),
+        (TABLE.iloc[:0], "data frame: no rows"),
+    ):
+        refused(ExchangeError, message, read_trajectories, faulty)
 
 
 def test_names_of_columns_carry_units(tmp_path):

@@ -111,6 +111,7 @@ def test_places_in_latitude_and_longitude_make_a_frame_of_their_own(study_run, t
                                   "depth": truth.position[i, :, 2]}))  # fmt: skip
     pd.concat(rows).to_csv(tmp_path / "m.csv", index=False)
     same = measure(tmp_path / "m.csv", OCEAN, 3600.0)
+    same_ranges(measure(pd.read_csv(tmp_path / "m.csv", comment="#"), OCEAN, 3600.0), same)
     np.testing.assert_allclose(same.truth.position, truth.position, rtol=0, atol=1e-6)
     free = measure(tmp_path / "m.csv", "synthetic:beaufort", 3600.0)
     lat, lon = frame.to_geodetic(*np.moveaxis(truth.position[..., :2], -1, 0))

@@ -4,27 +4,29 @@ import glob
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from pymantaray.errors import ExchangeError, OceanError, RecordError
 from pymantaray.exchange.centre import centre_beside
 from pymantaray.exchange.cf import read_cf
 from pymantaray.exchange.rosbag import read_bag
-from pymantaray.exchange.table import read_table
+from pymantaray.exchange.table import read_frame, read_table
 from pymantaray.exchange.tracks import Poses, Tracks, poses_of_record
 from pymantaray.exchange.tum import read_tum
 from pymantaray.ocean.files import open_file
 from pymantaray.records import Trajectories
 
-Source = str | Path | Sequence[str | Path]
+Source = str | Path | Sequence[str | Path] | pd.DataFrame
 
 
 def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     """
-    Read trajectories from one or more files of any supported format.
+    Read trajectories from one or more files of any supported format, or from a data frame.
 
     Parameters
     ----------
-    source : str, pathlib.Path or sequence of them
-        Files or patterns with ``*``. The suffix selects the format: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM
+    source : str, pathlib.Path, sequence of them, or pandas.DataFrame
+        A data frame has the columns of a table. Files or patterns with ``*``. The suffix selects the format: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM
         files with one vehicle each (``.tum``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
         ``.mcap``, ``.db3`` or their folder).
     enu : bool
@@ -40,6 +42,8 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     ExchangeError
         If a file is unreadable, lacks data of a trajectory, or does not match the other files.
     """
+    if isinstance(source, pd.DataFrame):
+        return Tracks.of(*read_frame(source))
     paths = files_of(source)
     poses: list[Poses] = []
     notes: list[str] = []
@@ -50,7 +54,7 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     return Tracks.of(poses, notes)
 
 
-def files_of(source: Source) -> list[Path]:
+def files_of(source: str | Path | Sequence[str | Path]) -> list[Path]:
     """Files of a source; those of a pattern are sorted."""
     paths: list[Path] = []
     for one in [source] if isinstance(source, str | Path) else source:

@@ -53,6 +53,7 @@ _UNITS = {
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
 _OF_PINGS = "time", "transmitter", "receivers"
+_IN_MEMORY = "data frame"
 _MAX_RADIANS = 6.5  # slightly more than 2 pi
 
 
@@ -62,7 +63,20 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
 
     There is one trajectory per name of a vehicle. Without a column of names, there is one with the name of the file.
     """
-    table, factors = _known_columns(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
+    return _trajectories(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
+
+
+def read_frame(frame: pd.DataFrame) -> tuple[list[Poses], list[str]]:
+    """As `read_table`, for a data frame with the columns of a table; rows are counted from 1."""
+    if frame.empty:
+        raise ExchangeError(f"{_IN_MEMORY}: no rows; a trajectory needs at least two")
+    return _trajectories(_typed_table(Path(_IN_MEMORY), frame))
+
+
+def _trajectories(table: TextTable) -> tuple[list[Poses], list[str]]:
+    """Poses of each vehicle in a table, and a note about unused columns."""
+    path = table.path
+    table, factors = _known_columns(table)
     conditions = table.frame.get("condition")
     there = set(factors)
     unread = [title for title in table.frame.columns if title not in there]
@@ -150,8 +164,13 @@ def _parquet(path: Path) -> TextTable:
         ) from None
     if frame.empty:
         raise ExchangeError(f"{path}: no rows; a trajectory needs at least two")
-    frame = frame.reset_index() if frame.index.name else frame
-    frame.index, frame.columns = pd.RangeIndex(1, len(frame) + 1), frame.columns.map(str)  # without a copy
+    return _typed_table(path, frame)
+
+
+def _typed_table(path: Path, frame: pd.DataFrame) -> TextTable:
+    """Table of a data frame, whose cells are not copied."""
+    frame = frame.reset_index() if frame.index.name else frame.copy(deep=False)
+    frame.index, frame.columns = pd.RangeIndex(1, len(frame) + 1), frame.columns.map(str)
     return TextTable(path, frame, [])
 
 

@@ -48,9 +48,10 @@ class TextTable:
         wrong = np.argwhere(~np.isfinite(values))
         if wrong.size:
             row, k = wrong[0]
+            cell = self.frame[columns[k]].iloc[row]
+            shown = repr(cell) if isinstance(cell, str) else cell
             raise RecordError(
-                f"{self.path}, line {self.frame.index[row]}: {columns[k]} is {self.frame[columns[k]].iloc[row]!r}; it must be a finite"
-                " number"
+                f"{self.path}, line {self.frame.index[row]}: {columns[k]} is {shown}; it must be a finite number"
             )
         return values
 

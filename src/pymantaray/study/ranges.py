@@ -16,6 +16,7 @@ from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.config.sections import SoundConfig, StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
+from pymantaray.exchange.read import Source
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import Trajectories
 from pymantaray.sensing import PingSchedule, Schedule
@@ -24,8 +25,6 @@ from pymantaray.study.mission import simulate_mission
 from pymantaray.study.store import Run, run_in_memory
 from pymantaray.study.tracks import centre_note, with_tracks
 from pymantaray.water import Source as WaterSource
-
-Source = str | Path | Sequence[str | Path]
 
 
 def measure(
@@ -41,8 +40,8 @@ def measure(
 
     Parameters
     ----------
-    trajectories : str, pathlib.Path, sequence of them, Tracks or Trajectories
-        Files as `read_trajectories` takes them, what it returned, or poses in the local frame at common times.
+    trajectories : str, pathlib.Path, sequence of them, pandas.DataFrame, Tracks or Trajectories
+        Files or a data frame as `read_trajectories` takes them, its result, or poses in the local frame at common times.
     ocean : str, pathlib.Path, sequence of them, xarray.Dataset, SoundConfig or dict
         Any source that `pymantaray.open_water` takes, or the section ``[ocean]`` of a study. The frame's centre is the one that
         is given, else the one that the files of the trajectories name, else the middle of their latitudes and longitudes,
