@@ -116,7 +116,7 @@ def test_a_key_takes_text_if_and_only_if_the_page_says_so(model, tables):
             kinds = alone.removesuffix(" or ").split(" or ")
             words = re.findall(r'`"(.*?)"`', " ".join(kinds))
             takes = any(accepts(key, text) for text in [*TEXTS, *words])
-            assert takes == bool(words or {"text", "text with a unit", "date and time"} & set(kinds)), (
+            assert takes == bool(words or {"text", "text with a unit"} & set(kinds)), (
                 name,
                 rows[name][4],
             )

@@ -64,7 +64,7 @@ def test_blocks_hold_every_row_once_and_in_order(n, threads, each):
 @pytest.fixture
 def single_rows(monkeypatch):
     """Blocks of one row, in threads however little work they are."""
-    monkeypatch.setattr(eigenrays, "_SECONDS", 0.0)
+    monkeypatch.setattr(eigenrays, "_BLOCK_SECONDS", 0.0)
 
 
 def test_a_slow_reader_holds_up_the_work(single_rows):
@@ -118,7 +118,7 @@ def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces):
     for threads in (2, 5):
         assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=threads), one)
     for seconds in (0.0, 1e-3, 10.0):  # single links, blocks of a few, blocks of most
-        monkeypatch.setattr(eigenrays, "_SECONDS", seconds)
+        monkeypatch.setattr(eigenrays, "_BLOCK_SECONDS", seconds)
         assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=2), one)
 
 
@@ -224,7 +224,7 @@ def test_a_medium_made_in_parts_is_the_same_and_takes_little_more_memory_than_it
     axes = [np.cumsum(rng.uniform(1.0, 2.0, n)) - 1.0 for n in (60, 50, 40)]
     speed = 1450.0 + rng.normal(0.0, 3.0, (60, 50, 40))
     whole = Medium.from_grid(*axes, speed, bathymetry=30.0)
-    monkeypatch.setattr("pymantaray.acoustics.medium._MOST_VALUES", 7_000)  # two rows, or two levels
+    monkeypatch.setattr("pymantaray.acoustics.medium._VALUES_PER_PART", 7_000)  # two rows, or two levels
     tracemalloc.start()
     parts = Medium.from_grid(*axes, speed, bathymetry=30.0)
     peak = tracemalloc.get_traced_memory()[1]

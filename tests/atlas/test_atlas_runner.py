@@ -214,7 +214,14 @@ def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_
         lambda _, *rest: open_pool(partial(away, str(tmp_path / "away")), *rest),
     )
     atlas = Atlas(file, links, every=20)
-    refused(JobError, "all workers must see this place", run_atlas, atlas, tmp_path / "a.nc", workers=1)
+    refused(
+        JobError,
+        "all workers must have access to this folder",
+        run_atlas,
+        atlas,
+        tmp_path / "a.nc",
+        workers=1,
+    )
 
 
 def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, links, content, tmp_path):

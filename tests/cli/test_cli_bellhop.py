@@ -94,4 +94,4 @@ def test_links_of_a_run_come_with_the_runs_ocean(mantaray, files, tiny_run_folde
     (*_, c), _ = read_grids("out/link_0.env")
     np.testing.assert_array_equal(c, run.ocean["sound_speed"].transpose("north", "east", "depth"))
     refused = mantaray(*words, "--link", 1000000, "--out", "run")
-    assert "--link 1000000: the run has links 0 to" in refused.err
+    assert "--link is 1000000; the run has links 0 to" in refused.err

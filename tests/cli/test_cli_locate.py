@@ -260,13 +260,13 @@ BAD = {
     ),
     "no answer": (
         lambda text: "\n".join(x for x in text.splitlines() if "msec" not in x),
-        "no event has an answer",
+        "none of 7 events has an answer",
     ),
     "times": (lambda text: text.replace(":06:30:30", ":05:30:30"), "times must not decrease"),
     "line": (lambda text: text.replace("Lon: 132", "Lon: east", 1), "line 11: .* is not a ping"),
     "drop point": (
         lambda text: text.replace("(Longitude): -132.5", "(Longitude): somewhere"),
-        "is 'somewhere'; degrees",
+        "is 'somewhere'; it must be degrees",
     ),
     "sign": (
         lambda text: text.replace("(Longitude): -132.5", "(Longitude): 132.5"),
@@ -316,4 +316,4 @@ def test_help_lists_both_commands_and_a_missing_file_is_one_line(mantaray):
     assert "survey" in done.out
     done = mantaray("locate", "nowhere.txt", "--profile", "x.csv")
     assert done.code == 2
-    assert "nowhere.txt: there is no such file" in done.err
+    assert "nowhere.txt: no such file" in done.err

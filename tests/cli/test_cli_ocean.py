@@ -71,7 +71,7 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
         result = mantaray("ocean", "check", "--study", study, *changes)
         assert (result.code, says in result.out) == (2, True)
     result = mantaray("ocean", "check")
-    assert (result.code, "name one, or a study" in result.err) == (2, True)
+    assert (result.code, "name one, or give a study" in result.err) == (2, True)
 
 
 def test_what_only_the_run_s_own_check_sees_is_told_by_the_check_too(mantaray, small_text, tmp_path):

@@ -151,7 +151,7 @@ def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantar
     assert second.schedule.slot_s == 90.0
     missing = tmp_path / "nothere.csv"
     lost = mantaray("ranges", missing, *words[2:])
-    assert (lost.code, lost.err) == (2, f"error: {missing}: there is no such file\n")
+    assert (lost.code, lost.err) == (2, f"error: {missing}: no such file\n")
     assert "schedule of pings" in mantaray(*words).err
 
 

@@ -393,7 +393,9 @@ def test_the_wrong_sign_of_a_lever_arm_is_refused(campaign, medium):
             "write attitudes in degrees",
             id="attitude in radians beyond a turn",
         ),
-        pytest.param(lambda s: {"travel_time": -s.travel_time}, "seconds above 0", id="negative times"),
+        pytest.param(
+            lambda s: {"travel_time": -s.travel_time}, "allowed: positive seconds", id="negative times"
+        ),
     ],
 )
 def test_wrong_units_are_refused_in_one_line(campaign, medium, changes, message):
@@ -460,7 +462,7 @@ def test_a_survey_without_unknowns_is_refused(medium, campaign):
     survey = survey_of(campaign)
     known = [Node(node.name, node.position, (0.0, 0.0, 0.0), 0.013) for node in survey.nodes]
     options = LocateOptions(speed_model="known")
-    refused(LocateError, "nothing is unknown", locate, survey.changed(nodes=known), medium, options)
+    refused(LocateError, "there are no unknowns", locate, survey.changed(nodes=known), medium, options)
 
 
 def test_amplitudes_of_modes_are_estimated_with_positions(medium):

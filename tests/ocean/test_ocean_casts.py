@@ -305,7 +305,7 @@ def test_the_change_by_averaging_is_told_and_right(shared_data):
     for step in (2.0, 5.0, 10.0):
         ocean = cast_ocean(cast, bottom_depth=1000.0, levels=np.arange(0.0, 1001.0, step))
         line = next(line for line in history(ocean) if "averaged onto" in line)
-        rms, most = map(float, re.findall(r"by ([\d.]+) m/s rms, ([\d.]+) m/s at most", line)[0])
+        rms, most = map(float, re.findall(r"by ([\d.]+) m/s rms, ([\d.]+) m/s maximum", line)[0])
         c = sound_speed(
             np.interp(cast.depth, ocean["depth"], ocean["water_temp"].values[:, 0, 0]),
             np.interp(cast.depth, ocean["depth"], ocean["salinity"].values[:, 0, 0]),

@@ -190,7 +190,7 @@ def test_the_casts_sharpen_the_warm_layer_of_the_synthetic_beaufort_sea(real_cas
         assert_duct(corrected, cast)
     change = corrected["water_temp"] - beaufort_sea["water_temp"]
     assert float(np.abs(change).interp(lat=74.5, lon=-148.0).max()) < 1e-9
-    assert "0 density inversions" in corrected.attrs["history"]
+    assert "0 new density inversions" in corrected.attrs["history"]
 
 
 def test_the_warm_layer_that_hycom_lacks_is_put_back(shared_data, real_casts):

@@ -61,7 +61,7 @@ def test_modes_of_casts(shared_data):
     assert found.total_variance == pytest.approx(pooled, rel=1e-9)
     with pytest.raises(OceanError, match="levels must be within the samples of all casts"):
         vertical_modes(casts, levels=[0.0, 5_000.0])
-    refused(OceanError, r"1 column\(s\) down to .*; at least 2 are needed", vertical_modes, casts[:1])
+    refused(OceanError, r"1 column\(s\) down to .*; at least 2 are required", vertical_modes, casts[:1])
 
 
 def test_columns_that_do_not_differ_have_no_modes():

@@ -50,6 +50,6 @@ def test_findings_of_an_ocean_are_a_table():
 def test_a_long_table_is_cut_and_what_is_no_markup_stays_none():
     frame = pd.DataFrame({"<a>": range(100), "x_m": [None, *range(99)]})
     shown = notebook_html("<b>", {"<i>": "&"}, [ResultTable("t", frame, "<u>")])
-    assert "the first 12 of 100 rows" in shown
-    assert len(cells(shown)) < 50
+    assert "the first 24 of 100 rows" in shown
+    assert len(cells(shown)) < 60
     assert not set(re.findall(r"</?(\w+)", shown)) & {"b", "i", "u", "a"}

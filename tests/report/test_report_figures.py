@@ -25,7 +25,7 @@ from pymantaray.study import open_run
 
 HEADER = "Test Sea, synthetic ocean"
 NAME = "A long name " * 9
-WITHOUT_UNIT = {"Ranges in a bin", "NEES / degrees of freedom", "NIS / degrees of freedom"}
+WITHOUT_UNIT = {"Ranges in a bin", "Vehicle", "NEES / degrees of freedom", "NIS / degrees of freedom"}
 
 
 @pytest.fixture(scope="module")
@@ -246,11 +246,11 @@ def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, made_run):
     nothing, time = np.full(7, np.nan), truth.time
     lost, never = {"straight": np.full((2, 1, time.size), np.nan)}, np.zeros((1, time.size), bool)
     for figure, word in (
-        (range_error_histogram([("x", nothing)], ""), "no range was heard"),
-        (range_error_histogram([("x", np.empty(0))], ""), "no range was heard"),
+        (range_error_histogram([("x", nothing)], ""), "no range was received"),
+        (range_error_histogram([("x", np.empty(0))], ""), "no range was received"),
         (range_error_histogram([("x", np.array([3.0]))], ""), "N = 1"),
         (range_error_histogram([("x", np.zeros(5))], ""), "N = 5"),
-        (range_error_split(nothing, nothing, nothing, ""), "no range was heard"),
+        (range_error_split(nothing, nothing, nothing, ""), "no range was received"),
         (dropout_map(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, "i1"), ""), "no range was attempted"),
         (pooled_ape([ApePanel("p", {"straight": nothing}, log=True)], ""), "no usable solve"),
         (pooled_ape([ApePanel("p", {"straight": np.zeros(9)}, log=True)], ""), "mean 0.00 m"),

@@ -160,8 +160,8 @@ def test_clocks_are_drawn_by_vehicle_and_move_nothing_else(make_measurements, ma
 IMPOSSIBLE = {
     "turn_around is -1; it must be finite and zero or positive": lambda: TwoWay(-1.0),
     "offset_sigma is nan; it must be finite": lambda: ClockModel(offset_sigma=np.nan),
-    r"Clocks: skew: shape \(2,\); it needs \(1,\)": lambda: Clocks(offset=[0.0], skew=[0.0, 1.0]),
-    "Clocks: offset: 1 values are not finite": lambda: Clocks(offset=[np.inf], skew=[0.0]),
+    r"Clocks: skew: shape is \(2,\); it must be \(1,\)": lambda: Clocks(offset=[0.0], skew=[0.0, 1.0]),
+    "Clocks: offset: 1 of 1 values are not finite": lambda: Clocks(offset=[np.inf], skew=[0.0]),
 }
 
 

@@ -212,7 +212,7 @@ def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
     line = r"time is 22000 s; it must be 0 to 21600 s after 2014-07-15T12:00:00 UTC"
     for service in (in_varying, coarse):
         refused(WaterError, line, service.ping, 22e3, place[0], place[1:])
-    line = "geographic positions: latitudes 95 to 95; they must lie in -90 to 90"
+    line = "geographic positions: latitudes are 95 to 95; they must be -90 to 90"
     refused(WaterError, line, in_varying.ping, 0.0, (95.0, 0.0, 5.0), [(74.5, -140.0, 5.0)], geographic=True)
 
 

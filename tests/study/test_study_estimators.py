@@ -447,7 +447,7 @@ def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp
         ("page.nc: ", "page.nc", {}),
         ("none.nc: .*o such file", "none.nc", {}),
         ("far.nc: cast is 'X', but this is an ocean; leave it out", "far.nc", {"cast": "X"}),
-        ("cast.csv: no cast 'X' in it", "cast.csv", {"cast": "X"}),
+        ("cast.csv: no cast 'X'; available: cast", "cast.csv", {"cast": "X"}),
         ("far.nc: .*2014-01-01", "far.nc", {"time": dt.datetime(2015, 1, 1, tzinfo=dt.UTC)}),
     ):
         refused(OceanError, message, beliefs.believed, file_belief(tmp_path / name, **options), 0)

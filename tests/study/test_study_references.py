@@ -106,7 +106,7 @@ def test_data_are_cited_by_what_they_say_of_themselves(tiny, tmp_path):
 
 def test_a_synthetic_ocean_there_is_not_is_refused_by_those_there_are(tiny, tmp_path):
     unknown = tiny(ocean={"source": "synthetic:beaufot"})
-    with pytest.raises(OceanError, match="'beaufot' is unknown; there are beaufort, fram"):
+    with pytest.raises(OceanError, match="'beaufot' is unknown; available: beaufort, fram"):
         run_study(unknown, tmp_path / "run")
 
 

@@ -273,7 +273,7 @@ def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
             shown = np.datetime_as_string(absent[0], unit="m")
             first, last = np.datetime_as_string(index.times[[0, -1]], unit="m")
             raise AtlasError(
-                f"time {shown}: not in the ocean, which has {index.times.size} times from {first} to {last}; select one of these"
+                f"time {shown}: not in the ocean, which has {index.times.size} from {first} to {last}; select one of these"
             )
     return instants
 

@@ -66,7 +66,7 @@ def _instant(value: object) -> object:
     return value
 
 
-Instant = Annotated[dt.datetime, BeforeValidator(_instant)]
+Instant = Annotated[dt.datetime, BeforeValidator(_instant, json_schema_input_type=dt.datetime | str)]
 """Date and time, UTC unless a zone is given."""
 Depth = Metres[NonNegativeFloat]
 """Positive down."""

@@ -162,8 +162,10 @@ class Cast:
 
         Returns
         -------
-        temperature, salinity : ndarray, shape (n,)
-            [degC], practical salinity
+        temperature : ndarray, shape (n,)
+            [degC]
+        salinity : ndarray, shape (n,)
+            Practical salinity. [-]
         """
         edges = layer_edges(np.asarray(levels, dtype=float))
         return self._means(edges, self.temperature), self._means(edges, self.salinity)

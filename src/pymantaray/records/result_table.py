@@ -52,7 +52,7 @@ _HEADS = {
 }
 _FORMATS = dict.fromkeys(("lat", "lon", "latitude", "longitude"), ".6f")  # a metre is 1e-5 degrees
 _QUANTITY = "quantity"  # a column with names of columns of other tables
-_NOTEBOOK_ROWS = 12
+_NOTEBOOK_ROWS = 24  # more than a record has columns
 _LATEX_SIGNS = {
     "−": "$-$",
     "–": "--",

@@ -36,9 +36,10 @@ class JsonChannel(HTTPChannel):  # type: ignore[misc]
 
     def __init__(self, server: Any, *arguments: Any, **options: Any) -> None:
         super().__init__(server, *arguments, **options)
+        self.last_request = self.last_activity
         idle = [channel for channel in server.active_channels.values() if channel.idle]
         if len(server.active_channels) >= server.connections and len(idle) > 1:
-            min(idle, key=lambda channel: channel.last_activity).hang_up()
+            min(idle, key=lambda channel: channel.last_request).hang_up()
 
     @property
     def idle(self) -> bool:
@@ -59,8 +60,14 @@ class JsonChannel(HTTPChannel):  # type: ignore[misc]
             self.last_activity = before
 
     def service(self) -> None:
-        """Serve a request; the connection is busy until the time of its end is recorded."""
+        """
+        Serve a request; the connection is busy until the time of its end is recorded.
+
+        The time of the request is recorded before the client can have its answer, so that the order of connections is that of
+        their requests.
+        """
         self.busy = True
+        self.last_request = time.time()
         try:
             super().service()
         finally:
