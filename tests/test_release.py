@@ -75,7 +75,7 @@ def test_the_recipe_needs_what_the_package_needs():
     [
         ("requirements:", "requirementz:", "requirementz"),
         ("numpy >=", "numpy >==", "version spec"),
-        ("{{ version }}.tar", "{{ versoin }}.tar", "versoin"),
+        ("{{ version }}.tar", "{{ release_name }}.tar", "release_name"),
     ],
 )
 def test_a_recipe_that_does_not_render_is_refused(check, tmp_path, old, new, message):
