@@ -33,7 +33,7 @@ _PAIR = 1e-3  # s; rays of one fold are not further apart there
 @dataclass(frozen=True)
 class Leakage:
     r"""
-    How sound is taken to arrive where no ray does.
+    Model of sound that arrives where no ray does.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def _edges(solve: Solve, room: Array, reach: float) -> tuple[Indices, Array]:
 
 
 def _is_fold(inside: Arrivals, rays: Indices) -> bool:
-    """Whether the two rays that are nearest in time are two of one fold."""
+    """True if the two rays that are nearest in time belong to one fold."""
     if rays.size < 2:
         return False
     a, b = rays[:2]

@@ -79,7 +79,7 @@ def first_rows(link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[
 
 def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: Rule) -> NDArray[np.bool_]:
     """
-    Whether a cut-off of spreading `NEAR_DB` higher or lower would change what a rule picks on each link (n_links,).
+    True for each link (n_links,) on which a spreading cut-off that is `NEAR_DB` higher or lower would change the selected arrival.
 
     By arrivals that were looked for with a cut-off `NEAR_DB` higher than the one that is asked about [dB].
     """

@@ -102,7 +102,7 @@ def _lacks_memory(error: BaseException) -> bool:
 
 
 def _memory_line() -> str:
-    """What happened where memory is short, with the limit of this process if it has one."""
+    """Message about a lack of memory, with the limit of this process if it has one."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY:
         return "not enough memory; close other programs, or give fewer --workers or a smaller study"

@@ -239,7 +239,7 @@ class RunGroup(TyperGroup):
 
 @dataclass(frozen=True)
 class OceanOptions:
-    """Where the water comes from: an ocean, a profile or cast, or a configuration."""
+    """Source of the water: an ocean, a profile or cast, or a configuration."""
 
     ocean: Annotated[
         list[str] | None,
@@ -275,7 +275,7 @@ class OceanOptions:
 
 @dataclass(frozen=True)
 class AnySourceOptions(OceanOptions):
-    """Where the water comes from: also a study's run."""
+    """Source of the water, which may also be a run."""
 
     run: Annotated[
         Path | None,
@@ -294,7 +294,7 @@ class AnySourceOptions(OceanOptions):
 
 @dataclass(frozen=True)
 class SourceOptions(AnySourceOptions):
-    """Where the water comes from, of which one has to be given."""
+    """Source of the water, which is required."""
 
     def __post_init__(self) -> None:
         if len(self.given) != 1:
@@ -462,7 +462,7 @@ def _named(text: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class ArrivalOptions:
-    """Which eigenrays count as arrivals; without an option as the configuration says, else direct rays within 15 dB."""
+    """Selection of eigenrays that count as arrivals; by default that of the configuration, else direct rays within 15 dB."""
 
     max_surface_bounces: Annotated[
         int | None,
@@ -504,7 +504,7 @@ class ArrivalOptions:
 
 @dataclass(frozen=True)
 class SearchOptions(ArrivalOptions):
-    """How eigenrays are found, too."""
+    """Options of the search for eigenrays."""
 
     tolerance: Annotated[
         float,

@@ -1,4 +1,4 @@
-"""What all commands do alike: outputs checked before any work, streams that cannot spoil finished work, progress."""
+"""Common parts of commands: checks of outputs before any work, standard streams, progress."""
 
 import codecs
 import errno
@@ -22,7 +22,7 @@ EXIT_KNOWN_ERROR = 2
 
 
 class Report(Protocol):
-    """What shows progress."""
+    """Functions that show progress."""
 
     def __call__(self, stage: str, done: int, total: int, failed: int = 0, /) -> None:
         """Take the name of a stage, how many of its parts are over, how many there are, and how many failed."""
@@ -118,7 +118,7 @@ def standard_streams() -> Iterator[None]:
 
 
 class Watch:
-    """What a command is at: the parts of its stages, the time that is left of each, the stages to come, and the largest memory so far."""
+    """State of a command: finished parts and remaining time of each stage, the next stages, and the peak memory."""
 
     def __init__(self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic) -> None:
         self.stages, self._clock = stages, clock
@@ -142,7 +142,7 @@ class Watch:
         return f"{duration(max(end - self._clock(), 0.0))} left"
 
     def failed(self, stage: str) -> str:
-        """How many parts of a stage failed, if any."""
+        """Text with the number of failed parts of a stage; empty if none failed."""
         failed = self._latest[stage][2]
         return f"{failed} failed" if failed else ""
 
@@ -168,7 +168,7 @@ class Watch:
 @contextmanager
 def progress_bars(*, quiet: bool, stages: Sequence[str] = ()) -> Iterator[Report | None]:
     """
-    What shows progress on standard error as bars, one a stage, and as a line a minute where that is no terminal; None if ``quiet``.
+    Progress on standard error: a bar per stage in a terminal, otherwise a line per minute; None if ``quiet``.
 
     ``stages`` are those that are known to come, in order.
     """
@@ -241,7 +241,7 @@ def _lines(watch: Watch, stream: TextIO) -> Iterator[Report]:
 
 @contextmanager
 def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
-    """What shows the last step of a solve and its cost on standard error; None if ``quiet`` or where that is no terminal."""
+    """Progress of a solve on standard error, its last step and cost; None if ``quiet`` or without a terminal."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
@@ -253,7 +253,7 @@ def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
 
 @contextmanager
 def counted_progress(noun: str, *, quiet: bool) -> Iterator[TaskProgress | None]:
-    """What shows points or blocks that are done, failed and left, as `progress_bars` does stages."""
+    """Progress of points or blocks: finished, failed and remaining, as `progress_bars` for stages."""
     with progress_bars(quiet=quiet) as report:
         if report is None:
             yield None

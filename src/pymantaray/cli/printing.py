@@ -1,4 +1,4 @@
-"""What a command tells, for people as it comes or for scripts as one JSON object at the end; and how much is logged."""
+"""Output of a command, as text for people or as one JSON object for scripts, and its log level."""
 
 import json
 import logging
@@ -96,7 +96,7 @@ def _print_json(values: dict[str, Any] | None) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """As JSON has it: tables as lists of rows, what is not a number as null."""
+    """Convert a value to JSON: tables become lists of rows, NaN becomes null."""
     if isinstance(value, Mapping):
         return {str(name): _plain(one) for name, one in value.items()}
     if hasattr(value, "to_dict"):

@@ -224,7 +224,7 @@ def run_and_report(
 
 
 def _stages(config: "StudyConfig", *, figures: bool) -> list[str]:
-    """What a study goes through, in order."""
+    """Stages of a study, in order."""
     solving, drawing = ["realizations"] if config.solves else [], ["report"] if figures else []
     return ["ocean", "fleet", "rays", *solving, "files", *drawing]
 
@@ -374,7 +374,7 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
 
 
 def _warnings(run: "Run") -> list[str]:
-    """Which solves failed their health gate, which vehicles stopped, what was changed in reading trajectories; a line each."""
+    """Lines about failed solves, stopped vehicles and changes in the trajectories that were read."""
     from pymantaray.records.status import SOLVE_STATUS_WORDS, SolveStatus
 
     outcome = run.manifest["outcome"]

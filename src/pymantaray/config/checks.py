@@ -61,7 +61,7 @@ def parse(model: type[Model], tree: dict[str, Any], label: str, folder: Path | N
 
 
 def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """What a model refused, one line per finding: where, what was found and what is allowed."""
+    """One line per finding of a model: the key, its value and the allowed values."""
     findings = [dict(finding) for finding in error.errors(include_url=False)]
     lines: dict[str, str] = {}
     for finding in findings:
@@ -75,7 +75,7 @@ def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
-    """Whether a list only seems too short because its entries were refused, which is said already."""
+    """True if a list is too short only because its entries were refused, for which there are findings already."""
     location = finding["loc"]
     return finding["type"] == "too_short" and any(
         len(other["loc"]) > len(location) and other["loc"][: len(location)] == location for other in findings
@@ -137,7 +137,7 @@ def _is_list(annotation: Any) -> bool:
 
 
 def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
-    """What the key at a pydantic location means, in brackets; nothing where nobody has said it."""
+    """Meaning of the key at a pydantic location, in brackets; empty if it has no description."""
     model, _, _ = _walk(location[:-1], root)
     field = model.model_fields.get(str(location[-1])) if model else None
     meaning = (field.description or "").replace("``", "") if field else ""

@@ -1,4 +1,4 @@
-"""What all sections of a configuration have in common: strictness, the word "none", names of files, quantities with units."""
+"""Common parts of all sections of a configuration: strictness, the word "none", names of files, quantities with units."""
 
 import datetime as dt
 import os

@@ -511,7 +511,7 @@ class ConditionSection(Section):
 
     @property
     def estimates_more(self) -> bool:
-        """Whether anything is estimated besides the poses."""
+        """True if anything is estimated besides the poses."""
         more = (self.modes, self.clocks, self.scale_sigma, self.bias_sigma)
         return any(prior is not None for prior in more)
 

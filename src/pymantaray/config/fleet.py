@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class FloatSection(Section):
-    """What all floats share unless a vehicle says otherwise."""
+    """Defaults of all floats; a vehicle may have its own values."""
 
     hold_depth_h: Hours[NonNegativeFloat] = 24.0
     """Time at the target depth. [h]"""

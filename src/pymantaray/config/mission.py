@@ -81,7 +81,7 @@ class MissionSection(Section):
     """A vehicle has a GNSS fix while it is shallower. Not in the paper, record 0001. [m]"""
 
     def pings(self, start: np.datetime64 | None = None) -> "Schedule":
-        """Who pings when; the start is that of the mission, for lists of pings with dates."""
+        """Schedule of the pings; the start is that of the mission, for lists of pings with dates."""
         from pymantaray.sensing import PingSchedule
 
         if self.schedule is not None:

@@ -85,7 +85,7 @@ def _moved(tree: Any, old: str, new: str, label: str, said: list[str]) -> Any:
 
 
 def _place(old: str, new: str) -> str:
-    """Where a value goes by itself: its list and its table are moved as a whole."""
+    """Path of a single value; its list and its table are moved as a whole."""
     for table, moved in RENAMED.items():
         if old.startswith(f"{table}.") and new.startswith(f"{moved}."):
             return table + new.removeprefix(moved)

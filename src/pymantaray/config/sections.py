@@ -1,4 +1,4 @@
-"""What a study is: strict, frozen sections whose defaults are the paper's tables, in one module because checks compare several."""
+"""Configuration of a study: strict, frozen sections. Defaults are the paper's tables; checks compare several sections."""
 
 import math
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 
 
 class AcousticsSection(Section):
-    """How eigenrays are looked for, which of them is ranged on, and whether the current carries them."""
+    """Search for eigenrays, selection of the ranged arrival, and the effect of currents on sound."""
 
     spreading_cutoff_db: PositiveFloat | Literal["none"] = 15.0
     """Eigenrays weaker than spherical spreading by more than this are left out; ``"none"`` keeps all. Not in the paper, record 0001. [dB]"""
@@ -71,7 +71,7 @@ class AcousticsSection(Section):
 
 class RangingSection(Section):
     """
-    How travel times are measured; the paper has synchronous clocks, one way, and a fleet at rest.
+    Measurement of travel times; the paper has synchronous clocks, one-way times, and a fleet at rest.
 
     With ``mistaken`` the receiver does not know the direct arrival from the others: it takes the first or the
     strongest that it detects, by ``[detection]`` or, without, by a threshold below the link's strongest
@@ -202,7 +202,7 @@ StandardNames = Annotated[
 
 
 class OceanSection(Section):
-    """Where the water and the sea floor come from, whether they vary, and the centre of the local frame."""
+    """Source of the water and the sea floor, their variation in time, and the centre of the local frame."""
 
     source: OceanSource
     """Files that belong together, a profile or cast, ``"synthetic:beaufort"`` or ``"synthetic:fram"``; files are relative to this one."""
@@ -267,7 +267,7 @@ class OceanSection(Section):
 
     @property
     def synthetic(self) -> bool:
-        """Whether the water is made up, not read from files."""
+        """True if the water is synthetic, not read from files."""
         return any(name.startswith("synthetic:") for name in self.source)
 
     @property
@@ -338,7 +338,7 @@ class NoiseSection(_Levels):
 
 
 class EstimatorSection(Section):
-    """What all conditions share: where the optimizer starts, and how often covariances are kept, the end included."""
+    """Defaults of all conditions: the start of the optimizer, and the interval of stored covariances, the end included."""
 
     start: Start = "truth"
     """Where the optimizer starts, unless a condition has a ``start`` of its own. Not in the paper, record 0001."""
@@ -347,7 +347,7 @@ class EstimatorSection(Section):
 
 
 class SoundConfig(Section):
-    """What of a study decides who hears whom, and when, but the places: all that ranging needs without a fleet."""
+    """Sections of a study that ranging needs without a fleet: water, acoustics, timing and detection."""
 
     in_toml: ClassVar[bool] = True
 

@@ -80,7 +80,7 @@ def write_rows(
 
 
 def flattened(measured: Array) -> Array:
-    """What is in the plane of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle about down."""
+    """Planar part of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle about down."""
     if measured.shape[1] == 3:
         return measured[:, :2]
     z, w = measured[:, 5], measured[:, 6]
@@ -98,7 +98,7 @@ def lifted(measured: Array) -> Array:
 
 
 def flat_matrix(matrices: Array) -> Array:
-    """What is in the plane of matrices over x y z rx ry rz, (n, 6, 6), or x y z, (n, 3, 3)."""
+    """Planar part of matrices over x y z rx ry rz, (n, 6, 6), or x y z, (n, 3, 3)."""
     inside = _IN_PLANE[matrices.shape[1]]
     return np.asarray(matrices[:, inside][:, :, inside])
 

@@ -251,7 +251,7 @@ class _Reader:
         return graph.with_factors(**self._pose_priors(), **tables), values
 
     def _numbers(self, word: str) -> tuple[Array, Array]:
-        """What is measured in the lines of a word, and its covariances, in the order that a graph has them."""
+        """Measurements in the lines of a word and their covariances, in the order of a graph."""
         flat = self._planar and word in FLAT
         grammar = _GRAMMAR[word].flat if flat else _GRAMMAR[word]
         values = self._values[word][:, grammar.timed :]

@@ -1,4 +1,4 @@
-"""How wrong is it: trajectory errors and range-error statistics. Truth and estimate meet only here."""
+"""Trajectory errors and statistics of range errors. Truth and estimate are compared only here."""
 
 from pymantaray.evaluation.bound import bound_table, error_bound
 from pymantaray.evaluation.comparison import comparison_table

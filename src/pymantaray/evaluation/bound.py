@@ -20,7 +20,7 @@ def ping_samples(measurements: Measurements) -> NDArray[np.intp]:
 
 
 def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArray[np.bool_]:
-    """Which vehicles are active and have no GNSS fix at each ping, shape (n_pings, n_vehicles)."""
+    """Mask of vehicles that are active and have no GNSS fix at each ping, shape (n_pings, n_vehicles)."""
     if truth.name.tolist() != measurements.name.tolist():
         raise EvaluationError(
             f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"

@@ -1,4 +1,4 @@
-"""What refraction does to ranges: signed errors and their two causes, and dropouts, by kind of link."""
+"""Effect of refraction on ranges: signed errors, their two causes, and dropouts, by kind of link."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

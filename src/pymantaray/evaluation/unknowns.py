@@ -1,4 +1,4 @@
-"""What ranges say of water and clocks: each unknown before and after, and the combinations that they see best and least."""
+"""Information of ranges about water and clocks: each unknown before and after, and the best and least determined combinations."""
 
 from typing import Any
 

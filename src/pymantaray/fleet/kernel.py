@@ -170,7 +170,7 @@ def _current(water, north, east, depth, now):
 
 @kernel
 def _carry(water, p, swum, now, dt):
-    """Where a step through the water ends that goes on from a place: carried by the current at its middle."""
+    """End of a step through the water, carried by the current at its middle."""
     north, east, depth = 0.5 * (p[0] + swum[0]), 0.5 * (p[1] + swum[1]), 0.5 * (p[2] + swum[2])
     middle = now + 0.5 * dt
     u, v = _current(water, north, east, depth, middle)
@@ -335,7 +335,7 @@ def _level(depth, k, z):
 
 @kernel
 def _phase_at(cycle, phase, step, depth, top):
-    """Whether a float goes down, whether it holds, until which step, and its depth aimed at, under ice that begins at top."""
+    """State of a float under ice that begins at top: descending, holding, last step of the hold, and target depth."""
     down, holding, until, aim = phase
     if holding:
         if step >= until:
@@ -357,7 +357,7 @@ def _forms(water, instant, i, j, k):
 
 @kernel
 def _rates(water, before, after, i, j, k):
-    """How fast both currents in a cell change between two instants."""
+    """Rates of change of both currents in a cell between two instants."""
     per_second = 1.0 / (water.time[after] - water.time[before])
     u, v = _forms(water, before, i, j, k)
     next_u, next_v = _forms(water, after, i, j, k)

@@ -240,7 +240,7 @@ class HorizontalField(NamedTuple):
         return to_our_unit(values, "length", unit, where=name) if is_unit_of("length", unit) else values
 
     def is_projected(self) -> bool:
-        """Whether its axes are those of a map projection."""
+        """True if the axes are those of a map projection."""
         for name, limit in ((self.lat, 90.0), (self.lon, 540.0)):
             unit = text(self.data.variables[name], "units").lower()
             beyond = np.max(np.abs(self.axis(name))) > limit + 1e-6

@@ -276,7 +276,7 @@ def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[
 
 
 def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int) -> None:
-    """What is no water, axes and title of one map, by its place among the others."""
+    """Draw land, axes and title of one map, by its position among the others."""
     axes.set_facecolor(style.PALE)
     others = _others(atlas, distance)
     if np.isfinite(others).any():
@@ -291,7 +291,7 @@ def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int
 
 
 def _others(atlas: xr.Dataset, distance: int) -> style.Array:
-    """Which of `_OTHERS` the columns are, NaN for water in which there are links of a distance."""
+    """Index into `_OTHERS` of each column, NaN for water with links of a distance."""
     status = atlas["column_status"].isel(time=0).values
     shallow = np.isnan(_lost(atlas, distance))
     return np.where(status != _WATER, status - 1.0, np.where(shallow, len(_OTHERS) - 1.0, np.nan))

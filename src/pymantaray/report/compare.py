@@ -199,7 +199,7 @@ def _by_names(content: Any) -> Any:
 
 
 def _all_solved(runs: Mapping[str, Results]) -> bool:
-    """Whether none of them has ranges alone."""
+    """True if every run has estimates."""
     return all(r.run.config.solves for r in runs.values())
 
 

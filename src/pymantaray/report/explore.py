@@ -1,4 +1,4 @@
-"""What the page of a run shows by moving: the fleet, the links of each ping, and rays of some of them, as plain numbers for its script."""
+"""Data of the interactive figures of a run's page: the fleet, the links of each ping, and rays, as plain numbers for its script."""
 
 import json
 import math

@@ -1,5 +1,5 @@
 """
-What a report shows of a run, and the register of its figures.
+Inputs of a report, and the register of its figures.
 
 A figure is a function in a module ``figures_*.py`` of this folder and a call of `register` beside it, which says what
 it is called, where it stands on the page and how it is made of a run's `Results`. Modules of that name are found.
@@ -48,7 +48,7 @@ class Results:
 
     @cached_property
     def fixes(self) -> NDArray[np.bool_]:
-        """Where a vehicle has a GNSS fix, of shape (vehicles, times)."""
+        """Mask of the poses with a GNSS fix, shape (vehicles, times)."""
         o = self.run.measurements
         fixes = np.zeros(o.depth.shape, dtype=bool)
         fixes[o.gnss_vehicle, o.gnss_sample] = True
@@ -61,7 +61,7 @@ class Results:
 
     @property
     def synthetic(self) -> bool:
-        """Whether the ocean is made up."""
+        """True if the ocean is synthetic."""
         return self.run.synthetic
 
     @property
@@ -71,7 +71,7 @@ class Results:
 
     @property
     def realizations(self) -> str:
-        """How many, in words."""
+        """Count with its noun."""
         count = len(self.run.estimates.realization)
         return "1 realization" if count == 1 else f"{count} realizations"
 

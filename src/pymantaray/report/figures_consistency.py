@@ -1,4 +1,4 @@
-"""Whether estimators are as good as they think: NEES and range innovations over time, with their bounds."""
+"""Consistency of estimators: NEES and range innovations over time, with their bounds."""
 
 from collections.abc import Sequence
 from typing import Any

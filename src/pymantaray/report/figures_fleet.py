@@ -1,4 +1,4 @@
-"""Where the vehicles are: layout in plan and in depth, and the factor graph that joins them."""
+"""Layout of the vehicles in plan and in depth, and their factor graph."""
 
 from collections.abc import Callable
 from itertools import takewhile
@@ -160,7 +160,7 @@ def _line(axes: Axes3D, path: style.Array, **look: object) -> None:
 
 
 def _marks(names: style.Array, letter: str = "") -> list[str]:
-    """What stands beside the marks: names, less what all begin with if they are long; numbers in their order if they still are."""
+    """Labels of the marks: names, without their common prefix if they are long; numbers if they are still too long."""
     marks: list[str] = names.tolist()
     if max(map(len, marks), default=0) > _LONG and len(marks) > 1:
         common = len(list(takewhile(lambda letters: len(set(letters)) == 1, zip(*marks, strict=False))))
@@ -171,7 +171,7 @@ def _marks(names: style.Array, letter: str = "") -> list[str]:
 
 
 def _all_marks(truth: Trajectories, measurements: Measurements) -> list[str]:
-    """What stands beside the marks of vehicles and landmarks."""
+    """Labels of the marks of vehicles and landmarks."""
     return [*_marks(truth.name), *_marks(measurements.landmark_name, "L")]
 
 

@@ -118,7 +118,7 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
 
 
 def _water_shown(picture: xr.Dataset) -> tuple[float, style.Array, style.Array]:
-    """How far down a picture goes, its depths, and sound speed at depths and ranges; NaN where there is no water."""
+    """Depth of the lower edge of a picture, its depths, and sound speed at depths and ranges; NaN outside the water."""
     depth, floor = picture["depth"].values, picture["sea_floor_depth"].values
     lowest = _lowest_shown(picture)
     rows = np.linspace(depth[0], lowest, _ROWS)
@@ -168,13 +168,13 @@ def _draw_ends(axes: Axes, picture: xr.Dataset, lowest: float) -> None:
 
 
 def _exaggeration(axes: Axes) -> float:
-    """How much steeper lines are than in the water."""
+    """Vertical exaggeration."""
     panel, (left, right), (lowest, top) = axes.get_window_extent(), axes.get_xlim(), axes.get_ylim()
     return (panel.height / max(lowest - top, 1e-9)) / (panel.width / max((right - left) * 1e3, 1e-9))
 
 
 def _names(picture: xr.Dataset) -> tuple[str, str]:
-    """What source and receiver are called."""
+    """Names of source and receiver."""
     return str(picture.attrs.get("source", "source")), str(picture.attrs.get("receiver", "receiver"))
 
 
@@ -209,7 +209,7 @@ def _caption_of_rays(results: Results) -> str:
 
 
 def _lowest_shown(picture: xr.Dataset) -> float:
-    """Where the picture ends: below the sea bed, or below what it is about where the sea bed is far from that."""
+    """Lower edge of the picture: below the sea bed, or below its content if the sea bed is far from that."""
     depth = picture["depth"].values
     hits = picture["ray_depth"].values[picture["ray_arrives"].values.astype(bool)]
     deepest = max(float(np.nanmax(picture["chord_depth"].values)), float(np.nanmax(hits, initial=0.0)))

@@ -1,4 +1,4 @@
-"""How the parts fit: the stages of a study, and the records that pass between them, read from the signatures of the code."""
+"""Diagram of the stages of a study and the records that pass between them, from the signatures of the code."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass

@@ -1,4 +1,4 @@
-"""What refraction does to ranges: the error's distribution, its two parts, and who is not heard."""
+"""Effect of refraction on ranges: distribution of the error, its two parts, and dropouts."""
 
 from collections.abc import Sequence
 
@@ -101,7 +101,7 @@ def range_error_split(
 def dropout_map(
     transmitter: style.Array, receiver: style.Array, status: NDArray[np.int8], header: str
 ) -> Figure:
-    """Who is not heard, and why: attempts by distance, depth difference and the depths of both ends."""
+    """Dropouts and their reasons: attempts by distance, depth difference and the depths of both ends."""
     figure = style.new_figure(style.DOUBLE, 3.0, header)
     places = figure.subplots(1, 2)
     km = np.linalg.norm(receiver - transmitter, axis=-1) / 1e3

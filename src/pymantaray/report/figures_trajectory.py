@@ -1,4 +1,4 @@
-"""What refraction does to estimated positions: errors pooled by condition, and over time by vehicle."""
+"""Effect of refraction on estimated positions: errors pooled by condition, and over time by vehicle."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the ranges say of water and clocks, beside what was known of them beforehand."""
+"""Estimates of water and clocks from ranges, compared with their priors."""
 
 import numpy as np
 import pandas as pd
@@ -52,7 +52,7 @@ def _with_prior(tables: RunTables) -> pd.DataFrame:
 
 
 def _too_wide(names: pd.Series) -> bool:
-    """Whether names would touch on an axis of the figure's width."""
+    """True if names would touch on an axis of the figure's width."""
     return len(names) * (int(names.str.len().max()) + 2) > _LEVEL
 
 

@@ -49,7 +49,7 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True)
 class Page:
-    """What is on a page, from top to bottom; a part that is empty is left out."""
+    """Content of a page, from top to bottom; empty parts are left out."""
 
     title: str
     facts: Sequence[str] = ()  # soft lines below the title

@@ -1,4 +1,4 @@
-"""What is on the page of a run."""
+"""Page of a run."""
 
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
@@ -89,7 +89,7 @@ def _words(results: Results) -> list[str]:
 
 
 def _citation(results: Results) -> tuple[str, str]:
-    """How a paper cites the run, in words and as BibTeX: the program, its version, and what makes the run again."""
+    """Citation of the run, as text and as BibTeX: the program, its version, and the command that repeats the run."""
     run, manifest = results.run, results.run.manifest
     versions = manifest["versions"]
     version, commit = versions.get("pymantaray", "unknown"), versions.get("git_commit")

@@ -132,7 +132,7 @@ def ocean_name(attrs: Mapping[Any, Any]) -> str:
 
 
 def is_synthetic(attrs: Mapping[Any, Any]) -> bool:
-    """Whether a data set says that its ocean is made up."""
+    """True if the attributes of a data set say that its ocean is synthetic."""
     return bool(int(attrs.get("synthetic", 0)))
 
 

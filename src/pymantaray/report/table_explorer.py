@@ -1,4 +1,4 @@
-"""What the pages of sweeps, comparisons and replays show by choosing: any number of a table over any of its fields."""
+"""Interactive plot of a table, any of its numbers over any of its fields, on pages of sweeps, comparisons and replays."""
 
 from collections.abc import Sequence
 from typing import Any

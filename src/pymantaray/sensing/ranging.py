@@ -169,7 +169,7 @@ def _pairs(attempts: Attempts, truth: Trajectories, landmarks: Sequence[Landmark
 
 
 class _Chords(NamedTuple):
-    """What evaluation needs of every pair, silent ones included."""
+    """Columns of every pair that the evaluation needs, silent pairs included."""
 
     travel_time: Array
     """Along the straight chord, shape (n_pairs,). [s]"""

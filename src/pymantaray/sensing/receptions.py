@@ -20,7 +20,7 @@ AnyRecord = TypeVar("AnyRecord", bound=Record)
 
 
 class SoundPath(IntEnum):
-    """How sound reaches a receiver."""
+    """Path by which sound reaches a receiver."""
 
     DIRECT = 0  # an eigenray without a reflection
     REFLECTED = 1  # an eigenray with reflections
@@ -33,7 +33,7 @@ NO_RAY = {SoundPath.LEAKED: RayStatus.LEAKED, SoundPath.SCATTERED: RayStatus.SCA
 
 
 class Direction(IntEnum):
-    """Which end of a link sends."""
+    """End of a link that transmits."""
 
     FORTH = 0  # from the link's source to its receiver
     BACK = 1
@@ -104,7 +104,7 @@ def _elevation(along: Array) -> Array:
 
 
 class AlongRays(NamedTuple):
-    """What is computed along the path of each arrival."""
+    """Quantities along the path of each arrival."""
 
     delay: Array | None
     """Change of the travel time from source to receiver by the current; None at rest. [s]"""

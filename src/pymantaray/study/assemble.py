@@ -52,14 +52,14 @@ def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
 def fleet_findings(
     config: StudyConfig, geographic: xr.Dataset, sea_floor: xr.DataArray | None
 ) -> list[Finding]:
-    """What a run of a study in an ocean would refuse of its vehicles, by the run's own check; nothing of given trajectories."""
+    """Findings of a run's own check of its vehicles in an ocean; none for existing trajectories."""
     local = local_ocean(config.ocean, geographic, sea_floor)
     refusals = fleet_refusals(config.fleet.build(), local, config.mission.physics_step_s)
     return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]
 
 
 def build_schedule(config: StudyConfig) -> Schedule:
-    """Who pings when in a study."""
+    """Schedule of the pings of a study."""
     start = None if config.ocean.time is None else utc_instant(config.ocean.time)
     if config.fleet.trajectories and config.mission.schedule is not None:
         start = read_fleet(config.fleet).start

@@ -29,7 +29,7 @@ _SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
 
 
 class Format(NamedTuple):
-    """How a realization is written, and whether that makes a folder of files."""
+    """Writer of a realization, and true if it writes a folder of files."""
 
     write: Callable[[Run, int, Path], None]
     folder: bool = True
@@ -88,7 +88,7 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
 
 
 def record(run: Run, realization: int) -> Recording:
-    """What other programs get of one realization."""
+    """Data of one realization for other programs."""
     e = run.estimates
     estimates = {
         condition: FleetPoses(position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))

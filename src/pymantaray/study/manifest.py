@@ -1,4 +1,4 @@
-"""What a run was made from and with: versions, seeds, checksums, timings, memory, platform."""
+"""Provenance of a run: versions, seeds, checksums, timings, memory, platform."""
 
 import datetime as dt
 import os
@@ -100,7 +100,7 @@ def _command() -> str | None:
 
 
 def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, Any]:
-    """Where the trajectories of a fleet are from, when they begin, and what was changed or assumed in reading them."""
+    """Source of the trajectories of a fleet, their start, and changes or assumptions made when they were read."""
     tracks = read_fleet(config.fleet)
     note = centre_note(config, ocean, tracks)
     return {

@@ -123,7 +123,7 @@ def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule 
 def simulate_fleet(
     config: StudyConfig, ocean: OceanFields, *, tracks: Tracks | None = None, schedule: Schedule | None = None
 ) -> Trajectories:
-    """Where the vehicles of a mission go, sampled at every ping too."""
+    """Trajectories of the vehicles of a mission, sampled at every ping too."""
     mission, duration = config.mission, config.mission.duration_h * 3600.0
     if config.fleet.trajectories:
         pings = (schedule or build_schedule(config)).times(duration)
@@ -168,7 +168,7 @@ def range_fleet(
 def assemble_mission(
     config: StudyConfig, ocean: OceanFields, truth: Trajectories, ranging: Ranging
 ) -> Mission:
-    """What all realizations of a study share, from its ranges, and no picture."""
+    """Data that all realizations of a study share, from its ranges, without the ray picture."""
     noise = config.noise.model
     picker = build_picker(config.ranging, build_sonar(config.detection))
     return Mission(

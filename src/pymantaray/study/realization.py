@@ -30,7 +30,7 @@ from pymantaray.study.true_unknowns import collect_unknowns
 
 
 class Solved(NamedTuple):
-    """What became of one realization."""
+    """Outcome of one realization."""
 
     solutions: dict[str, Solution]
     true_unknowns: dict[str, dict[str, float]]
@@ -144,7 +144,7 @@ class RealizationQueue(Queue):
 
 
 def start_solver(folder: Path) -> Callable[[int], Solved]:
-    """What a worker does to solve realizations of the run in a folder."""
+    """Make the function by which a worker solves realizations of the run in a folder."""
     return RealizationSolver(Run(folder)).solve
 
 

@@ -1,4 +1,4 @@
-"""Which publications a study relies on, as text and as BibTeX; they themselves are in `references.toml`."""
+"""Publications that a study relies on, as text and as BibTeX; `references.toml` lists them all."""
 
 import re
 import tomllib
@@ -166,7 +166,7 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
 
 
 def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
-    """Whose data a source has: those of a synthetic ocean, or what a file says of itself."""
+    """Owner of the data of a source: of a synthetic ocean, or as the file's attributes say."""
     if source.startswith("synthetic:"):
         for key in _SYNTHETIC.get(source, "").split():  # an unknown one is refused where it is opened
             yield key, f"{what}, water masses of {source}"
@@ -181,7 +181,7 @@ def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
 
 
 def _sonar(s: DetectionSection, losses: AcousticsSection) -> Iterator[tuple[str, str]]:
-    """What a sonar equation relies on."""
+    """Publications of the sonar equation."""
     for key in _ABSORPTION.get(s.absorption, ()):
         yield key, "absorption"
     if s.noise_spectral_level_db is None:

@@ -133,7 +133,7 @@ class Run:
 
     @cached_property
     def links(self) -> Links:
-        """Who is at either end of each link in `arrivals`, and when."""
+        """Participants at both ends of each link in `arrivals`, and the times of the links."""
         return Links.load(self.path / LINKS)
 
     @cached_property
@@ -158,7 +158,7 @@ class Run:
 
     @cached_property
     def candidates(self) -> Candidates | None:
-        """What each range attempt may take for its direct arrival; None if no receiver errs."""
+        """Candidates that each range attempt may mistake for its direct arrival; None if no receiver errs."""
         if self.config.ranging.mistaken == "none":
             return None
         return Candidates.load(self.path / CANDIDATES)
@@ -178,7 +178,7 @@ class Run:
 
     @cached_property
     def unknowns(self) -> SharedUnknowns | None:
-        """What estimators found of modes and clocks; None if none estimated any."""
+        """Estimates of modes and clocks; None if no condition estimates any."""
         path = self.path / UNKNOWNS
         return SharedUnknowns.load(path) if path.is_file() else None
 
@@ -203,7 +203,7 @@ class Run:
 
     @property
     def synthetic(self) -> bool:
-        """Whether the ocean is made up: a synthetic one of ours, or a file that says so of itself."""
+        """True if the ocean is synthetic: one of this package, or a file whose attributes say so."""
         return bool(self.ocean.attrs["synthetic"])
 
     def noisy_measurements(self, realization: int) -> Measurements:

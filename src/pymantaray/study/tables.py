@@ -108,7 +108,7 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
 
 
 def cost_table(run: "Run") -> pd.DataFrame:
-    """What each condition is, as the configuration has it, its seed and the CPU time of its solves."""
+    """Settings of each condition, its seed and the CPU time of its solves."""
     own = [c for c in run.config.conditions if not c.standard]
     sections = {c.name: c.model_dump(mode="json", exclude_defaults=True) for c in own}
     rows = []

@@ -40,7 +40,7 @@ def _read(files: tuple[str, ...], _stamps: tuple[tuple[int, int], ...], *, enu: 
 
 
 class MissionSize(NamedTuple):
-    """How much there is to do in a mission, before it is done."""
+    """Amount of work of a mission, known before it runs."""
 
     vehicles: int
     samples: float

@@ -1,4 +1,4 @@
-"""What a sweep is: a base study, and lists of values for its fields, crossed or zipped."""
+"""Definition of a sweep: a base study, and lists of values for its fields, crossed or zipped."""
 
 import json
 import math
@@ -103,7 +103,7 @@ class Axis(NamedTuple):
         return len(next(iter(self.values.values())))
 
     def coordinates(self) -> dict[str, list[Any]]:
-        """What stands for the values in tables: numbers and words as they are, JSON for anything else."""
+        """Labels of values in tables: numbers and text unchanged, JSON for anything else."""
         columns = {name: [_word(value) for value in values] for name, values in self.values.items()}
         return {self.name: list(self.labels), **columns} if self.labels else columns
 

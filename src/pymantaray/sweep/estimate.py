@@ -1,4 +1,4 @@
-"""What a sweep will take, before it is run: time and room, from points that were measured or from what is known of studies."""
+"""Estimate of time and disk space of a sweep before it runs, from finished points or from known costs of studies."""
 
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
@@ -21,7 +21,7 @@ _SAMPLE = 100  # points whose size is looked at
 
 
 class Cost(NamedTuple):
-    """What one task takes."""
+    """Cost of one task."""
 
     seconds: Mapping[str, float]
     """By kind of task."""
@@ -31,7 +31,7 @@ class Cost(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What a sweep takes."""
+    """Cost of a sweep."""
 
     seconds: float
     """Of one worker."""
@@ -53,7 +53,7 @@ def estimate(plan: Plan, points: Collection[str], cost: Cost) -> Estimate:
 
 
 def known_cost(sweep: Sweep) -> Cost:
-    """What tasks took in the preset `quick`, for studies of this size."""
+    """Cost of tasks in the preset `quick`, scaled to studies of this size."""
     count = len(sweep)
     configs = [sweep.point(k * count // min(count, _SAMPLE)) for k in range(min(count, _SAMPLE))]
     sizes = [_seconds(config) for config in configs]
@@ -74,7 +74,7 @@ def _seconds(config: StudyConfig) -> dict[str, float]:
 
 
 def cost_of(contents: Sequence[Mapping[str, Mapping[str, float]]]) -> Cost | None:
-    """What tasks took in points that are done; None if none is."""
+    """Cost of tasks in finished points; None if there is none."""
     seconds = [content["seconds"] for content in contents if "seconds" in content]
     if not seconds:
         return None
@@ -84,7 +84,7 @@ def cost_of(contents: Sequence[Mapping[str, Mapping[str, float]]]) -> Cost | Non
 
 
 def measured_cost(sweep: Sweep) -> Cost:
-    """What the first point takes here, after a run for whatever is to be compiled."""
+    """Cost of the first point on this machine, measured after a run that compiles the kernels."""
     from pymantaray.sweep.results import open_sweep
     from pymantaray.sweep.runner import run_sweep
 

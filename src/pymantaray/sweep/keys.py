@@ -1,4 +1,4 @@
-"""What a task is called: the hash of all that its result depends on."""
+"""Key of a task: the hash of everything that its result depends on."""
 
 import fnmatch
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What there is to do: the points of a sweep, the stages that they share, and which of both can be begun."""
+"""Plan of a sweep: its points, their shared stages, and the tasks that can start."""
 
 import hashlib
 import json
@@ -63,7 +63,7 @@ class Plan:
         return frozenset(key for key, count in uses.items() if count > 1)
 
     def count(self, stage: str, points: Collection[str]) -> int:
-        """How many different ones of a stage some points need."""
+        """Number of different instances of a stage that some points need."""
         return len({self.keys[self.points[key]][stage] for key in points})
 
 
@@ -156,7 +156,7 @@ class SweepQueue(Queue):
         return SweepTask(kind, self._plan.keys[number], config, self._shared(number), self._studies)
 
     def kind(self, key: str) -> str:
-        """What a task is."""
+        """Kind of a task."""
         return self._what[key][0]
 
     def done(self, key: str) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""What a sweep has found: how far it is, and one table of all points."""
+"""Results of a sweep: its progress, and one table of all points."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ OPEN = "open"
 
 
 class Status(NamedTuple):
-    """How far a sweep is."""
+    """Progress of a sweep."""
 
     points: int
     done: int
@@ -141,7 +141,7 @@ class SweepResults:
 
     @cached_property
     def contents(self) -> list[dict[str, Any]]:
-        """What the file of each point says."""
+        """Content of the file of each point."""
         there = {
             key: {"status": status, **content, "key": key}
             for key, status, content in read_points(self._store, set(self._keys))

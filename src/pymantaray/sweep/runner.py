@@ -130,7 +130,7 @@ def _warn_of_other_code(store: Store, plan: Plan) -> None:
 
 
 class _Points(SweepQueue):
-    """What is to be done of a sweep, and what becomes of it."""
+    """Run the tasks of a sweep and record their outcomes."""
 
     store: Store
     count_of_points: TaskCount

@@ -74,7 +74,7 @@ class Stages:
         return medium
 
     def seconds(self, stage: str) -> float:
-        """What a stage that was asked for took where it was computed. [s]"""
+        """Time that a requested stage took when it was computed. [s]"""
         return _LATEST[stage][2]
 
     def ensure(self, stage: str) -> None:

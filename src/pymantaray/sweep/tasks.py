@@ -1,4 +1,4 @@
-"""What a worker does: one stage that points share, or one point, each written where it belongs before it is told."""
+"""Work of a worker: one shared stage or one point, written to the store before it is reported."""
 
 import json
 import math
@@ -85,7 +85,7 @@ def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
 
 
 def summarize_point(run: Run) -> dict[str, Any]:
-    """What a sweep keeps of a study: errors and consistency of each condition, and of its links. NaN is null."""
+    """Results of a study that a sweep stores: errors and consistency of each condition, and of its links. NaN is null."""
     tables = run.tables
     conditions = {row.pop("condition"): row for row in tables["ate_pooled"].frame.to_dict("records")}
     for row in tables["ping_error"].frame.to_dict("records"):

@@ -23,7 +23,7 @@ _NODE = 2e3  # m; longer pieces of a path get two nodes on the way or more, an e
 
 @kernel
 def fits(s, walls, course, q0):
-    """Whether a ray may be traced here: in layers, along the horizontal and in its plane, its boundaries flat if they reflect."""
+    """True if a ray may be traced by arcs: layered water, horizontal axis, in its plane, flat boundaries if they reflect."""
     rule = course.rule
     flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     kind = rule.kind == at.OPEN or (rule.kind == at.FORWARD and flat)
@@ -182,7 +182,7 @@ def _arrive(course, here, rates, way, g, place, ray):
 
 @inlined
 def _above(walls, here, face, way, g, r):
-    """Whether a direct ray is above the water at a face, at a range r, or below even ice was on its way there."""
+    """True if a direct ray is above the water at a face, at a range r, or was above even ice on its way there."""
     if walls.surface.depth.size > 1:
         return face[0] < surface_at(walls, r, 0.0, r)[0]
     highest = here.depth + (1.0 / way.a - here.speed) / g if face[4] else face[0]

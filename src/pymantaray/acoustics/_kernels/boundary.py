@@ -144,7 +144,7 @@ def landed(walls, r, y, bounce):
 
 @kernel
 def _beyond(axis, i, x):
-    """How far a point is beyond a cell along one axis."""
+    """Distance of a point beyond a cell along one axis."""
     return max(axis[i] - x, x - axis[i + 1], 0.0) if axis.size > 1 else 0.0
 
 

@@ -93,7 +93,7 @@ root, floor, absolute = (_unary(name) for name in ("sqrt", "floor", "fabs"))
 
 @intrinsic
 def any_lane(_context, _mask):
-    """Whether any of a mask is true."""
+    """True if any element of a mask is true."""
 
     def generate(_context, builder, _signature, args):
         byte = ir.IntType(WIDTH)

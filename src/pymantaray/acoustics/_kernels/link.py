@@ -87,7 +87,7 @@ def prepare(domain, source, receiver, work):
 
 @kernel
 def _outside(domain, point):
-    """Whether a position is outside the domain or the water."""
+    """True if a position is outside the domain or the water."""
     north, east = domain.north, domain.east
     if north.size > 1 and not north[0] <= point[0] <= north[north.size - 1]:
         return True
@@ -240,7 +240,7 @@ def _chord_bracket(s, walls, course, tol, work):
 
 @kernel
 def _place(launch, course, walls, work):
-    """Where the ray in work goes: _THROUGH the surface, _BLOCKED by the sea bed, or _CLEAR."""
+    """Course of the ray in work: _THROUGH the surface, _BLOCKED by the sea bed, or _CLEAR."""
     _, cb, sb, _ = course.axis
     y = work.y
     miss = y[at.W] - course.target

@@ -52,7 +52,7 @@ def allowed(tol, growth, to_levels):
 
 @kernel
 def needs_more(miss, tol, growth, expected):
-    """Whether a ray that diverged so much near the receiver is to be traced again, more finely than was expected."""
+    """True if a ray that diverged this much near the receiver must be traced again with a smaller tolerance than expected."""
     return max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS and abs(miss) <= ERRING * tol * growth
 
 
@@ -266,7 +266,7 @@ def _stored(rows, state, pos, h, gone, grown):
 
 @inlined
 def _controlled(rows, h, left, room, width, to_levels):
-    """Whether steps are good enough, with what their length is to be multiplied, and whether they are too short to go on.
+    """True if steps are accurate enough; the factor of their next length; and true if they are too short to continue.
 
     Where they end at the levels, the variation, here as a share of the ray's length, counts as in `step.step_error`.
     Derivatives at the end of a good step become those at the beginning of the next.

@@ -1,4 +1,4 @@
-"""How a link's rays are followed, and one ray through a section, from the source to the receiver's plane.
+"""Trace one ray through a section, from the source to the receiver's plane, and the rules of a link's rays.
 
 A direct ray is followed along the horizontal, or along the chord of a steep link, and goes on beyond surface and sea bed.
 A reflected one is followed along the horizontal, or in depth where it is steep or may turn back on a slope. `direct_course`,
@@ -67,7 +67,7 @@ def legs_course(link, bounces, down, z_end, length):
 
 @kernel
 def ray_axis(course):
-    """What an arrival's row says of its course."""
+    """Columns of an arrival's row about its course."""
     if course.rule.kind == at.LEGS:
         return at.VERTICAL
     return at.CHORD if course.axis.sb != 0.0 else at.HORIZONTAL

@@ -51,7 +51,7 @@ class HalfSpace:
 @dataclass(frozen=True)
 class BellhopOptions:
     """
-    What Bellhop is to compute for a link, and how.
+    Options of a run of Bellhop for a link.
 
     Parameters
     ----------

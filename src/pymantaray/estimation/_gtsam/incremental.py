@@ -119,7 +119,7 @@ class Entering:
         return out
 
     def _landmark(self, key: int, new: Any, smoother: Smoother, now: float) -> Any:
-        """Given value with a prior, else the first sighting or trilateration from the poses so far."""
+        """Initial value of a landmark: its value with a prior, else the first sighting or trilateration from the earlier poses."""
         if key in self._with_prior:
             return self._start.atPoint3(key)
         graph, n = self._graph, self._n_poses

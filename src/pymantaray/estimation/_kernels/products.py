@@ -49,7 +49,7 @@ def _product(combine: str, *, turned_first: bool = False, turned_second: bool = 
 
 
 def _elements(context: Any, builder: Any, signature: Any, arguments: Any, k: int) -> Any:
-    """Where a block of a contiguous array begins."""
+    """Index of the first element of a block of a contiguous array."""
     array = context.make_array(signature.args[k])(context, builder, arguments[k])
     block = arguments[k + 1]
     return builder.gep(array.data, [builder.mul(block, block.type(SIZE * SIZE))])

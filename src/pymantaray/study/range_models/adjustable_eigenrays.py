@@ -33,7 +33,7 @@ class AdjustableEigenrays:
 
     @property
     def medium(self) -> Medium:
-        """What is believed, where all amplitudes are zero."""
+        """Assumed ocean, for which all amplitudes are zero."""
         return self._believed.medium
 
     def predict(self, links: RangeLinks) -> Prediction:
