@@ -30,7 +30,7 @@ from bench_links import GRID, TARGETS
 
 from pymantaray.config.checks import parse
 from pymantaray.service import RangingService
-from pymantaray.service.server import MOST_BYTES
+from pymantaray.service.server import MAX_BYTES
 from pymantaray.study import SoundConfig
 
 STILL = {"ocean": {"source": "synthetic:beaufort"}}
@@ -190,7 +190,7 @@ def many_requests(n: int) -> None:
     dice, begin = random.Random(0), time.perf_counter()
     cut = [body[: dice.randrange(len(body))] for body in good]
     wrong = [body.replace(b"north", b"nord", 1) for body in good[:20]] + [b"NaN", b"\xff\xfe", b"[" * 10_000]
-    oversized = [b" " * (MOST_BYTES + 1)]
+    oversized = [b" " * (MAX_BYTES + 1)]
     with serving() as (process, port), ThreadPoolExecutor(CLIENTS) as pool:
         statuses: Counter[int] = Counter()
 

@@ -10,7 +10,7 @@ from docutils import nodes
 from latex2mathml.converter import convert
 from numpydoc.xref import DEFAULT_LINKS
 from pygments.lexers.special import TextLexer
-from pymantaray.report.glossary import GLOSSARY
+from pymantaray.records.glossary import GLOSSARY
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.nodes import make_refnode
 

@@ -345,7 +345,7 @@ def text(words: str) -> str:
 
 def glossary() -> dict[str, str]:
     """Page of the words that pages of runs and of the site show as tooltips, from the package's own list."""
-    from pymantaray.report.glossary import GLOSSARY
+    from pymantaray.records.glossary import GLOSSARY
 
     entries = "\n\n".join(f"{word}\n  {meaning}" for word, meaning in GLOSSARY.items())
     page = (
