@@ -10,11 +10,11 @@ from docutils import nodes
 from latex2mathml.converter import convert
 from numpydoc.xref import DEFAULT_LINKS
 from pygments.lexers.special import TextLexer
-from pymantaray.records.glossary import GLOSSARY
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.nodes import make_refnode
 
 import pymantaray
+from pymantaray.records.glossary import GLOSSARY
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
