@@ -117,27 +117,27 @@ def print_run(stages: list, looks: list, end: float) -> None:
 def print_figures(folder: Path) -> None:
     """CPU time of each figure of a run: made, as the page's PNG, as PDF."""
     start = time.process_time()
-    from pymantaray.report.figures import Results, run_plates
+    from pymantaray.report.figures import Results, run_figure_specs
     from pymantaray.study import open_run
 
     results, now = Results(open_run(folder)), time.process_time
     imports = now() - start
     start = now()
-    plates = run_plates(results)
+    specs = run_figure_specs(results)
     _ = list(results.tables.values())
     print(f"report: imports {imports:.2f}, tables {now() - start:.2f} s of CPU")
     print(f"{'figure':<20}{'made':>8}{'PNG':>8}{'PDF':>8}  CPU [s]")
     total = [0.0, 0.0, 0.0]
-    for plate in plates:
+    for spec in specs:
         times = [now()]
-        figure = plate.draw()
+        figure = spec.draw()
         times.append(now())
         for kind in ("png", "pdf"):
             figure.savefig(io.BytesIO(), format=kind)
             times.append(now())
         each = [b - a for a, b in pairwise(times)]
         total = [a + b for a, b in zip(total, each, strict=True)]
-        print(f"{plate.name:<20}" + "".join(f"{x:8.2f}" for x in each))
+        print(f"{spec.name:<20}" + "".join(f"{x:8.2f}" for x in each))
     print(f"{'all':<20}" + "".join(f"{x:8.2f}" for x in total))
 
 

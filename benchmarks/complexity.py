@@ -141,10 +141,10 @@ def draw(points: list[Point], path: Path) -> None:
 
     @style.styled
     def figure() -> object:
-        plate = style.new_figure(
+        figure = style.new_figure(
             style.DOUBLE, 3.6, "One core of a shared machine; each point a process of its own"
         )
-        panels = plate.subplots(2, len(SIZES), sharex="col", sharey="row")
+        panels = figure.subplots(2, len(SIZES), sharex="col", sharey="row")
         for column, sweep in enumerate(SIZES):
             mine = [p for p in points if p.sweep == sweep and p.outcome == "measured"]
             size = np.array([p.size for p in mine], dtype=float)
@@ -182,7 +182,7 @@ def draw(points: list[Point], path: Path) -> None:
         panels[1, 0].set_ylim(200.0, 2e4)
         panels[0, 0].set_ylabel("CPU time [s]")
         panels[1, 0].set_ylabel("Peak memory [MiB]")
-        return plate
+        return figure
 
     path.write_bytes(style.rendered(figure(), ["png"])["png"])
 

@@ -315,14 +315,14 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
 
     @style.styled
     def figure() -> object:
-        plate = style.new_figure(
+        figure = style.new_figure(
             style.DOUBLE,
             5.2,
             f"Middle columns of the synthetic seas; envelopes at {DRAWN_AT:.0f} Hz, {DRAWN_AT / 4:.0f} Hz wide",
         )
-        grid = plate.add_gridspec(3, 2)
+        grid = figure.add_gridspec(3, 2)
         for place, letter, link in zip(((0, 0), (0, 1), (1, 0), (1, 1)), "abcd", DRAWN, strict=True):
-            axes = plate.add_subplot(grid[place])
+            axes = figure.add_subplot(grid[place])
             compared = compare(seas[link.sea], link, Band.around(DRAWN_AT))
             axes.plot(1e3 * compared.time, compared.wave, color=style.INK, label="Waves")
             axes.plot(1e3 * compared.time, compared.ray, color=style.ORANGE, linestyle="--", label="Rays")
@@ -335,7 +335,7 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
                 axes.set_xlabel("Time after the chord's [ms]")
             if place == (0, 0):
                 axes.legend()
-        axes = plate.add_subplot(grid[2, :])
+        axes = figure.add_subplot(grid[2, :])
         cycle = zip(
             (style.BLUE, style.SKY, style.PINK, style.GREEN, style.ORANGE, style.GREY), "osD^v<", strict=True
         )
@@ -358,7 +358,7 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
         axes.set_ylabel("Rays less waves [dB]")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.32), ncol=3)
         style.panel_title(axes, "e", "Level of the highest peak; grey: 3 dB either way")
-        return plate
+        return figure
 
     path.write_bytes(style.rendered(figure(), ["png"])["png"])
 

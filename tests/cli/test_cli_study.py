@@ -199,7 +199,9 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
     assert all(list(announced) == list(stages) for announced in stages.values())
     command = f"mantaray study report {run}"
     assert done.err.splitlines()[-1] == f"the data are complete; for their report: {command}"
-    monkeypatch.setattr("pymantaray.report.write.run_plates", lambda _: [])  # other tests look at figures
+    monkeypatch.setattr(
+        "pymantaray.report.write.run_figure_specs", lambda _: []
+    )  # other tests look at figures
     done = mantaray(*command.split()[1:])
     assert (done.code, done.out) == (0, f"{run / 'index.html'}\n")
     assert {"index.html", "tables", "figures"} < set(names_in(run))
@@ -266,7 +268,9 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
     browser = Path("browser")
     browser.write_text(f'#!/bin/sh\necho "$1" > {browser.resolve()}.opened\n')
     browser.chmod(0o755)
-    monkeypatch.setattr("pymantaray.report.write.run_plates", lambda _: [])  # other tests look at figures
+    monkeypatch.setattr(
+        "pymantaray.report.write.run_figure_specs", lambda _: []
+    )  # other tests look at figures
     for command, said in (
         (f"{browser.resolve()} %s", ""),
         ("/nowhere %s", "warning: no browser is there to open"),

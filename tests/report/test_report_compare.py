@@ -11,7 +11,7 @@ import pytest
 from pymantaray.errors import JobError, ReportError
 from pymantaray.report import compare, write_comparison
 from pymantaray.report import write as write_module
-from pymantaray.report.compare import by_name, comparison_plates, comparison_tables
+from pymantaray.report.compare import by_name, comparison_figure_specs, comparison_tables
 from pymantaray.report.figures import Results
 from pymantaray.study import load_study, open_run
 
@@ -66,7 +66,7 @@ def test_settings_stand_side_by_side_with_unit_and_meaning(run, other_folder):
 
 def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compare, "comparison_plates", lambda _: [])
+    monkeypatch.setattr(compare, "comparison_figure_specs", lambda _: [])
     page = write_comparison([run_folder, other_folder])
     assert page.parent.name.startswith("comparison-")
     assert [p.name for p in (tmp_path / "runs").iterdir()] == [page.parent.name]
@@ -140,8 +140,8 @@ def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
 
 
 def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):
-    plates = comparison_plates({"one": Results(run), "other": Results(open_run(other_folder))})
-    figure = plates[0].draw()
+    specs = comparison_figure_specs({"one": Results(run), "other": Results(open_run(other_folder))})
+    figure = specs[0].draw()
     assert figure.get_suptitle() == "one and other; synthetic ocean: one"
 
 
@@ -179,13 +179,13 @@ def test_six_runs_have_a_column_each_and_figures_without_collisions(made_run, lo
     configuration = tables["configuration"].frame.set_index("key")
     assert list(configuration.columns) == list(runs)
     assert configuration.loc["study.realizations"].tolist() == ["2", "3", "4", "5", "6", "7"]
-    plates = {plate.name: plate for plate in comparison_plates(runs)}
-    assert list(plates) == ["ape_pooled", "range_error", "sound_speed"]
-    for plate in plates.values():
-        figure = look.draw(plate.draw())
+    specs = {spec.name: spec for spec in comparison_figure_specs(runs)}
+    assert list(specs) == ["ape_pooled", "range_error", "sound_speed"]
+    for spec in specs.values():
+        figure = look.draw(spec.draw())
         assert figure.get_suptitle() == "6 runs, synthetic oceans"
-        assert len(plate.caption) < 300
-    axes = plates["range_error"].draw().axes[0]
+        assert len(spec.caption) < 300
+    axes = specs["range_error"].draw().axes[0]
     assert len({label.get_text() for label in axes.get_yticklabels()}) == 6
     total = runs[next(iter(runs))].ranges.total
     whisker = axes.lines[1].get_xdata()

@@ -12,8 +12,8 @@ from pymantaray.errors import ReportError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.records import RayStatus
 from pymantaray.report import figures, ocean_plots, style, write_ray_plot
-from pymantaray.report.compare import comparison_plates
-from pymantaray.report.figures import Results, register, run_plates
+from pymantaray.report.compare import comparison_figure_specs
+from pymantaray.report.figures import Results, register, run_figure_specs
 from pymantaray.report.figures_consistency import consistency_over_time
 from pymantaray.report.figures_estimators import error_and_consistency
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
@@ -35,9 +35,9 @@ def every_figure(run, made_run, tables, tmp_path_factory):
     made = made_run(landmarks=2, lost=0.3, title=f"{NAME}(synthetic)", conditions=conditions)
     results = Results(open_run(made.write(tmp_path_factory.mktemp("long") / "run")))
     truth, fixes = results.run.truth, results.fixes
-    plates = [*run_plates(results), *comparison_plates({NAME: results, "b": Results(run)})]
+    specs = [*run_figure_specs(results), *comparison_figure_specs({NAME: results, "b": Results(run)})]
     ocean, header = synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4)), results.header
-    return [plate.draw() for plate in plates] + [
+    return [spec.draw() for spec in specs] + [
         error_over_time(truth.time, truth.name.tolist(), results.errors, fixes, header),
         consistency_over_time(tables.consistency, header),
         error_and_consistency(tables.errors, tables.at_pings, tables.consistency, header),
@@ -78,14 +78,14 @@ def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(loo
 
 def test_a_figure_that_registers_itself_is_in_the_report_where_it_says(run, monkeypatch):
     monkeypatch.setattr(figures, "_REGISTER", dict(figures._REGISTER))
-    before = [plate.name for plate in run_plates(Results(run))]
+    before = [spec.name for spec in run_figure_specs(Results(run))]
     draw = {"draw": lambda r: style.new_figure(style.COLUMN, 2.0, r.header)}
     register("mine", place=-1, caption="Of {r.attempts:,} attempts.", **draw)
     register("not_here", place=-2, caption="", needs=lambda r: "unknowns" in r.tables, **draw)
-    plates = run_plates(Results(run))
-    assert [plate.name for plate in plates] == ["mine", *before]
-    assert plates[0].caption == "Of 72 attempts. Synthetic ocean."
-    assert plates[0].draw().get_suptitle() == "Test Sea, synthetic ocean, 2014-07-15 12:00 UTC"
+    specs = run_figure_specs(Results(run))
+    assert [spec.name for spec in specs] == ["mine", *before]
+    assert specs[0].caption == "Of 72 attempts. Synthetic ocean."
+    assert specs[0].draw().get_suptitle() == "Test Sea, synthetic ocean, 2014-07-15 12:00 UTC"
 
 
 def test_profiles_are_drawn_where_there_is_water_and_depth_grows_downward(look, water):
@@ -223,7 +223,7 @@ def test_a_condition_has_one_colour_on_all_figures(tables):
 
 
 def test_the_page_begins_with_the_result(run):
-    names = [plate.name for plate in run_plates(Results(run))]
+    names = [spec.name for spec in run_figure_specs(Results(run))]
     assert names[:4] == ["range_error", "range_error_split", "ape_pooled", "error_over_time"]
     assert names.index("sound_speed") > names.index("fleet_layout")
 

@@ -13,7 +13,7 @@ from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
 from pymantaray.report import replay as replay_page
 from pymantaray.report import style
-from pymantaray.report.figures import Results, run_plates
+from pymantaray.report.figures import Results, run_figure_specs
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_trajectory import error_over_time
 from pymantaray.report.run_page import run_page
@@ -169,5 +169,5 @@ def test_gnss_is_in_the_legend_exactly_where_there_is_a_fix(look, run, made_run,
     results = Results(run)
     for fixed in (True, False):
         results.__dict__["fixes"] = np.full_like(results.fixes, fixed)
-        caption = next(p.caption for p in run_plates(results) if p.name == "error_over_time")
+        caption = next(p.caption for p in run_figure_specs(results) if p.name == "error_over_time")
         assert ("GNSS" in caption) == fixed

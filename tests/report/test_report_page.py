@@ -62,8 +62,8 @@ class Page(HTMLParser):
 def without_drawing(monkeypatch):
     """Let a report be written without its figures, which other tests look at."""
     monkeypatch.setattr(write, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
-    plates = write.run_plates
-    monkeypatch.setattr(write, "run_plates", lambda r: [replace(p, draw=Figure) for p in plates(r)])
+    specs = write.run_figure_specs
+    monkeypatch.setattr(write, "run_figure_specs", lambda r: [replace(p, draw=Figure) for p in specs(r)])
 
 
 @pytest.fixture(scope="module")
@@ -250,7 +250,7 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
 
 def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
     """Drawn while realizations are solved: all that are not of them must be, or they are seconds later on the page."""
-    mission = {p.name for p in write.run_plates(Results(run), of_mission=True)}
+    mission = {p.name for p in write.run_figure_specs(Results(run), of_mission=True)}
     assert mission == FIGURES - {"ape_pooled", "error_by_vehicle", "error_over_time", "consistency"}
 
 

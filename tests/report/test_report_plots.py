@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from pymantaray.acoustics import Medium
 from pymantaray.records import RayPaths
-from pymantaray.report.figures import Results, run_plates
+from pymantaray.report.figures import Results, run_figure_specs
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +52,7 @@ def test_the_histogram_has_all_errors_and_their_mean(run):
 
 def test_the_figure_by_vehicle_shows_its_table_and_is_that_of_the_report(run):
     table = run.tables["ate_per_vehicle"].frame
-    figure = next(p for p in run_plates(Results(run)) if p.name == "error_by_vehicle").draw()
+    figure = next(p for p in run_figure_specs(Results(run)) if p.name == "error_by_vehicle").draw()
     for axes in (run.plot.error_by_vehicle(), figure.axes[0]):
         dots = [line for line in axes.lines if line.get_marker() == "o"]
         shown = np.stack([line.get_ydata() for line in dots])

@@ -16,7 +16,7 @@ from pymantaray.estimation import UnknownsEstimate
 from pymantaray.jobs import checkpoint
 from pymantaray.records import SolveStatus
 from pymantaray.study import open_run, run_study, runner
-from pymantaray.study.realization import RealizationSolver, Solved
+from pymantaray.study.realization import RealizationResult, RealizationSolver
 
 DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "ranging_truth", "links")
 
@@ -180,8 +180,8 @@ def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
             ("a b", "c"), ("s", "1"), np.ones(2), np.array([0.1, -0.0]), np.eye(2) / 3.0
         ),
     )
-    one = Solved({**one.solutions, "of / two": failed}, {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}})
-    two = Solved.from_bytes(one.to_bytes())
+    one = RealizationResult({**one.solutions, "of / two": failed}, {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}})
+    two = RealizationResult.from_bytes(one.to_bytes())
     assert two.true_unknowns == one.true_unknowns
     assert list(two.solutions) == list(one.solutions)
 

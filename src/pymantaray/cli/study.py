@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 app = Commands(cls=RunGroup, help="Run the paper's study, or one of your own.")
 
 _WIDE_DB = 60.0  # cut-off that keeps rays far into shadows
-_FEW = 2  # runs whose names fit above the columns of a table
+_MAX_NAMED_RUNS = 2  # runs whose names fit above the columns of a table
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
@@ -364,7 +364,7 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
     tables = read_comparison(folder)
     names = tables["configuration"].frame.columns[1:]
     out.add(runs=names)
-    numbers = dict(zip(names, map(str, range(1, runs + 1)), strict=True)) if runs > _FEW else {}
+    numbers = dict(zip(names, map(str, range(1, runs + 1)), strict=True)) if runs > _MAX_NAMED_RUNS else {}
     for name, number in numbers.items():
         out.line(f"{number}: {name}")
     for name in SUMMARY:

@@ -11,7 +11,7 @@ from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
 from pymantaray.report.explore import as_json
 from pymantaray.report.page import Explorer, Page, Picture
 
-_MOST = 500_000  # numbers on the page
+_MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]
 _CAPTIONS = {
     "atlas_safe": "Where ranges are safe, by distance.",
@@ -46,7 +46,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
         If it cannot be written.
     """
     errors = atlas["worst_range_error"]
-    step = int(np.ceil(np.sqrt(errors.size / _MOST))) if errors.size > _MOST else 1
+    step = int(np.ceil(np.sqrt(errors.size / _MAX_NUMBERS))) if errors.size > _MAX_NUMBERS else 1
     part = atlas.isel(lat=slice(None, None, step), lon=slice(None, None, step))
     values = (
         part["worst_range_error"].transpose("time", "lat", "lon", "convention", "pair", "distance").values

@@ -40,7 +40,7 @@ CONVENTION_COLOURS = dict(
 _WATER = 0  # of column_status
 _OTHERS = ((LAND, "land"), ("#f4f2ee", "edge of the data"), (style.BED, "too shallow"))
 """Colour and name of its values 1 and 2, and of water above the depths of all links."""
-_FEW = 0.5  # share of the links without a direct path above which a safe place is marked
+_LOST_SHARE = 0.5  # share of the links without a direct path above which a safe place is marked
 _LOGARITHMIC = 10.0  # greatest by least error above which colours are by the logarithm
 _LINES = "////"
 _COLUMNS = 2  # of maps beside each other
@@ -142,7 +142,7 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
         axes[k].pcolormesh(
             atlas["lon"], atlas["lat"], classes, cmap=ListedColormap(colours), norm=norm, **CELLS
         )
-        _hatch(axes[k], atlas, np.nan_to_num(_lost(atlas, distance)) > _FEW)
+        _hatch(axes[k], atlas, np.nan_to_num(_lost(atlas, distance)) > _LOST_SHARE)
         _finish(axes[k], atlas, (k, title), distance)
     names = [f"≤ {x:g} m" for x in safe] + [f"> {safe[-1]:g} m"]
     handles = [Patch(color=c, label=name) for c, name in zip(colours, names, strict=True)]

@@ -16,7 +16,7 @@ from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report.figures import Plate, Results, run_plates, with_source
+from pymantaray.report.figures import FigureSpec, Results, run_figure_specs, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_several import quantiles_by_run
@@ -60,7 +60,7 @@ _ONE_QUANTITY = (
     "range_drop_category_compare",
     "range_error_split",
 )  # tables; rows of the others differ in theirs
-_FEW = 2  # runs whose distributions fit beside each other
+_MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
     "ate_pooled": ("mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m"),
@@ -103,9 +103,9 @@ def write_comparison(
     if len(run_dirs) < 2:
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
     runs = by_name([Results(open_run(run_dir)) for run_dir in run_dirs])
-    tables, plates = comparison_tables(runs), comparison_plates(runs)
+    tables, specs = comparison_tables(runs), comparison_figure_specs(runs)
     with staged_folder(out, "comparison", latest=False) as (stage, folder):
-        pictures = draw(plates, formats=formats, progress=progress)
+        pictures = draw(specs, formats=formats, progress=progress)
         write_files(stage, _page(runs, tables, pictures).files(formats))
     return folder / PAGE
 
@@ -218,27 +218,27 @@ def _joint_errors(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
     )
 
 
-def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
+def comparison_figure_specs(runs: Mapping[str, Results]) -> list[FigureSpec]:
     """Figures of several runs: distributions whole of a few, their quantiles of more."""
     runs = dict(zip(shortened(list(runs)), runs.values(), strict=True))
     header, which = joint_header(runs), in_words(list(runs))
-    synthetic, few = any(r.synthetic for r in runs.values()), len(runs) <= _FEW
+    synthetic, few = any(r.synthetic for r in runs.values()), len(runs) <= _MAX_RUNS_BESIDE
 
-    def plate(name: str, caption: str, draw: Callable[[], Figure]) -> Plate:
-        return Plate(
+    def spec(name: str, caption: str, draw: Callable[[], Figure]) -> FigureSpec:
+        return FigureSpec(
             name, with_source(caption, synthetic=synthetic), draw, _FIGURES_OF_PAPER[name] if few else ""
         )
 
-    def ape(name: str, scale: str, *, log: bool) -> Plate:
+    def ape(name: str, scale: str, *, log: bool) -> FigureSpec:
         caption = f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid, quartiles dashed."
         panels = [ApePanel(run, r.errors, log=log) for run, r in runs.items()]
-        return plate(name, caption, lambda: pooled_ape(panels, header))
+        return spec(name, caption, lambda: pooled_ape(panels, header))
 
     position = (
         [ape("ape_pooled", "logarithmic", log=True), ape("ape_pooled_linear", "linear", log=False)]
         if few
         else [
-            plate(
+            spec(
                 "ape_pooled",
                 f"Absolute position error by ranging condition in {which}: {_QUANTILES}.",
                 lambda: quantiles_by_run(
@@ -248,14 +248,14 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
         ]
     )
     ranges = (
-        plate(
+        spec(
             "range_error",
             f"Signed range error, refracted minus straight, in {which}: mean (orange), zero (dashed) and fitted normal"
             " (black).",
             lambda: range_error_histogram([(name, r.ranges.total) for name, r in runs.items()], header),
         )
         if few
-        else plate(
+        else spec(
             "range_error",
             f"Signed range error, refracted minus straight, and its two parts in {which}: {_QUANTILES}.",
             lambda: quantiles_by_run(_range_errors(runs), header, "Range error [m]", log=False),
@@ -264,7 +264,7 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
     return [
         *(position if _all_solved(runs) else []),
         ranges,
-        plate(
+        spec(
             "sound_speed",
             f"Sound speed against depth in {which}: mean of each level over the domain (line), least to greatest"
             " (shaded).",
@@ -274,17 +274,17 @@ def comparison_plates(runs: Mapping[str, Results]) -> list[Plate]:
     ]
 
 
-def _of_each(runs: Mapping[str, Results]) -> list[Plate]:
+def _of_each(runs: Mapping[str, Results]) -> list[FigureSpec]:
     """Figures that show one run, for each run."""
-    plates = {
-        name: {p.name: p for p in run_plates(r, of_mission=True) if p.name in _OF_EACH}
+    specs = {
+        name: {p.name: p for p in run_figure_specs(r, of_mission=True) if p.name in _OF_EACH}
         for name, r in runs.items()
     }
-    parts = [p for p in run_plates(next(iter(runs.values())), of_mission=True) if p.name == "pipeline"]
+    parts = [p for p in run_figure_specs(next(iter(runs.values())), of_mission=True) if p.name == "pipeline"]
     return parts + [
         replace(of_run[figure], name=f"{figure}_{i}", caption=f"{name}. {of_run[figure].caption}")
         for figure in _OF_EACH
-        for i, (name, of_run) in enumerate(plates.items(), 1)
+        for i, (name, of_run) in enumerate(specs.items(), 1)
         if figure in of_run
     ]
 
@@ -327,7 +327,7 @@ def _profiles(runs: Mapping[str, Results]) -> list[tuple[str, xr.Dataset]]:
 
 def in_words(names: Sequence[str]) -> str:
     """Names of a few runs, or how many they are."""
-    if len(names) > _FEW:
+    if len(names) > _MAX_RUNS_BESIDE:
         return f"{len(names)} runs"
     return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), names[-1]])
 

@@ -87,8 +87,8 @@ class Results:
 
 
 @dataclass(frozen=True)
-class Plate:
-    """A figure to be made: its file's name without ending, its caption, what makes it, and its counterpart in the paper."""
+class FigureSpec:
+    """A figure of a report: name of its file without suffix, caption, function that draws it, and counterpart in the paper."""
 
     name: str
     caption: str
@@ -128,12 +128,12 @@ def register(
     _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper)
 
 
-def run_plates(results: Results, *, of_mission: bool = False) -> list[Plate]:
+def run_figure_specs(results: Results, *, of_mission: bool = False) -> list[FigureSpec]:
     """Figures of a run, in the order of the page; all, or those of its mission."""
     find_figures()
     entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
     return [
-        Plate(name, _caption(entry, results), partial(entry.draw, results), entry.paper)
+        FigureSpec(name, _caption(entry, results), partial(entry.draw, results), entry.paper)
         for name, entry in entries
         if (entry.of_mission or not of_mission) and entry.needs(results)
     ]

@@ -19,14 +19,14 @@ from pymantaray.report.figures import range_ends, register
 
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
-_LONG = 6  # letters; longer names cover each other
+_MAX_NAME_LETTERS = 6  # letters; longer names cover each other
 _LETTER, _KEY_MARK, _KEY_LINE = (
     0.058,
     0.42,
     0.16,
 )  # of a key below a figure: width of a letter and of a mark, a line's height [in]
 _WAYS = np.array([(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)])  # from mark to name
-_REACH = (3.0, 9.0, 16.0, 24.0)  # points
+_LABEL_DISTANCES = (3.0, 9.0, 16.0, 24.0)  # points
 _NAME: dict[str, Any] = {
     "fontsize": 6.5,
     "fontweight": "bold",
@@ -162,10 +162,10 @@ def _line(axes: Axes3D, path: style.Array, **look: object) -> None:
 def _marks(names: style.Array, letter: str = "") -> list[str]:
     """Labels of the marks: names, without their common prefix if they are long; numbers if they are still too long."""
     marks: list[str] = names.tolist()
-    if max(map(len, marks), default=0) > _LONG and len(marks) > 1:
+    if max(map(len, marks), default=0) > _MAX_NAME_LETTERS and len(marks) > 1:
         common = len(list(takewhile(lambda letters: len(set(letters)) == 1, zip(*marks, strict=False))))
         marks = [name[common:] or name for name in marks]
-    if max(map(len, marks), default=0) > _LONG:
+    if max(map(len, marks), default=0) > _MAX_NAME_LETTERS:
         marks = [f"{letter}{i}" for i in range(1, len(marks) + 1)]
     return marks
 
@@ -187,7 +187,9 @@ def _write_names(axes: Axes, places: style.Array, names: list[str]) -> None:
         text = axes.annotate(style.plain(name), place, (0, 0), textcoords="offset points", **_NAME)
         box = text.get_window_extent()
         size = np.array([box.width, box.height])
-        low = np.concatenate([dot + r * per_point * _WAYS + 0.5 * (_WAYS - 1) * size for r in _REACH])
+        low = np.concatenate(
+            [dot + r * per_point * _WAYS + 0.5 * (_WAYS - 1) * size for r in _LABEL_DISTANCES]
+        )
         common = np.minimum(covered[:, 1], (low + size)[:, None]) - np.maximum(covered[:, 0], low[:, None])
         best = low[np.argmin(np.prod(np.maximum(common, 0.0), axis=-1).sum(axis=1))]
         text.set_position((best - dot) / per_point)

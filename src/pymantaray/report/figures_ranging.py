@@ -13,7 +13,7 @@ from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
 
-_LONG = 16  # letters of a name
+_MAX_NAME_LETTERS = 16  # letters of a name
 _LEAST_COUNT = 0.6  # where logarithmic axes of counts begin, so that a single one shows
 _STATUS_LOOK = {
     RayStatus.SHADOW: (style.ORANGE, "o"),
@@ -38,7 +38,7 @@ def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str
         draw_range_errors(log, values, log=True)
         log.set_ylabel("")
         words, same = [style.short(name), _moments(heard)], "the same, logarithmic count"
-        if len(name) > _LONG:  # no room for both above one panel
+        if len(name) > _MAX_NAME_LETTERS:  # no room for both above one panel
             same = f"{words.pop()}, logarithmic count"
         style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
         style.panel_title(log, style.letter(2 * i + 1), same)

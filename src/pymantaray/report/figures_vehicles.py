@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from pymantaray.report import style
 from pymantaray.report.figures import Results, register
 
-_MOST = 30  # vehicles whose names fit below the axis
+_MAX_NAMED_VEHICLES = 30  # vehicles whose names fit below the axis
 _LETTERS = 14  # of names in an inch of the axis
 _GROUP = 0.8  # width of the markers of a vehicle, in distances between vehicles
 
@@ -47,7 +47,7 @@ def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def _shown(results: Results) -> bool:
-    if not results.run.config.solves or len(results.run.truth.name) > _MOST:
+    if not results.run.config.solves or len(results.run.truth.name) > _MAX_NAMED_VEHICLES:
         return False
     return bool(results.tables["ate_per_vehicle"].frame["rmse_m"].notna().any())
 

@@ -15,7 +15,7 @@ from pymantaray.records import whole_file
 from pymantaray.records.digits import show
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report import style
-from pymantaray.report.figures import Plate
+from pymantaray.report.figures import FigureSpec
 from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Card, Page, Picture, origin_table
 from pymantaray.report.write import checked_formats, draw
@@ -67,7 +67,7 @@ def write_location_page(
     checked_formats(formats)
     record = (made_by or {}) | {"model": location.hyperparameters}
     with staged_folder(out, "locate", latest=False) as (stage, folder):
-        pictures = draw(_plates(location), formats=formats, progress=progress)
+        pictures = draw(_figure_specs(location), formats=formats, progress=progress)
         page = _page(location, pictures, record, notes or [])
         write_files(stage, page.files(formats))
         write_location(location, stage)
@@ -160,30 +160,30 @@ def _left_out(location: Location) -> ResultTable:
     )
 
 
-def _plates(location: Location) -> list[Plate]:
+def _figure_specs(location: Location) -> list[FigureSpec]:
     header = _fact(location)
-    plates = [
-        Plate(
+    specs = [
+        FigureSpec(
             "survey_map",
             "Pings coloured by residual, nodes with their 95 % ellipses, and prior positions. Right: ellipses and prior positions"
             " of each node about its estimate.",
             lambda: survey_map(location, header),
         ),
-        Plate(
+        FigureSpec(
             "residuals",
             "Residuals of the used pings, measured less predicted, over time, azimuth from the node and horizontal range.",
             lambda: residual_panels(location, header),
         ),
     ]
     if len(location.sound_speed):
-        plates.append(
-            Plate(
+        specs.append(
+            FigureSpec(
                 "sound_speed",
                 "Mean sound speed along the rays less that of the profile, with its 95 % interval.",
                 lambda: speed_over_time(location, header),
             )
         )
-    return plates
+    return specs
 
 
 @style.styled

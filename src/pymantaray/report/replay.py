@@ -15,7 +15,7 @@ from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
 from pymantaray.report import style
-from pymantaray.report.figures import Plate
+from pymantaray.report.figures import FigureSpec
 from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Card, Explorer, Page, Picture, origin_table
 from pymantaray.report.table_explorer import table_explorer
@@ -24,7 +24,7 @@ from pymantaray.study.store import write_json
 
 _MOST_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows
-_LOOKS = {
+_STATUS_STYLES = {
     "ok": (style.BLUE, "predicted"),
     "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED]),
     "scattered": ("#AA4499", RAY_STATUS_WORDS[RayStatus.SCATTERED]),
@@ -73,7 +73,7 @@ def write_replay(
     checked_formats(formats)
     record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (made_by or {})
     with staged_folder(out, "replay", latest=False) as (stage, folder):
-        pictures = draw(_plates(replay), formats=formats, progress=progress)
+        pictures = draw(_figure_specs(replay), formats=formats, progress=progress)
         write_files(stage, _page(replay, pictures, record).files(formats))
         write_json(record, stage / "replay.json")
     return folder / PAGE
@@ -113,7 +113,7 @@ def _explorer(events: pd.DataFrame) -> Explorer | None:
 def _cards(replay: Replay) -> list[Card]:
     """Cards of coverage, residuals and switching."""
     every = replay.summary.iloc[0]
-    lost = [f"{every[name]} {label}" for name, (_, label) in _LOOKS.items() if name in every.index]
+    lost = [f"{every[name]} {label}" for name, (_, label) in _STATUS_STYLES.items() if name in every.index]
     size = f"{metres(every['median_size_low_m'])} to {metres(every['median_size_high_m'])} over pairs"
     near = int(replay.events["near_limit"].sum())
     switching = replay.switching.iloc[0]
@@ -136,28 +136,28 @@ def _cards(replay: Replay) -> list[Card]:
     ]
 
 
-def _plates(replay: Replay) -> list[Plate]:
+def _figure_specs(replay: Replay) -> list[FigureSpec]:
     header = f"{len(replay.events):,} events, rule {replay.rule}"
     return [
-        Plate(
+        FigureSpec(
             "residual_range",
             "Residual of each event, measured less predicted, over straight distance; colours are the bounces of the predicted"
             " arrival. Lines: median of each range class with its 95 % interval over pairs.",
             lambda: residuals_over_range(replay.events, replay.summary, header),
         ),
-        Plate(
+        FigureSpec(
             "residual_time",
             f"Residuals over time of the {_MOST_PAIRS} pairs with most events; one colour a direction. Steps from one level to"
             " another are other candidates, a gap between the directions is twice a difference of clocks.",
             lambda: residuals_over_time(replay.events, header),
         ),
-        Plate(
+        FigureSpec(
             "residual_histogram",
             "Distribution of residuals: of the predicted arrivals as they are, and of the candidates nearest to each event with"
             f" the clocks taken off; the middle {_BEYOND:g} % of each.",
             lambda: residual_histograms(replay.events, replay.taken, header),
         ),
-        Plate(
+        FigureSpec(
             "coverage",
             "Events by range, depths and pair: how many have a predicted arrival, and why the others have none.",
             lambda: coverage_bars(replay.summary, header),
@@ -286,12 +286,12 @@ def coverage_bars(summary: pd.DataFrame, header: str) -> Figure:
     sizes = [min(int((summary["by"] == kind).sum()), 24) for kind in kinds]
     figure = style.new_figure(style.DOUBLE, 0.9 + 0.16 * max(sizes), header)
     panels = figure.subplots(1, 3)
-    present = ["ok", *(name for name in _LOOKS if name in summary.columns)]
+    present = ["ok", *(name for name in _STATUS_STYLES if name in summary.columns)]
     for axes, kind, letter in zip(panels, kinds, "abc", strict=True):
         part = summary[summary["by"] == kind].nlargest(24, "events").sort_index()
         left, y = np.zeros(len(part)), np.arange(len(part))
         for name in present:
-            colour, label = _LOOKS[name]
+            colour, label = _STATUS_STYLES[name]
             count = part[name] if name in part else part["events"] - part[present[1:]].sum(axis=1)
             share = 100.0 * (count / part["events"]).to_numpy(dtype=float)
             axes.barh(y, share, left=left, height=0.75, color=colour, label=label)

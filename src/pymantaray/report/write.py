@@ -8,7 +8,7 @@ from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
 from pymantaray.report.explore import mission_rays
-from pymantaray.report.figures import Plate, Results, find_figures, run_plates
+from pymantaray.report.figures import FigureSpec, Results, find_figures, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
 from pymantaray.report.page import Picture
 from pymantaray.report.run_page import run_page
@@ -74,20 +74,22 @@ class ReportMaker:
     def draw_mission(self, folder: Path) -> None:
         """Draw what realizations do not change."""
         results = Results(Run(folder))
-        plates = run_plates(results, of_mission=True)
-        self._drawn = {picture.name: picture for picture in draw(plates, formats=self._formats)}
+        specs = run_figure_specs(results, of_mission=True)
+        self._drawn = {picture.name: picture for picture in draw(specs, formats=self._formats)}
         self._rays = mission_rays(results)
 
     def make(self, folder: Path, progress: Progress | None = None) -> dict[str, bytes]:
         """Files of the report of a run that is whole, by their names."""
         results = Results(open_run(folder))
-        pictures = draw(run_plates(results), formats=self._formats, drawn=self._drawn, progress=progress)
+        pictures = draw(
+            run_figure_specs(results), formats=self._formats, drawn=self._drawn, progress=progress
+        )
         rays = self._rays or mission_rays(results)
         return run_page(results, pictures, rays).files(self._formats)
 
 
 def draw(
-    plates: Sequence[Plate],
+    specs: Sequence[FigureSpec],
     *,
     formats: Sequence[str],
     drawn: Mapping[str, Picture] = MappingProxyType({}),
@@ -96,16 +98,16 @@ def draw(
     """Draw figures one by one, so that only one is in memory."""
     pictures = []
     told = progress or (lambda *_: None)
-    told("report", 0, len(plates) or 1)
-    for i, plate in enumerate(plates):
-        pictures.append(drawn.get(plate.name) or _picture(plate, formats))
-        told("report", i + 1, len(plates))
+    told("report", 0, len(specs) or 1)
+    for i, spec in enumerate(specs):
+        pictures.append(drawn.get(spec.name) or _picture(spec, formats))
+        told("report", i + 1, len(specs))
     return pictures
 
 
-def _picture(plate: Plate, formats: Sequence[str]) -> Picture:
-    figure = plate.draw()
+def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
+    figure = spec.draw()
     width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
     kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
     files = rendered(figure, kinds, dpi=_PRINTED if "png" in formats else None)
-    return Picture(plate.name, plate.caption, width, height, files, legend_entries(figure), plate.paper)
+    return Picture(spec.name, spec.caption, width, height, files, legend_entries(figure), spec.paper)

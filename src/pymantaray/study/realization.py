@@ -29,7 +29,7 @@ from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import collect_unknowns
 
 
-class Solved(NamedTuple):
+class RealizationResult(NamedTuple):
     """Outcome of one realization."""
 
     solutions: dict[str, Solution]
@@ -102,7 +102,7 @@ class RealizationSolver:
     def __init__(self, run: Run) -> None:
         self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
 
-    def solve(self, realization: int) -> Solved:
+    def solve(self, realization: int) -> RealizationResult:
         """Solve one realization under all conditions, in the configured order.
 
         On one thread as workers do: the last digits of linear algebra depend on their number.
@@ -110,7 +110,7 @@ class RealizationSolver:
         with threadpool_limits(limits=1, user_api="blas"):
             return self._solve(realization)
 
-    def _solve(self, realization: int) -> Solved:
+    def _solve(self, realization: int) -> RealizationResult:
         config, truth, factory = self._run.config, self._run.truth, self._factory
         solutions = solve_conditions(
             self._run.noisy_measurements(realization),
@@ -119,13 +119,13 @@ class RealizationSolver:
             covariance_samples=fixed_epochs(truth.time, config.estimator.covariance_interval_h * 3600.0),
         )
         joint = (c for c in config.conditions if solutions[c.name].unknowns is not None)
-        return Solved(solutions, {c.name: factory.true_unknowns(c, realization) for c in joint})
+        return RealizationResult(solutions, {c.name: factory.true_unknowns(c, realization) for c in joint})
 
 
 class RealizationQueue(Queue):
     """Realizations of a study that are still to be solved; their keys are their numbers."""
 
-    def __init__(self, numbers: Iterable[int], ended: Callable[[int, Solved], None]) -> None:
+    def __init__(self, numbers: Iterable[int], ended: Callable[[int, RealizationResult], None]) -> None:
         super().__init__(map(str, numbers))
         self._ended = ended
 
@@ -133,7 +133,7 @@ class RealizationQueue(Queue):
         """Return the number of a realization."""
         return int(key)
 
-    def record_result(self, key: str, result: Solved) -> None:
+    def record_result(self, key: str, result: RealizationResult) -> None:
         """Record a solved realization."""
         self.left -= 1
         self._ended(int(key), result)
@@ -143,12 +143,12 @@ class RealizationQueue(Queue):
         raise JobError(f"realization {key}: {line}")
 
 
-def start_solver(folder: Path) -> Callable[[int], Solved]:
+def start_solver(folder: Path) -> Callable[[int], RealizationResult]:
     """Make the function by which a worker solves realizations of the run in a folder."""
     return RealizationSolver(Run(folder)).solve
 
 
-def collect_results(run: Run, solved: Sequence[Solved]) -> Results:
+def collect_results(run: Run, solved: Sequence[RealizationResult]) -> Results:
     """Put all realizations of a run into its records."""
     solutions = [one.solutions for one in solved]
     epochs = fixed_epochs(run.truth.time, run.config.estimator.covariance_interval_h * 3600.0)

@@ -21,7 +21,7 @@ from pymantaray.study import store
 from pymantaray.study.graphs import write_graphs
 from pymantaray.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.study.mission import Mission, simulate_mission
-from pymantaray.study.realization import RealizationQueue, Solved, collect_results, start_solver
+from pymantaray.study.realization import RealizationQueue, RealizationResult, collect_results, start_solver
 from pymantaray.study.references import citation
 from pymantaray.study.store import Run, open_run, run_in_memory, summarize, write_json
 from pymantaray.study.tracks import mission_size, with_tracks
@@ -103,8 +103,8 @@ def run_study(
                     _write_mission(config, mission, stage)
                 kept.use(_job_key(config, inputs))
             known = Run(stage) if mission is None else run_in_memory(config, mission)
-            solved = kept.results(count, Solved.from_bytes)
-            with kept.saving(stage, solved, Solved.to_bytes) as keep:
+            solved = kept.results(count, RealizationResult.from_bytes)
+            with kept.saving(stage, solved, RealizationResult.to_bytes) as keep:
                 drawing = None if mission_ready is None else mission_ready(stage)
                 if config.solves:
                     with watch.stage("realizations"):
@@ -147,14 +147,14 @@ def _job_key(config: StudyConfig, inputs: Mapping[str, str]) -> str:
 
 
 def _solve(
-    run: Run, pool: Pool, solved: dict[int, Solved], keep: Callable[[], None], report: Progress
+    run: Run, pool: Pool, solved: dict[int, RealizationResult], keep: Callable[[], None], report: Progress
 ) -> None:
     """Add the realizations that are not solved yet, and write the graphs of the first."""
     count = run.config.study.realizations
     graphs = run.path / store.PYFG
     graphs.mkdir()
 
-    def ended(number: int, one: Solved) -> None:
+    def ended(number: int, one: RealizationResult) -> None:
         solved[number] = one
         keep()
         report("realizations", len(solved), count)
@@ -168,7 +168,7 @@ def _solve(
         write()
 
 
-def _cpu_seconds(solved: Mapping[int, Solved]) -> dict[str, list[float]]:
+def _cpu_seconds(solved: Mapping[int, RealizationResult]) -> dict[str, list[float]]:
     """Of every solve, by condition, in the order of the realizations."""
     ordered = [solved[number].solutions for number in sorted(solved)]
     return {
@@ -176,7 +176,7 @@ def _cpu_seconds(solved: Mapping[int, Solved]) -> dict[str, list[float]]:
     }
 
 
-def _write_results(run: Run, solved: Sequence[Solved], folder: Path) -> Estimates:
+def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) -> Estimates:
     results = collect_results(run, solved)
     results.estimates.save(folder / store.ESTIMATES)
     results.covariances.save(folder / store.COVARIANCES)

@@ -10,7 +10,7 @@ from pymantaray.jobs.store import Store
 
 _LOG = logging.getLogger("pymantaray.sweep")
 SWEEP, PLAN = "sweep.toml", "plan.json"
-OURS = {SWEEP, PLAN, "points", "stages", "studies"}
+SWEEP_ENTRIES = {SWEEP, PLAN, "points", "stages", "studies"}
 DONE, FAILED = "done", "failed"
 Value = bool | int | float | str | None
 

@@ -13,7 +13,7 @@ from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
 from pymantaray.sweep.plan import EARLIER, Plan, SweepQueue, plan_content, read_plan
-from pymantaray.sweep.points import OURS, PLAN, SWEEP, finished, point_name, stage_name
+from pymantaray.sweep.points import PLAN, SWEEP, SWEEP_ENTRIES, finished, point_name, stage_name
 from pymantaray.sweep.results import SweepResults, open_sweep
 from pymantaray.sweep.tasks import run_task
 
@@ -106,7 +106,7 @@ def _clear_stages(store: Store, plan: Plan, *, keep: bool) -> None:
 
 def _prepare(store: Store, plan: Plan) -> None:
     """Have the store say what sweep it is of."""
-    store.claim("sweep", SWEEP, OURS)
+    store.claim("sweep", SWEEP, SWEEP_ENTRIES)
     toml = plan.sweep.to_toml()
     _warn_of_other_code(store, plan)
     store.write(SWEEP, toml.encode())

@@ -12,7 +12,7 @@ from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 
 Array = NDArray[np.float64]
 _PER_SCALE = 8  # pieces of a ray to each horizontal scale: 0.2 % of a variance
-_MOST = 64
+_MAX_SECTIONS = 64
 
 
 class RayUncertainty:
@@ -65,7 +65,9 @@ class RayUncertainty:
         np.maximum.at(high, pair, position[:, :2])
         extent = np.where(high >= low, high - low, 0.0)
         longest = float(np.hypot(*extent.T).max(initial=0.0))
-        count = int(np.clip(math.ceil(_PER_SCALE * longest / self._covariance.horizontal_scale), 1, _MOST))
+        count = int(
+            np.clip(math.ceil(_PER_SCALE * longest / self._covariance.horizontal_scale), 1, _MAX_SECTIONS)
+        )
         axis = np.argmax(extent, axis=1)[pair]  # pieces are cut along the longer of north and east
         row = np.arange(pair.size)
         length = extent[pair, axis]
