@@ -300,7 +300,7 @@ def test_runs_with_reports_are_compared(mantaray, told, small):
         assert (Path(name) / "index.html").stat().st_size > 0
     done = mantaray("study", "compare", "small", "other", "--out", "both")
     assert done.code == 0, done.err
-    assert "Trajectory error" in done.out
+    assert "Position error" in done.out
     assert "Beaufort" in done.out
     assert (Path("both") / "index.html").exists()
     compared = told("study", "compare", "small", "other", "--out", "json")

@@ -32,10 +32,16 @@ _ONE_THREAD = (
     "VECLIB_MAXIMUM_THREADS",
     "NUMBA_NUM_THREADS",
 )
-_SERVE = (
-    "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer);"
-    " from pymantaray.jobs.processes import serve; serve()"
-)
+_SERVE = """
+import pickle, sys
+try:
+    sys.path[:] = pickle.load(sys.stdin.buffer)
+except EOFError:
+    sys.exit()
+from pymantaray.jobs.processes import serve
+serve()
+"""
+"""Program of a worker, which ends quietly if its parent ends first."""
 
 
 class WorkerEndedError(JobError):
