@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 
 TIME_LIMIT = 300.0  # s
-MEMORY_LIMIT = 7 * 2**19  # KiB, resident; a bag of 400 MB may take 3 GiB
+MEMORY_LIMIT = 3 * 2**20  # KiB, resident
 SPRUNG = "sprung"
 CLASSES: dict[str, Callable[["Material"], Iterator["Attempt"]]] = {}
 
