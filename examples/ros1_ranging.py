@@ -48,7 +48,9 @@ class Ranging:
         """Answer a ping, or keep it until all poses of its time are there: topics have no common order."""
         with self.lock:
             if ping.frame_id not in self.poses:
-                rospy.logwarn("ping of %r, which is none of %s", ping.frame_id, ", ".join(self.poses))
+                rospy.logwarn(
+                    "ignored a ping of %r: unknown vehicle (known: %s)", ping.frame_id, ", ".join(self.poses)
+                )
                 return
             self.waiting.append(ping)
             self.answer()

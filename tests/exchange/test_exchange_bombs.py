@@ -89,10 +89,10 @@ def bag_with(path, size, mode):
     return path
 
 
-LARGE = "a chunk or message unpacks to more than 1 MiB; write the bag with smaller chunks"
+LARGE = "a chunk or message has more than 1 MiB; write the bag with smaller chunks"
 
 
-@pytest.mark.parametrize("mode", ["message", "storage", "bz2", "lz4"])
+@pytest.mark.parametrize("mode", ["message", "storage", "file", "bz2", "lz4"])
 def test_a_packed_message_or_chunk_is_unpacked_to_the_limit_alone(tmp_path, monkeypatch, mode):
     monkeypatch.setattr(bag_limits, "MAX_CHUNK_BYTES", 2**20)
     end = ".bag" if mode in ("bz2", "lz4") else ""

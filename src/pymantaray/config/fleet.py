@@ -190,7 +190,7 @@ class WaypointVehicle(_Placed):
     turn_rate_deg: DegreesPerSecond[PositiveFloat] = 5.0
     """Limit of the angular speed. [degrees/s]"""
     capture_radius: Metres[PositiveFloat] = 20.0
-    """A point counts as reached so near; not less than the turning radius. [m]"""
+    """Distance at which a point counts as reached; at least the turning radius. [m]"""
     loop: bool = False
     """Whether it goes on from the last point to the first; else it stops there."""
     current: bool = False

@@ -65,15 +65,20 @@ def check_count(count: int) -> None:
         raise ExchangeError(f"more than {MAX_POSES:,} poses; remove topics, or reduce the sampling rate")
 
 
+def check_size(content: bytes | memoryview) -> None:
+    """Raise an error for a chunk or message beyond the limit."""
+    if len(content) > MAX_CHUNK_BYTES:
+        raise ExchangeError(
+            f"a chunk or message has more than {MAX_CHUNK_BYTES / 2**20:.0f} MiB; write the bag with"
+            " smaller chunks, or remove topics without poses"
+        )
+
+
 def _unpacked(opened: Callable[..., IO[bytes]], packed: bytes) -> bytes:
     """Unpack a chunk or message up to the limit."""
     with opened(io.BytesIO(packed), "rb") as file:
         content = file.read(MAX_CHUNK_BYTES + 1)
-    if len(content) > MAX_CHUNK_BYTES:
-        raise ExchangeError(
-            f"a chunk or message unpacks to more than {MAX_CHUNK_BYTES / 2**20:.0f} MiB; write the bag with"
-            " smaller chunks, or remove topics without poses"
-        )
+    check_size(content)
     return content
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pymantaray.errors import ExchangeError
-from pymantaray.exchange.bag_limits import check_count, limited_unpacking
+from pymantaray.exchange.bag_limits import check_count, check_size, limited_unpacking
 from pymantaray.exchange.fixes import Fixes, centre_from_fixes, origin_of_frame
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Array, Recording, VehiclePoses
@@ -65,6 +65,7 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
             messages = bag.messages(connections=topics) if topics else []
             for count, (connection, _, raw) in enumerate(messages, 1):
                 check_count(count)
+                check_size(raw)
                 message = bag.deserialize(raw, connection.msgtype)
                 if connection.msgtype == _FIX:
                     located.setdefault(connection.topic, []).append(_fix_row(message))
