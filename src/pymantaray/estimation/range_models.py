@@ -276,14 +276,21 @@ class Unknowns:
 
     def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
         """Predict the measured travel times of some ranges, and their derivatives by the unknowns, (n, n_unknowns)."""
-        value, k = self.sigma * u, self._n_modes
-        columns = []
-        if isinstance(self._model, AdjustableModel):
-            model = self._model.adjusted(value[:k])
-            prediction = model.predict(links)
-            columns.append(model.sensitivity(links))
-        else:
-            prediction = self._model.predict(links)
+        if not isinstance(self._model, AdjustableModel):
+            return self.applied(self._model.predict(links), links, rows, u)
+        model = self._model.adjusted((self.sigma * u)[: self._n_modes])
+        return self.applied(model.predict(links), links, rows, u, [model.sensitivity(links)])
+
+    def applied(
+        self,
+        prediction: Prediction,
+        links: RangeLinks,
+        rows: Rows,
+        u: Array,
+        by_modes: Sequence[Array] = (),
+    ) -> tuple[Prediction, Array]:
+        """Measured travel times and their derivatives as `predict`, of travel times that were predicted for some ranges."""
+        value, k, columns = self.sigma * u, self._n_modes, list(by_modes)
         if self._scaled:
             columns = [(1.0 + value[k]) * by for by in columns]
             columns.append(np.where(prediction.possible, prediction.travel_time, 0.0)[:, None])
