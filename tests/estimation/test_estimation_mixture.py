@@ -42,7 +42,7 @@ class Mirrors:
         """Travel time and gradients of each path, (n_paths, n, ...)."""
         height = self.bottom - self.top
         out = []
-        for k, (surface, bed) in enumerate(BOUNCES):
+        for k, (surface, _) in enumerate(BOUNCES):
             image, sign = links.receiver.copy(), 1.0
             if k == 1:
                 image[:, 2], sign = 2.0 * self.top - image[:, 2], -1.0
@@ -50,7 +50,9 @@ class Mirrors:
                 image[:, 2], sign = 2.0 * self.bottom - image[:, 2], -1.0
             elif k > 2:
                 away = -1.0 if surface == 1 else 1.0  # surface, then bed; surface, bed, surface
-                image[:, 2] = image[:, 2] + 2.0 * away * height if k == 3 else 2.0 * (self.top - height) - image[:, 2]
+                image[:, 2] = (
+                    image[:, 2] + 2.0 * away * height if k == 3 else 2.0 * (self.top - height) - image[:, 2]
+                )
                 sign = 1.0 if k == 3 else -1.0
             step = image - links.transmitter
             distance = np.linalg.norm(step, axis=1)
@@ -134,7 +136,9 @@ def estimate(o, model, initial=None, **options):
 
 
 def straight(o):
-    return solve_conditions(o, {"e": Estimator("straight")}, covariance_samples=np.array([o.time.size - 1]))["e"]
+    return solve_conditions(o, {"e": Estimator("straight")}, covariance_samples=np.array([o.time.size - 1]))[
+        "e"
+    ]
 
 
 def rms(values):
@@ -156,9 +160,7 @@ def test_mixture_of_one_candidate_is_the_plain_factor(make_fleet):
     assert alone.status == plain.status
     assert alone.final_cost == pytest.approx(plain.final_cost, rel=1e-12)
     assert np.abs(alone.position - plain.position).max() < 1e-5
-    np.testing.assert_allclose(
-        alone.covariances.position, plain.covariances.position, rtol=1e-6, atol=1e-12
-    )
+    np.testing.assert_allclose(alone.covariances.position, plain.covariances.position, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", [1, 4])
@@ -171,7 +173,9 @@ def test_mixture_is_as_good_as_ranges_without_mistakes(make_fleet, seed):
     assert found.status == SolveStatus.OK
     errors = rms(found.position - fleet.position), rms(clean.position - fleet.position)
     assert errors[0] < 1.5 * errors[1], errors
-    confused = estimate(o, Mirrors(model.top, model.bottom, weights=(1.0, 0.0, 0.0, 0.0, 0.0), mixture=Mixture(0.0)))
+    confused = estimate(
+        o, Mirrors(model.top, model.bottom, weights=(1.0, 0.0, 0.0, 0.0, 0.0), mixture=Mixture(0.0))
+    )
     assert not confused.usable or rms(confused.position - fleet.position) > 10.0 * errors[1]
 
 
@@ -208,7 +212,8 @@ def test_range_of_no_candidate_is_gated(make_fleet):
         **{
             name: getattr(o, name)[kept]
             for name in vars(o)
-            if name.startswith("range_") or name in {"refracted_range", "straight_range", "transmitter_sound_speed"}
+            if name.startswith("range_")
+            or name in {"refracted_range", "straight_range", "transmitter_sound_speed"}
         },
     )
     assert np.abs(found.position - estimate(without, model).position).max() < 1e-3
@@ -222,7 +227,9 @@ def test_unknown_scale_of_travel_times_is_estimated_with_the_picks(make_fleet):
     found = estimate(o, slower, scale_sigma=5e-3)
     assert found.unknowns.name == ("scale",)
     (scale,) = found.unknowns.value
-    assert scale == pytest.approx((SPEED - 3.0) / SPEED - 1.0, abs=4.0 * np.sqrt(found.unknowns.covariance[0, 0]))
+    assert scale == pytest.approx(
+        (SPEED - 3.0) / SPEED - 1.0, abs=4.0 * np.sqrt(found.unknowns.covariance[0, 0])
+    )
     assert rms(found.position - fleet.position) < 1.5 * rms(straight(o).position - fleet.position)
 
 
@@ -272,9 +279,7 @@ def test_wrong_weights_are_worse(make_fleet):
     errors = []
     for seed in range(6):
         fleet = make_fleet(seed=seed, n_vehicles=3)
-        right, wrong = (
-            Echoed(0.0, 9e3, weights=(w, 1.0 - w, 0.0, 0.0, 0.0)) for w in (0.9, 1e-4)
-        )
+        right, wrong = (Echoed(0.0, 9e3, weights=(w, 1.0 - w, 0.0, 0.0, 0.0)) for w in (0.9, 1e-4))
         o, _ = received(fleet, right, seed)
         errors.append([rms(estimate(o, m).position - fleet.position) for m in (right, wrong)])
     right, wrong = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -315,4 +320,6 @@ def test_impossible_mixture_is_refused(options, message):
 def test_mixture_with_a_loss_is_refused(make_fleet):
     fleet = make_fleet(seed=1)
     model = mirrors_about(fleet)
-    refused(EstimationError, "has no robust loss", estimate, fleet.noisy, model, method=Method(LOSSES["huber"]))
+    refused(
+        EstimationError, "has no robust loss", estimate, fleet.noisy, model, method=Method(LOSSES["huber"])
+    )

@@ -64,7 +64,8 @@ class Candidates(NamedTuple):
     @property
     def prediction(self) -> Prediction:
         """Travel times and gradients of all candidates."""
-        return Prediction(*self[1:4], np.ones(self.row.size, dtype=bool))
+        bounces = self.surface_bounces + self.bottom_bounces
+        return Prediction(*self[1:4], np.ones(self.row.size, dtype=bool), bounces)
 
 
 def of_picks(prediction: Prediction, picks: Rows) -> Prediction:
@@ -74,7 +75,10 @@ def of_picks(prediction: Prediction, picks: Rows) -> Prediction:
     time[at] = prediction.travel_time[picks[at]]
     ends[0, at] = prediction.transmitter_gradient[picks[at]]
     ends[1, at] = prediction.receiver_gradient[picks[at]]
-    return Prediction(time, ends[0], ends[1], at)
+    bounces = np.zeros(picks.size, dtype=np.intp)
+    if prediction.bounces is not None:
+        bounces[at] = prediction.bounces[picks[at]]
+    return Prediction(time, ends[0], ends[1], at, bounces)
 
 
 def _rank(row: Rows, kind: Rows) -> Rows:

@@ -226,7 +226,7 @@ class _Picked:
         self.used, self.added = np.zeros(n, dtype=bool), np.zeros(n)
         self.transmitter, self.receiver = np.zeros((n, 3)), np.zeros((n, 3))
         self._time, self._by_ends = np.full(n, np.nan), np.full((2, n, 3), np.nan)
-        self._by_unknowns = np.zeros((n, n_unknowns))
+        self._by_unknowns, self._bounces = np.zeros((n, n_unknowns)), np.zeros(n, dtype=np.intp)
 
     def add(self, rows: Rows, links: RangeLinks, found: _Found, picks: Rows, unknowns: Array) -> None:
         """Add the picks of one epoch."""
@@ -235,9 +235,10 @@ class _Picked:
         self.transmitter[rows], self.receiver[rows] = links.transmitter, links.receiver
         self._time[rows], self._by_unknowns[rows] = prediction.travel_time - by @ unknowns, by
         self._by_ends[:, rows] = prediction.transmitter_gradient, prediction.receiver_gradient
+        self._bounces[rows] = prediction.bounces
 
     def expansion(self, links: RangeLinks, travel_time: Array) -> Expansion:
         """Residuals of the picks near the links at which they were made."""
-        prediction = Prediction(self._time, self._by_ends[0], self._by_ends[1], self.used)
+        prediction = Prediction(self._time, self._by_ends[0], self._by_ends[1], self.used, self._bounces)
         zero = np.zeros(self._by_unknowns.shape[1])
         return Expansion(prediction, links, travel_time, zero, self._by_unknowns)

@@ -54,6 +54,7 @@ class Prediction(NamedTuple):
     transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s/m]
     receiver_gradient: Array  # by the receiver's
     possible: NDArray[np.bool_]  # true if the assumed ocean has an arrival, (n,)
+    bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
 
 
 class RangeModel(Protocol):
@@ -294,8 +295,10 @@ class Unknowns:
         if self._scaled:
             columns = [(1.0 + value[k]) * by for by in columns]
             columns.append(np.where(prediction.possible, prediction.travel_time, 0.0)[:, None])
-            scaled = [(1.0 + value[k]) * part for part in prediction[:3]]
-            prediction = Prediction(scaled[0], scaled[1], scaled[2], prediction.possible)
+            time, by_transmitter, by_receiver = ((1.0 + value[k]) * part for part in prediction[:3])
+            prediction = prediction._replace(
+                travel_time=time, transmitter_gradient=by_transmitter, receiver_gradient=by_receiver
+            )
             k += 1
         added = []
         if not all(self._known):
