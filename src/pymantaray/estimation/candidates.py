@@ -46,8 +46,9 @@ class Candidates(NamedTuple):
         """
         Sort arrivals by range and travel time, scale their weights to a sum of 1, and number their families.
 
-        Arrivals of one family have the same bounces, leave the transmitter on the same side of the horizontal, and have the same
-        rank in time among the arrivals for which both are equal. If all weights of a range are zero its arrivals have equal ones.
+        Arrivals of one family have the same bounces and the same rank in time among the arrivals with these bounces. With as many
+        bounces at the surface as at the bottom, they also have the same first boundary. If all weights of a range are zero its
+        arrivals have equal ones.
         """
         order = np.lexsort((travel_time, row))
         row, weight = row[order], np.asarray(weight, dtype=float)[order]
@@ -56,7 +57,8 @@ class Candidates(NamedTuple):
         weight = np.where(total[row] > 0.0, weight, 1.0) / np.where(total > 0.0, total, count)[row]
         by_transmitter, by_receiver = (by[order] for by in gradients)
         surface, bottom = (np.asarray(part, dtype=np.intp)[order] for part in bounces)
-        kind = (surface * 64 + bottom) * 2 + (by_transmitter[:, 2] < 0.0)
+        down_first = (surface == bottom) & (surface > 0) & (by_transmitter[:, 2] < 0.0)
+        kind = (surface * 64 + bottom) * 2 + down_first
         family = kind * 64 + _rank(row, kind)
         times = travel_time[order], by_transmitter, by_receiver
         return cls(row, *times, weight, sigma[order], surface, bottom, family)
