@@ -104,6 +104,7 @@ class Alone:
 
 
 def links_of(o, position):
+    position = np.concatenate([position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)])
     a, b = (position[end, o.range_sample] for end in (o.range_transmitter, o.range_receiver))
     return RangeLinks(o.time[o.range_sample], a, b, o.transmitter_sound_speed)
 
@@ -117,7 +118,7 @@ def mirrors_about(fleet, gap=300.0, **options):
 def received(fleet, model, seed, *, stay=0.0):
     """Measurements whose receivers take a path by its weight, and the path of each; noise is that of the straight ranges."""
     o, rng = fleet.noisy, np.random.default_rng(seed)
-    time, _, _ = model.paths(links_of(o, fleet.position))
+    time, _, _ = model.paths(links_of(fleet.noise_free, fleet.position))
     n = o.range_sample.size
     path = rng.choice(len(BOUNCES), n, p=np.array(model.weights) / sum(model.weights))
     last = {}
@@ -143,6 +144,12 @@ def straight(o):
 
 def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def at_pings(found, fleet):
+    """Error at the pings."""
+    samples = np.unique(fleet.noisy.range_sample)
+    return rms((found.position - fleet.position)[:, samples])
 
 
 def nees(found, fleet):
@@ -284,6 +291,20 @@ def test_wrong_weights_are_worse(make_fleet):
         errors.append([rms(estimate(o, m).position - fleet.position) for m in (right, wrong)])
     right, wrong = np.sqrt(np.mean(np.square(errors), axis=0))
     assert wrong > 1.05 * right, (right, wrong)
+
+
+def test_persistence_helps_if_receivers_stay_with_their_arrivals(make_fleet):
+    errors = []
+    for seed in range(6):
+        fleet = make_fleet(seed=seed, n_landmarks=3)
+        weights = (0.5, 0.5, 0.0, 0.0, 0.0)
+        alone, chained = (
+            Echoed(0.0, 9e3, weights=weights, mixture=Mixture(persistence=p)) for p in (0.0, 1e5)
+        )
+        o, _ = received(fleet, alone, seed, stay=0.99)
+        errors.append([at_pings(estimate(o, m), fleet) for m in (alone, chained)])
+    alone, chained = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert chained < 0.9 * alone, (chained, alone)
 
 
 @pytest.mark.parametrize("seeds", [12, pytest.param(200, marks=pytest.mark.slow)])
