@@ -235,7 +235,7 @@ class _Picked:
         self.transmitter[rows], self.receiver[rows] = links.transmitter, links.receiver
         self._time[rows], self._by_unknowns[rows] = prediction.travel_time - by @ unknowns, by
         self._by_ends[:, rows] = prediction.transmitter_gradient, prediction.receiver_gradient
-        self._bounces[rows] = prediction.bounces
+        self._bounces[rows] = 0 if prediction.bounces is None else prediction.bounces
 
     def expansion(self, links: RangeLinks, travel_time: Array) -> Expansion:
         """Residuals of the picks near the links at which they were made."""
