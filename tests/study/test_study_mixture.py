@@ -139,25 +139,20 @@ def test_mixture_with_a_loss_or_a_fitted_sigma_is_refused(tiny, extra):
 
 
 @pytest.mark.slow
-def test_study_with_mistaken_arrivals_is_as_good_as_straight_ranges(run_tiny):
-    model = {"kind": "mixture", "belief": "exact"}
-    off = {"kind": "mixture", "belief": {"kind": "offset", "sound_speed": [0.5]}, "sound_speed_sigma": 0.5}
+def test_study_with_mistaken_arrivals_keeps_metres_where_the_direct_arrival_alone_loses_kilometres(run_tiny):
     start = {"start": "dead-reckoning"}
     run = run_tiny(
         **MULTIPATH
         | {
             "conditions": [
-                "straight",
                 {"name": "eigenray", "range_model": {"kind": "eigenray", "belief": "exact"}} | start,
-                {"name": "mixture", "range_model": model} | start,
-                {"name": "off", "range_model": off} | start,
+                {"name": "mixture", "range_model": {"kind": "mixture", "belief": "exact"}} | start,
             ]
         }
     )
     assert run.manifest["outcome"]["expected_mistaken"] > 0.4 * run.measurements.range_status.size
     pings = np.unique(run.measurements.range_sample)
     error = np.linalg.norm(run.estimates.position - run.truth.position, axis=-1)[..., pings]
-    straight, eigenray, mixture, off = np.sqrt(np.mean(error**2, axis=(1, 2, 3)))
-    assert mixture < 1.5 * straight
-    assert off < 3.0 * straight
-    assert not eigenray < 10.0 * straight  # NaN if not usable
+    eigenray, mixture = np.sqrt(np.mean(error**2, axis=(1, 2, 3)))
+    assert mixture < 5.0  # of sound paths that are longer by up to 10 km
+    assert not eigenray < 100.0 * mixture  # NaN if not usable
