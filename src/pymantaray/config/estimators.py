@@ -284,8 +284,37 @@ class EigenrayRangeModel(Section):
         return self
 
 
+class MixtureRangeModel(Section):
+    """
+    Mixture of all arrivals in the assumed ocean that the receiver may have taken, with the study's bounces and modems.
+
+    Each range belongs to the most probable arrival, or to none of them.
+    """
+
+    kind: Literal["mixture"]
+    """All arrivals that a receiver may take."""
+    belief: AnyBelief
+    """The assumed ocean, by its ``kind``; text is the kind alone."""
+    weights: Literal["receiver", "equal"] = "receiver"
+    """Probabilities of the arrivals of a link: by the rule ``ranging.mistaken``, or equal; without mistaken arrivals they are equal."""
+    sound_speed_sigma: MetresPerSecond[NonNegativeFloat] = 0.0
+    """Assumed error of the sound speed along a path, which adds to the standard deviation of each travel time. [m/s]"""
+    persistence_s: Seconds[NonNegativeFloat] = 0.0
+    """Time constant with which a receiver stays with an arrival; 0 if successive picks are independent. [s]"""
+    null_weight: float = Field(default=0.01, ge=0.0, lt=1.0)
+    """Probability that a range belongs to none of the arrivals. [-]"""
+    null_width: Metres[PositiveFloat] = 1000.0
+    """Width of the interval over which the error of such a range is uniformly distributed. [m]"""
+    gate: PositiveFloat = 5.0
+    """Largest innovation of an arrival when its ping is added, in standard deviations. [-]"""
+
+
 AnyRangeModel = Annotated[
-    TransmitterRangeModel | ConstantRangeModel | MeanSlownessRangeModel | EigenrayRangeModel,
+    TransmitterRangeModel
+    | ConstantRangeModel
+    | MeanSlownessRangeModel
+    | EigenrayRangeModel
+    | MixtureRangeModel,
     Field(discriminator="kind"),
     KindAlone,
 ]
@@ -538,6 +567,15 @@ class ConditionSection(Section):
         if varies(self.belief) and (self.range_model.kind != "eigenray" or self.variance.kind != "fixed"):
             raise ValueError(
                 'a belief that varies in time is for range_model "eigenray" with variance "fixed"'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _mixture_fits(self) -> Self:
+        if self.range_model.kind == "mixture" and (self.loss != "none" or self.range_sigma == "fitted"):
+            raise ValueError(
+                'range_model "mixture" has null_weight in place of a loss, and its cost has no expected value; leave loss and'
+                ' range_sigma = "fitted" out'
             )
         return self
 

@@ -1,6 +1,7 @@
 """Factor graphs, their file formats and their solution; knows measurements, never the ocean or the truth."""
 
 from pymantaray.estimation.build import build_graph
+from pymantaray.estimation.candidates import CandidateModel, Candidates, Mixture
 from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
 from pymantaray.estimation.covariance import (
@@ -33,6 +34,8 @@ __all__ = [
     "CONDITIONS",
     "LOSSES",
     "AdjustableModel",
+    "CandidateModel",
+    "Candidates",
     "Certificate",
     "ClockPrior",
     "ConstantSpeed",
@@ -45,6 +48,7 @@ __all__ = [
     "Loss",
     "MeanSlowness",
     "Method",
+    "Mixture",
     "Prediction",
     "RangeLinks",
     "RangeModel",

@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.build import LinkChoice, Ranges, build_graph, timed_ranges, with_ranges
+from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import (
@@ -182,6 +183,7 @@ class _Fleet:
         if estimator.range_sigma != "fitted":
             first = self._solved(estimator, measurements, start, solver)
             plain = estimator.ranges is not None and estimator.method == Method()
+            plain &= not isinstance(estimator.model, CandidateModel)  # which starts there in any case
             again = plain and (estimator.initial is None or not first.usable)
             return self._lower(first, estimator, measurements, solver) if again else first
         scale = _fitted_scale(

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from pymantaray.estimation.images import Images
 from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeLinks, Rows, chord
 
 Array = NDArray[np.float64]
@@ -22,7 +23,8 @@ class Expansion:
     Residuals of ranges near the links of a prediction, with unknowns in their standard deviations.
 
     The expansion has the predicted travel time, its gradient, and the curvature of the distance between the ends
-    divided by the mean speed. It omits only the change of refraction. The argument ``by_unknowns`` is the derivative of
+    divided by the mean speed; for a reflected path, the distance to the image of the receiver. It omits only the change of
+    refraction. The argument ``by_unknowns`` is the derivative of
     the travel times [s]; the attribute is that of the residuals [m], shape (n, n_unknowns).
     """
 
@@ -38,6 +40,13 @@ class Expansion:
         self._unknowns, self._measured = unknowns, travel_time
         self.by_unknowns = links.sound_speed[:, None] * np.where(fine[:, None], by_unknowns, 0.0)
         self._a, self._b, self._speed = links.transmitter, links.receiver, links.sound_speed
+        self._images: Images | None = None
+        if prediction.bounces is not None:
+            self._images = Images.of(prediction, links, prediction.bounces)
+            self._b = self._images.position
+            prediction = prediction._replace(
+                receiver_gradient=self._images.mirror * prediction.receiver_gradient
+            )
         self._time = np.where(fine, prediction.travel_time, 0.0)
         self._by_a, self._by_b = (
             np.where(fine[:, None], g, 0.0)
@@ -52,6 +61,7 @@ class Expansion:
 
         A residual is the sound speed at the transmitter times predicted less measured travel time. [m]
         """
+        receiver = receiver if self._images is None else self._images.at(receiver)
         da, db = transmitter - self._a, receiver - self._b
         distance, unit = chord(transmitter, receiver)
         turned = self._slowness[:, None] * (unit - self._unit)
@@ -61,14 +71,16 @@ class Expansion:
             + self._slowness * self._bent(distance, da, db)
         )
         speed = self._speed[:, None]
+        by_receiver = speed * (self._by_b + turned)
         return (
             self._speed * (time - self._measured) + self.by_unknowns @ (unknowns - self._unknowns),
             speed * (self._by_a - turned),
-            speed * (self._by_b + turned),
+            by_receiver if self._images is None else self._images.mirror * by_receiver,
         )
 
     def is_good_at(self, transmitter: Array, receiver: Array, unknowns: Array) -> bool:
         """True if ends and unknowns moved so little that a new prediction cannot differ."""
+        receiver = receiver if self._images is None else self._images.at(receiver)
         da, db = transmitter - self._a, receiver - self._b
         distance, _ = chord(transmitter, receiver)
         far = max(float(np.abs(d).max(initial=0.0)) for d in (da, db))

@@ -13,7 +13,7 @@ from pymantaray.estimation.marginals import epoch_groups
 from pymantaray.estimation.normal_equations import SIZE, Indices
 from pymantaray.estimation.optimize import Optimum
 from pymantaray.estimation.problems import ExpandedRanges, Problem, ProblemCache, State
-from pymantaray.estimation.range_models import ModelRanges, Prediction
+from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeLinks
 from pymantaray.estimation.robust import optimize_robust
 from pymantaray.estimation.solution import Progress, SolveOptions
 
@@ -120,7 +120,7 @@ class OuterIterations:
         r = self._model_ranges.ranges
         a, b, u = place
         links = r.links(a, b)
-        prediction, by_unknowns = self._model_ranges.predict(links, self._rows, u)
+        prediction, by_unknowns = self._predict(links, u)
         self._gated += self._used & ~prediction.possible
         before, self._used = self._used, prediction.possible & (self._gated < _MAX_GATINGS)
         residual = r.sound_speed * (
@@ -140,6 +140,10 @@ class OuterIterations:
                     self._gated[unsettled], self._used = _MAX_GATINGS, self._used & ~unsettled
         self._weights.at(links)
         return Expansion(prediction, links, r.travel_time, u, by_unknowns)
+
+    def _predict(self, links: RangeLinks, unknowns: Array) -> tuple[Prediction, Array]:
+        """Predict the travel times of all ranges and their derivatives by the unknowns."""
+        return self._model_ranges.predict(links, self._rows, unknowns)
 
     def _initial_cost(self, start: State, ranges: ExpandedRanges, place: tuple[Array, Array, Array]) -> float:
         """Initial cost of the links used at the end; links without an arrival at the start have their final residual."""

@@ -54,6 +54,7 @@ class Prediction(NamedTuple):
     transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s/m]
     receiver_gradient: Array  # by the receiver's
     possible: NDArray[np.bool_]  # true if the assumed ocean has an arrival, (n,)
+    bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
 
 
 class RangeModel(Protocol):
@@ -276,19 +277,28 @@ class Unknowns:
 
     def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
         """Predict the measured travel times of some ranges, and their derivatives by the unknowns, (n, n_unknowns)."""
-        value, k = self.sigma * u, self._n_modes
-        columns = []
-        if isinstance(self._model, AdjustableModel):
-            model = self._model.adjusted(value[:k])
-            prediction = model.predict(links)
-            columns.append(model.sensitivity(links))
-        else:
-            prediction = self._model.predict(links)
+        if not isinstance(self._model, AdjustableModel):
+            return self.applied(self._model.predict(links), links, rows, u)
+        model = self._model.adjusted((self.sigma * u)[: self._n_modes])
+        return self.applied(model.predict(links), links, rows, u, [model.sensitivity(links)])
+
+    def applied(
+        self,
+        prediction: Prediction,
+        links: RangeLinks,
+        rows: Rows,
+        u: Array,
+        by_modes: Sequence[Array] = (),
+    ) -> tuple[Prediction, Array]:
+        """Measured travel times and their derivatives as `predict`, of travel times that were predicted for some ranges."""
+        value, k, columns = self.sigma * u, self._n_modes, list(by_modes)
         if self._scaled:
             columns = [(1.0 + value[k]) * by for by in columns]
             columns.append(np.where(prediction.possible, prediction.travel_time, 0.0)[:, None])
-            scaled = [(1.0 + value[k]) * part for part in prediction[:3]]
-            prediction = Prediction(scaled[0], scaled[1], scaled[2], prediction.possible)
+            time, by_transmitter, by_receiver = ((1.0 + value[k]) * part for part in prediction[:3])
+            prediction = prediction._replace(
+                travel_time=time, transmitter_gradient=by_transmitter, receiver_gradient=by_receiver
+            )
             k += 1
         added = []
         if not all(self._known):

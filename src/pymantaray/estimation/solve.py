@@ -8,11 +8,13 @@ from types import MappingProxyType
 import numpy as np
 
 from pymantaray.errors import EstimationError
+from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.fixed_lag import smooth_with_lag
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.incremental import solve_incrementally
 from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
+from pymantaray.estimation.mixture import MixtureIterations
 from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.outer import Outcome, OuterIterations
 from pymantaray.estimation.problems import Problem, ProblemCache, State, distance_problem
@@ -118,6 +120,10 @@ class GraphSolver:
         model_ranges: ModelRanges | None,
         poses: Indices,
     ) -> Outcome:
+        if model_ranges is not None and isinstance(model_ranges.model, CandidateModel):
+            if loss is not None:
+                raise EstimationError("a mixture of candidates has no robust loss; leave one of them out")
+            return MixtureIterations(self._cache, graph, model_ranges, poses).solve(initial, self.options)
         if model_ranges is not None:
             return OuterIterations(self._cache, graph, model_ranges, loss, poses).solve(initial, self.options)
         problem, groups = self._distances(graph, loss, poses)

@@ -44,9 +44,11 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window
+from pymantaray.sensing import Reception
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run
 from pymantaray.water.instants import utc_instant
+from pymantaray.water.listening import build_reception
 from pymantaray.water.ocean import (
     OceanFields,
     build_ocean,
@@ -126,6 +128,13 @@ class Beliefs:
                 f"modes: count is {section.count}, but there are {sigma.size} that vary; give at most so many"
             )
         return depth, shapes[: section.count], sigma[: section.count]
+
+    @cached_property
+    def reception(self) -> Reception:
+        """Reception of the study, with the absorption in its ocean at the start."""
+        return build_reception(
+            self.config, build_ocean(self.config.ocean, self.config.mission.duration_h * 3600.0)
+        )
 
     def _scaled_modes(
         self, casts: tuple[str, ...], rms: float | None, down_to: float | None
