@@ -229,7 +229,7 @@ def command_tree() -> list[tuple[tuple[str, ...], Any]]:
 
 _WATER_COMMANDS = (
     "rays times", "rays eigen", "rays trace", "rays plot", "rays compare-bellhop", "rays write-bellhop", "ranges", "replay",
-    "locate survey", "locate plan", "serve", "atlas run", "study run", "sweep run", "ocean check", "ocean show", "ocean plot",
+    "locate survey", "locate plan", "serve", "table", "atlas run", "study run", "sweep run", "ocean check", "ocean show", "ocean plot",
     "ocean correct", "ocean perturb",
 )  # fmt: skip
 _WATER_OPTIONS = {
