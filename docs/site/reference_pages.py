@@ -11,7 +11,7 @@ import typer.main
 
 FOLDERS = (
     "geometry", "records", "ocean", "ocean.fetch", "acoustics", "acoustics.bellhop", "fleet", "sensing", "estimation",
-    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "atlas", "service", "report",
+    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "online", "atlas", "service", "report",
 )  # fmt: skip
 """Folders in the order in which data flows."""
 
@@ -229,7 +229,7 @@ def command_tree() -> list[tuple[tuple[str, ...], Any]]:
 
 _WATER_COMMANDS = (
     "rays times", "rays eigen", "rays trace", "rays plot", "rays compare-bellhop", "rays write-bellhop", "ranges", "replay",
-    "locate survey", "locate plan", "serve", "atlas run", "study run", "sweep run", "ocean check", "ocean show", "ocean plot",
+    "locate survey", "locate plan", "serve", "table", "atlas run", "study run", "sweep run", "ocean check", "ocean show", "ocean plot",
     "ocean correct", "ocean perturb",
 )  # fmt: skip
 _WATER_OPTIONS = {

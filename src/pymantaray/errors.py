@@ -87,5 +87,9 @@ class LocateError(MantaRayError):
     """A survey of pings, or its water, is unusable."""
 
 
+class OnlineError(MantaRayError):
+    """A travel-time table cannot be built or read, or a measurement on line is unusable."""
+
+
 class ExchangeError(MantaRayError):
     """A file of another program cannot be read, or lacks the requested data."""

@@ -1,0 +1,295 @@
+"""Build a travel-time table: cells are halved until the interpolation error is below a bound."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import OnlineError
+from pymantaray.online.cells import LEAF, CellStatus, Tree
+from pymantaray.online.interpolation import REFERENCE_SLOWNESS, interpolate
+from pymantaray.online.samples import OUTSIDE, Sampler, Samples
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+_FIRST_HALVINGS = (2, 3, 3)  # of every cell along each axis before any cell is accepted
+_MARGIN = 0.5  # share of the bound that the error at the tested points may have
+_MIN_COSINE = 0.1  # of the angle from the horizontal, in the conversion of travel time to range
+_QUARTERS = np.array([[1 + 2 * x, 1 + 2 * y, 1 + 2 * z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+_HALVES = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2], indexing="ij"), axis=-1).reshape(-1, 3)
+_CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
+_CORNER_ROWS = np.array([int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]) for c in _CORNERS])
+_FINEST = 2  # binary logarithm of the smallest cell in lattice steps
+_BRANCH_BYTES, _CELL_BYTES = 4, 60  # approximate sizes in a table
+_Accepted = tuple[Whole, Whole, Whole]
+"""Branches of cells, keys of their corners, and their status."""
+_KEY_BITS = 21  # per coordinate of a lattice point in a key
+
+
+@dataclass(frozen=True)
+class Box:
+    """
+    Limits of a table and its smallest cells.
+
+    Attributes
+    ----------
+    lower, upper : tuple of float
+        Source depth, receiver depth and horizontal range. [m]
+    smallest : tuple of float
+        Largest permitted size of the smallest cells along each axis. [m]
+    """
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    smallest: tuple[float, float, float]
+
+    @property
+    def halvings(self) -> tuple[int, int, int]:
+        """Number of times that each axis may be halved."""
+        extent = np.subtract(self.upper, self.lower)
+        wanted = np.ceil(np.log2(extent / self.smallest))
+        return tuple(int(n) for n in np.clip(wanted, _FIRST_HALVINGS, _KEY_BITS - 3))  # type: ignore[return-value]
+
+
+class _Store:
+    """Solved lattice points, each once, sorted by key."""
+
+    def __init__(self, box: Box, sampler: Sampler) -> None:
+        self._lower = np.array(box.lower)
+        self.step = np.subtract(box.upper, box.lower) / np.exp2(np.array(box.halvings) + _FINEST)
+        self._sampler = sampler
+        self.keys = np.empty(0, dtype=np.int64)
+        self._samples: Samples | None = None
+
+    @property
+    def solved(self) -> Samples:
+        """Arrivals at all solved points, by key."""
+        if self._samples is None:
+            raise AssertionError("no point is solved")
+        return self._samples
+
+    def places(self, points: Whole) -> Array:
+        """Convert lattice points to depths and ranges."""
+        return np.asarray(self._lower + points * self.step)
+
+    def rows(self, points: Whole) -> Whole:
+        """Rows of lattice points, shape (..., 3), after those that are not yet solved have been."""
+        keys = (points[..., 0] << 2 * _KEY_BITS) + (points[..., 1] << _KEY_BITS) + points[..., 2]
+        new = np.setdiff1d(keys, self.keys)
+        if new.size:
+            self._add(new, _rounded(self._sampler(self.places(self.points(new)))))
+        return np.searchsorted(self.keys, keys)
+
+    @staticmethod
+    def points(keys: Whole) -> Whole:
+        """Lattice points of keys."""
+        mask = (1 << _KEY_BITS) - 1
+        return np.column_stack([keys >> 2 * _KEY_BITS, keys >> _KEY_BITS & mask, keys & mask])
+
+    def _add(self, keys: Whole, samples: Samples) -> None:
+        """Merge new points into the sorted store."""
+        if self._samples is not None:
+            samples = Samples._make(np.concatenate(pair) for pair in zip(self._samples, samples, strict=True))
+            keys = np.concatenate([self.keys, keys])
+        order = np.argsort(keys)
+        self.keys, self._samples = keys[order], Samples._make(column[order] for column in samples)
+
+
+def _rounded(samples: Samples) -> Samples:
+    """Round what is stored to single precision, so that the tested errors include the rounding."""
+    return samples._replace(
+        value=samples.value.astype(np.float32).astype(np.float64),
+        gradient=samples.gradient.astype(np.float32).astype(np.float64),
+    )
+
+
+class _Cells(NamedTuple):
+    """Boxes of one generation: lowest lattice point, binary logarithm of the size in lattice steps, and branch of the tree."""
+
+    low: Whole
+    log_size: Whole
+    branch: Whole
+
+
+def build_tree(
+    box: Box, samplers: Sequence[Sampler], tolerance: float, *, max_bytes: float = math.inf
+) -> Tree:
+    """
+    Halve cells until the interpolated range errs by less than a tolerance at all tested points.
+
+    Parameters
+    ----------
+    box : Box
+        Limits of the table and its smallest cells.
+    samplers : sequence of callable
+        Solvers of places, such as `Radial`. The first defines the table, and the standard deviation is that over all.
+    tolerance : float
+        Bound of the error of the interpolated range at a given travel time. [m]
+    max_bytes : float
+        Largest allowed size. [B]
+
+    Returns
+    -------
+    Tree
+        One sector. Cells of the smallest size that cannot be interpolated have status BORDER.
+    """
+    store, branch = _Store(box, samplers[0]), np.zeros(1, dtype=np.int64)
+    top = np.array(box.halvings) + _FINEST
+    cells = _Cells(np.zeros((1, 3), dtype=np.int64), top[None, :], np.zeros(1, dtype=np.int64))
+    accepted: list[_Accepted] = []
+    while cells.branch.size:
+        rows = store.rows(cells.low[:, None] + (_HALVES << (cells.log_size[:, None] - 1)))
+        corners = store.keys[rows[:, _CORNER_ROWS]]
+        done, status, axis = _judge(store, rows, cells, top, tolerance)
+        has = done & (status <= CellStatus.AMBIGUOUS)
+        accepted.append((cells.branch[has], corners[has], status[has]))
+        empty = done & ~has
+        branch[cells.branch[empty]] = (status[empty] << 3) | LEAF
+        children = branch.size + 2 * np.arange(np.count_nonzero(~done))
+        branch[cells.branch[~done]] = (children << 2) | axis[~done]
+        branch = np.concatenate([branch, np.zeros(2 * children.size, dtype=np.int64)])
+        cells = _halves(cells, ~done, axis, children)
+        _check_size(
+            _BRANCH_BYTES * branch.size + _CELL_BYTES * sum(part[0].size for part in accepted), max_bytes
+        )
+    tree = _tree(store, branch, accepted)
+    _check_size(tree.nbytes, max_bytes)
+    return tree if len(samplers) == 1 else tree._replace(sigma=_sigma(store, accepted, samplers))
+
+
+def _judge(
+    store: _Store, rows: Whole, cells: _Cells, top: Whole, tolerance: float
+) -> tuple[NDArray[np.bool_], Whole, Whole]:
+    """Decide which cells are final, their status, and the axis along which to halve the others."""
+    samples = store.solved
+    family = samples.family[rows]
+    alike = np.all(family == family[:, :1], axis=1)
+    error = np.full(rows.shape, np.inf)
+    regular = np.flatnonzero(alike & (family[:, 0] >= 0))
+    size = np.exp2(cells.log_size) * store.step
+    corners = rows[:, _CORNER_ROWS]
+    error[regular] = _errors(samples, corners[regular], size[regular], rows[regular], 0.5 * _HALVES)
+    halvings = top - cells.log_size
+    early = np.any(halvings < _FIRST_HALVINGS, axis=1)
+    accurate = np.max(error, axis=1) <= _MARGIN * tolerance
+    accurate &= _accurate_within(store, cells, corners, accurate & ~early, _MARGIN * tolerance)
+    can = cells.log_size > _FINEST
+    done = ~early & (accurate | (alike & (family[:, 0] < 0))) | ~can.any(axis=1)
+    bounced = samples.bounces[rows[:, 0]].any(axis=1)
+    status = np.where(bounced, CellStatus.BOUNCED, CellStatus.DIRECT)
+    status = np.where(samples.several[rows].any(axis=1), CellStatus.AMBIGUOUS, status)
+    nothing = np.where(family[:, 0] == OUTSIDE, CellStatus.OUTSIDE, CellStatus.SHADOW)
+    status = np.where(accurate, status, np.where(alike & (family[:, 0] < 0), nothing, CellStatus.BORDER))
+    return (
+        done,
+        status.astype(np.int64),
+        _axis(family, error, cells.log_size, early[:, None] & (halvings < _FIRST_HALVINGS)),
+    )
+
+
+def _accurate_within(
+    store: _Store, cells: _Cells, corners: Whole, candidate: NDArray[np.bool_], bound: float
+) -> NDArray[np.bool_]:
+    """True for candidates that are accurate, and of one family, also at eight points between the corners and the centre."""
+    which = np.flatnonzero(candidate)
+    keys = store.keys[corners[which]]  # rows move when points are added
+    inner = store.rows(cells.low[which, None] + (_QUARTERS << (cells.log_size[which, None] - 2)))
+    rows = np.searchsorted(store.keys, keys)
+    size = np.exp2(cells.log_size[which]) * store.step
+    error = _errors(store.solved, rows, size, inner, 0.25 * _QUARTERS)
+    alike = np.all(store.solved.family[inner] == store.solved.family[rows[:, :1]], axis=1)
+    accurate = np.zeros(candidate.size, dtype=np.bool_)
+    accurate[which] = alike & (np.max(error, axis=1, initial=0.0) <= bound)
+    return accurate
+
+
+def _errors(samples: Samples, corners: Whole, size: Array, rows: Whole, at: Array) -> Array:
+    """Errors of the interpolated range at points of cells, where ``at`` is their position within each cell. [m]"""
+    repeat = len(at)
+    interpolated = interpolate(
+        np.tile(at, (len(rows), 1)),
+        np.repeat(size, repeat, axis=0),
+        np.repeat(samples.value[corners], repeat, axis=0),
+        np.repeat(samples.gradient[corners], repeat, axis=0),
+    ).value.reshape(rows.shape)
+    slope = np.maximum(samples.slowness[rows], _MIN_COSINE * REFERENCE_SLOWNESS)
+    difference = np.abs(interpolated - samples.value[rows]) * samples.straight[rows]
+    return difference * REFERENCE_SLOWNESS / slope
+
+
+def _axis(family: Whole, error: Array, log_size: Whole, early: NDArray[np.bool_]) -> Whole:
+    """Axis along which to halve each cell: one along which the family changes, or the one with the largest error."""
+    n = len(family)
+    cube_family, cube_error = family.reshape(n, 3, 3, 3), error.reshape(n, 3, 3, 3)
+    score = np.empty((n, 3))
+    for axis in range(3):
+        lines = np.moveaxis(cube_family, axis + 1, 1)
+        changes = np.any(lines[:, 1:] != lines[:, :-1], axis=(1, 2, 3))
+        middle = np.moveaxis(cube_error, axis + 1, 1)[:, 1][:, ::2, ::2].max(axis=(1, 2))
+        score[:, axis] = np.where(
+            changes, 1e6 * log_size[:, axis], np.where(np.isfinite(middle), middle, 0.0)
+        )
+    score += 1e-9 * log_size + np.where(early, 1e9, 0.0)
+    return np.asarray(np.argmax(np.where(log_size > _FINEST, score, -1.0), axis=1))
+
+
+def _halves(cells: _Cells, split: NDArray[np.bool_], axis: Whole, children: Whole) -> _Cells:
+    """Both halves of each cell that is split."""
+    along = axis[split]
+    log_size = cells.log_size[split].copy()
+    each = np.arange(along.size)
+    log_size[each, along] -= 1
+    upper = cells.low[split].copy()
+    upper[each, along] += 1 << log_size[each, along]
+    return _Cells(
+        np.concatenate([cells.low[split], upper]),
+        np.concatenate([log_size, log_size]),
+        np.concatenate([children, children + 1]),
+    )
+
+
+def _check_size(size: float, max_bytes: float) -> None:
+    """Raise an error for a table that is too large."""
+    if size > max_bytes:
+        raise OnlineError(
+            f"travel-time table: more than {max_bytes / 1e3:.0f} kB are needed; smooth the profile (--smooth 10; in Python:"
+            " smooth), allow a larger error (--error 0.2; tolerance), or give larger steps or narrower limits"
+        )
+
+
+def _sigma(store: _Store, accepted: list[_Accepted], samplers: Sequence[Sampler]) -> NDArray[np.float32]:
+    """Standard deviation over all oceans of the values at the corners, over those with an arrival of the same family."""
+    keys = np.unique(np.concatenate([part[1].ravel() for part in accepted]))
+    rows = np.searchsorted(store.keys, keys)
+    own = store.solved.family[rows]
+    values = [store.solved.value[rows]]
+    for sampler in samplers[1:]:
+        member = sampler(store.places(store.points(keys)))
+        values.append(np.where(member.family == own, member.value, np.nan))
+    number = np.isfinite(values).sum(axis=0)
+    spread = np.nanstd(values, axis=0) * np.sqrt(number / np.maximum(number - 1, 1))
+    return np.where(number > 1, spread, 0.0).astype(np.float32)
+
+
+def _tree(store: _Store, branch: Whole, accepted: list[_Accepted]) -> Tree:
+    """Number the cells with an arrival and keep the points that are their corners."""
+    samples = store.solved
+    cell_branch, keys, status = (np.concatenate(parts) for parts in zip(*accepted, strict=True))
+    order = np.argsort(cell_branch)
+    used, corner = np.unique(keys[order], return_inverse=True)
+    branch[cell_branch[order]] = (np.arange(order.size) << 3) | 0b100 | LEAF
+    rows = np.searchsorted(store.keys, used)
+    first = np.searchsorted(store.keys, keys[order][:, 0])
+    return Tree(
+        branch=branch.astype(np.uint32),
+        status=status[order].astype(np.uint8),
+        surface_bounces=samples.bounces[first, 0].astype(np.uint8),
+        bottom_bounces=samples.bounces[first, 1].astype(np.uint8),
+        corner=corner.reshape(keys.shape).astype(np.uint32),
+        value=np.column_stack([samples.value[rows], samples.gradient[rows]]).astype(np.float32),
+        sigma=np.empty(0, dtype=np.float32),
+        root=np.zeros(1, dtype=np.uint32),
+    )

@@ -1,0 +1,121 @@
+"""Mean slowness of the selected arrival between two depths at a horizontal range, with its derivatives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, Rule, choose_arrivals, find_eigenrays
+from pymantaray.online.interpolation import REFERENCE_SLOWNESS
+from pymantaray.records import RayStatus
+
+Array = NDArray[np.float64]
+NO_ARRIVAL, OUTSIDE = -1, -2
+"""Families of places without an arrival, and outside the water."""
+
+
+class Samples(NamedTuple):
+    """
+    Selected arrival at ``n`` places: source depth, receiver depth and horizontal range.
+
+    Attributes
+    ----------
+    value : ndarray, shape (n,)
+        Relative difference of the mean slowness (travel time over straight distance) from 1/1500 s/m; NaN without an arrival.
+    gradient : ndarray, shape (n, 3)
+        Its derivatives by source depth, receiver depth and range. [1/m]
+    straight : ndarray, shape (n,)
+        Straight distance. [m]
+    slowness : ndarray, shape (n,)
+        Horizontal component of the slowness at the receiver, the derivative of travel time by range. [s/m]
+    family : ndarray of int, shape (n,)
+        Number that is equal for arrivals with equal numbers of reflections and caustics; negative without an arrival.
+    bounces : ndarray of int, shape (n, 2)
+        Reflections at the surface and at the bottom.
+    several : ndarray of bool, shape (n,)
+        True if other arrivals have the same numbers of reflections.
+    """
+
+    value: Array
+    gradient: Array
+    straight: Array
+    slowness: Array
+    family: NDArray[np.int64]
+    bounces: NDArray[np.int64]
+    several: NDArray[np.bool_]
+
+
+Sampler = Callable[[Array], Samples]
+"""Solves places, shape (n, 3): source depth, receiver depth and horizontal range. [m]"""
+
+
+@dataclass(frozen=True)
+class Radial:
+    """
+    Vertical plane through a node along a bearing, in which a table is valid.
+
+    Attributes
+    ----------
+    medium : Medium
+        Sound speed and sea bed.
+    rule : {"direct", "first", "strongest"}
+        Selection of the arrival.
+    max_surface_bounces, max_bottom_bounces : int
+        Allowed reflections.
+    cutoff_db : float or None
+        Spreading cut-off.
+    north, east : float
+        Position of the node, which is the source. [m]
+    bearing : float
+        Direction from the node to the receivers, clockwise from north. [rad]
+    """
+
+    medium: Medium
+    rule: Rule = "direct"
+    max_surface_bounces: int = 0
+    max_bottom_bounces: int = 0
+    cutoff_db: float | None = 15.0
+    north: float = 0.0
+    east: float = 0.0
+    bearing: float = 0.0
+
+    def __call__(self, places: Array) -> Samples:
+        """Solve places."""
+        source_depth, receiver_depth, distance = places.T
+        along = np.array([np.cos(self.bearing), np.sin(self.bearing)])
+        source = np.column_stack(
+            [np.full(len(places), self.north), np.full(len(places), self.east), source_depth]
+        )
+        receiver = np.column_stack([source[:, :2] + distance[:, None] * along, receiver_depth])
+        arrivals = find_eigenrays(
+            self.medium, source, receiver, self.max_surface_bounces, self.max_bottom_bounces, self.cutoff_db
+        )
+        link, row = choose_arrivals(arrivals, self.rule)
+        time = np.full(len(places), np.nan)
+        by_place = np.full((len(places), 3), np.nan)
+        time[link] = arrivals.travel_time[row]
+        at_receiver = arrivals.receiver_slowness[row]
+        by_place[link] = np.column_stack(
+            [-arrivals.source_slowness[row, 2], at_receiver[:, 2], at_receiver[:, :2] @ along]
+        )
+        bounces = np.zeros((len(places), 2), dtype=np.int64)
+        bounces[link] = np.column_stack([arrivals.surface_bounces[row], arrivals.bottom_bounces[row]])
+        family = np.where(arrivals.status == RayStatus.OUTSIDE, OUTSIDE, NO_ARRIVAL).astype(np.int64)
+        family[link] = (bounces[link] @ [16, 1]) * 64 + np.minimum(arrivals.caustics[row], 63)
+        alike = (arrivals.surface_bounces == bounces[arrivals.link, 0]) & (
+            arrivals.bottom_bounces == bounces[arrivals.link, 1]
+        )
+        several = np.bincount(arrivals.link[alike], minlength=len(places)) > 1
+        return Samples(*_mean_slowness(places, time, by_place), by_place[:, 2], family, bounces, several)
+
+
+def _mean_slowness(places: Array, time: Array, by_place: Array) -> tuple[Array, Array, Array]:
+    """Convert travel times and their derivatives to the relative difference of the mean slowness and its derivatives."""
+    down, distance = places[:, 1] - places[:, 0], places[:, 2]
+    straight = np.hypot(down, distance)
+    unit = np.column_stack([-down, down, distance]) / straight[:, None]
+    mean = time / straight
+    gradient = (by_place - mean[:, None] * unit) / straight[:, None]
+    return mean / REFERENCE_SLOWNESS - 1.0, gradient / REFERENCE_SLOWNESS, straight

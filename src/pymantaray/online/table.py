@@ -1,0 +1,235 @@
+"""Table that maps depths and travel time to horizontal range, and range to travel time."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.errors import OnlineError
+from pymantaray.online.cells import LEAF, CellStatus, Tree, find_cells, mean_slowness
+from pymantaray.online.interpolation import REFERENCE_SLOWNESS
+from pymantaray.records.base import Column, Record, column
+
+Array = NDArray[np.float64]
+_FIRST_GUESSES = (
+    0.0,
+    0.006,
+    -0.006,
+    0.012,
+    -0.012,
+    0.024,
+    -0.024,
+)  # relative difference of the mean slowness from 1/1500 s/m
+_ITERATIONS = 4  # of Newton's method after the last guess
+
+
+@dataclass(frozen=True, eq=False)
+class TableRanges(Record):
+    """
+    Ranges and travel times from a table, one row per look-up; NaN if the status has no range.
+
+    At a given travel time, a faster ocean means a longer range: ``range_by_scale`` is the change of range per relative
+    change of all sound speeds.
+    """
+
+    kind = "table_ranges"
+
+    status: Column = column("lookup", "1", "outcome of the look-up", "i1", flags=CellStatus)
+    horizontal_range: Column = column("lookup", "m", "horizontal range")
+    travel_time: Column = column("lookup", "s", "travel time")
+    range_by_time: Column = column("lookup", "m s-1", "derivative of range by travel time")
+    range_by_source_depth: Column = column(
+        "lookup", "1", "derivative of range by source depth, at constant travel time"
+    )
+    range_by_receiver_depth: Column = column(
+        "lookup", "1", "derivative of range by receiver depth, at constant travel time"
+    )
+    range_by_scale: Column = column(
+        "lookup", "m", "derivative of range by the logarithm of the sound-speed scale"
+    )
+    range_sigma: Column = column("lookup", "m", "standard deviation of the range over the ensemble of oceans")
+    surface_bounces: Column = column("lookup", "1", "reflections at the surface", "i2")
+    bottom_bounces: Column = column("lookup", "1", "reflections at the bottom", "i2")
+
+
+@dataclass(frozen=True, eq=False)
+class TravelTimeTable:
+    """
+    Travel times between two depths at horizontal ranges, interpolated with a bounded error.
+
+    Make one with `build_table`, or open a file with `open_table`. A look-up needs no ray and no ocean. A cell next to a
+    shadow or between two families of arrivals is not interpolated: its status is BORDER.
+
+    Attributes
+    ----------
+    lower, upper : tuple of float
+        Limits of source depth, receiver depth and horizontal range. [m]
+    tolerance : float
+        Bound of the error of the interpolated range at a given travel time. [m]
+    tree : Tree
+        Cells and the arrivals at their corners.
+    attrs : dict
+        Description of the water and of the selection of arrivals.
+    """
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    tolerance: float
+    tree: Tree
+    attrs: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def sectors(self) -> int:
+        """Number of sectors of bearing, the first centred on north."""
+        return self.tree.root.size
+
+    def travel_time(
+        self,
+        source_depth: ArrayLike,
+        receiver_depth: ArrayLike,
+        horizontal_range: ArrayLike,
+        bearing: ArrayLike = 0.0,
+    ) -> TableRanges:
+        """
+        Look up travel times.
+
+        Parameters
+        ----------
+        source_depth, receiver_depth : array_like, shape (n,) or ()
+            [m]
+        horizontal_range : array_like, shape (n,) or ()
+            [m]
+        bearing : array_like, shape (n,) or ()
+            Direction from the source to the receiver, clockwise from north. Ignored by a table with one sector. [rad]
+
+        Returns
+        -------
+        TableRanges
+        """
+        places, sector = self._places(source_depth, receiver_depth, horizontal_range, bearing)
+        return self._look_up(places, sector)
+
+    def horizontal_range(
+        self,
+        source_depth: ArrayLike,
+        receiver_depth: ArrayLike,
+        travel_time: ArrayLike,
+        bearing: ArrayLike = 0.0,
+    ) -> TableRanges:
+        """
+        Look up horizontal ranges.
+
+        Parameters
+        ----------
+        source_depth, receiver_depth : array_like, shape (n,) or ()
+            [m]
+        travel_time : array_like, shape (n,) or ()
+            [s]
+        bearing : array_like, shape (n,) or ()
+            As in `travel_time`. [rad]
+
+        Returns
+        -------
+        TableRanges
+            ``travel_time`` is the given one.
+
+        Notes
+        -----
+        Newton's method on the square of the travel time as a function of the square of the range, which is almost linear. It
+        begins with a mean speed of 1500 m/s, or with a slightly different speed if there is no arrival at that range.
+        """
+        places, sector = self._places(source_depth, receiver_depth, travel_time, bearing)
+        time, down = places[:, 2].copy(), places[:, 1] - places[:, 0]
+        began = np.zeros(time.size, dtype=np.bool_)
+        for first in (*_FIRST_GUESSES, *(0.0,) * _ITERATIONS):
+            straight = time / ((1.0 + first) * REFERENCE_SLOWNESS)
+            guess = np.sqrt(np.maximum(straight * straight - down * down, 0.0))
+            places[:, 2] = np.where(began, places[:, 2], guess)
+            at, by_range, distance = *self._slope(places, sector), places[:, 2]
+            has = np.isfinite(at)
+            began |= has
+            with np.errstate(divide="ignore", invalid="ignore"):
+                square = distance * distance + (time * time - at * at) * distance / (at * by_range)
+            places[:, 2] = np.where(has, np.sqrt(np.maximum(square, 0.0)), distance)
+        return self._look_up(places, sector, time)
+
+    def _slope(self, places: Array, sector: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Travel time at places, and its derivative by range; NaN without an arrival."""
+        mean = mean_slowness(self.tree, find_cells(self.tree, *self._limits, sector, places))
+        down, distance = places[:, 1] - places[:, 0], places[:, 2]
+        straight = np.sqrt(distance * distance + down * down)
+        slowness = (1.0 + mean.value) * REFERENCE_SLOWNESS
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by_range = straight * mean.gradient[:, 2] * REFERENCE_SLOWNESS + slowness * distance / straight
+        return straight * slowness, by_range
+
+    def shares(self) -> dict[str, float]:
+        """
+        Share of the volume of the table with each status.
+
+        Returns
+        -------
+        dict
+            Name of the status in lower case, and its share.
+        """
+        branch = self.tree.branch.astype(np.int64)
+        volume = np.zeros(branch.size)
+        volume[self.tree.root] = 1.0 / self.sectors
+        leaf = branch & LEAF == LEAF
+        for number in np.flatnonzero(~leaf):  # halves follow their whole
+            volume[(branch[number] >> 2) + np.arange(2)] = 0.5 * volume[number]
+        content = branch[leaf] >> 2
+        status = content >> 1
+        has = content & 1 == 1
+        status[has] = self.tree.status[status[has]]
+        total = np.bincount(status, volume[leaf], minlength=len(CellStatus))
+        return {one.name.lower(): float(total[one]) for one in CellStatus}
+
+    @property
+    def _limits(self) -> tuple[Array, Array]:
+        return np.array(self.lower, dtype=float), np.array(self.upper, dtype=float)
+
+    def _places(self, *columns: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
+        """Broadcast the arguments of a look-up to columns, and find the sector of each bearing."""
+        source, receiver, third, bearing = np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(c, dtype=float)) for c in columns)
+        )
+        if source.ndim != 1:
+            raise OnlineError(f"look-up: arguments have shape {source.shape}; one dimension is allowed")
+        turns = np.floor(np.mod(bearing, 2.0 * math.pi) / (2.0 * math.pi) * self.sectors + 0.5)
+        return np.column_stack([source, receiver, third]), turns.astype(np.int64) % self.sectors
+
+    def _look_up(self, places: Array, sector: NDArray[np.int64], time: Array | None = None) -> TableRanges:
+        """Travel time, and derivatives of range at constant travel time, at places."""
+        cell = find_cells(self.tree, *self._limits, sector, places)
+        mean = mean_slowness(self.tree, cell)
+        down, distance = places[:, 1] - places[:, 0], places[:, 2]
+        straight = np.sqrt(distance * distance + down * down)
+        slowness = (1.0 + mean.value) * REFERENCE_SLOWNESS
+        gradient = straight[:, None] * mean.gradient * REFERENCE_SLOWNESS
+        with np.errstate(divide="ignore", invalid="ignore"):
+            by_range = gradient[:, 2] + slowness * distance / straight
+            by_source = gradient[:, 0] - slowness * down / straight
+            by_receiver = gradient[:, 1] + slowness * down / straight
+            found = straight * slowness
+        has = cell.number >= 0
+        number = np.maximum(cell.number, 0)
+        return TableRanges(
+            status=cell.status.astype(np.int8),
+            horizontal_range=np.where(has, distance, np.nan),
+            travel_time=np.where(has, found if time is None else time, np.nan),
+            range_by_time=1.0 / by_range,
+            range_by_source_depth=-by_source / by_range,
+            range_by_receiver_depth=-by_receiver / by_range,
+            range_by_scale=found / by_range,
+            range_sigma=found * mean.sigma / (1.0 + mean.value) / by_range,
+            surface_bounces=np.where(has, _of_cells(self.tree.surface_bounces, number), 0),
+            bottom_bounces=np.where(has, _of_cells(self.tree.bottom_bounces, number), 0),
+        )
+
+
+def _of_cells(values: NDArray[np.uint8], number: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Values of cells; zero if the table has no cell."""
+    return values.astype(np.int64)[number] if values.size else np.zeros(number.size, dtype=np.int64)

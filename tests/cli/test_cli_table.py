@@ -1,0 +1,57 @@
+"""`mantaray table`."""
+
+from pathlib import Path
+
+import pytest
+
+from pymantaray.cli.main import main
+from pymantaray.online import open_table
+
+PROFILE = "depth_m,sound_speed\n0,1480\n50,1478\n100,1475\n300,1472\n"
+
+
+@pytest.fixture
+def profile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "profile.csv"
+    path.write_text(PROFILE)
+    return path
+
+
+def _run(*words: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main(["table", "profile.csv", *words])
+    return int(stop.value.code or 0)
+
+
+LIMITS = ("--source-depth", "10:50:10", "--receiver-depth", "10:150:20", "--range", "100 m:1 km")
+
+
+@pytest.mark.usefixtures("profile")
+def test_a_profile_without_a_sea_floor_makes_a_table_and_a_reader(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run(*LIMITS, "--out", "t.mtt", "--c-reader", "reader.h") == 0
+    assert "% direct" in capsys.readouterr().out
+    table = open_table("t.mtt")
+    assert table.lower == (10.0, 10.0, 100.0)
+    assert table.upper == (50.0, 150.0, 1000.0)
+    assert table.travel_time(20.0, 100.0, 500.0).travel_time[0] == pytest.approx(506.36 / 1476.0, rel=2e-3)
+    assert "mantaray_table_open" in Path("reader.h").read_text()
+
+
+@pytest.mark.usefixtures("profile")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((*LIMITS, "--out", "t.txt"), "must end in .nc or .mtt"),
+        (("--source-depth", "10", *LIMITS[2:], "--out", "t.nc"), "START:STOP"),
+        ((*LIMITS, "--out", "t.nc", "--error", "0"), "tolerance"),
+        ((*LIMITS, "--out", "t.nc", "--c-reader", "profile.csv"), "must end in .h"),
+    ],
+)
+def test_wrong_options_end_in_one_line(
+    words: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(*words) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert any(message in line for line in error)
+    assert not Path("t.nc").exists()

@@ -1,0 +1,149 @@
+"""Travel-time tables: error bound, outcomes, inversion, files, and failure paths."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pymantaray.acoustics import choose_arrivals, find_eigenrays
+from pymantaray.errors import OnlineError
+from pymantaray.online import CellStatus, TravelTimeTable, build_table, open_table, save_table
+from pymantaray.water import Water
+
+WITH_RANGE = (CellStatus.DIRECT, CellStatus.BOUNCED, CellStatus.AMBIGUOUS)
+
+
+@pytest.fixture(scope="module")
+def solved(water: Water, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Travel time of the first direct ray at random places, and the horizontal slowness at the receiver."""
+    medium, _ = water.at_start
+    source, receiver = np.zeros((2, len(places), 3))
+    source[:, 2], receiver[:, 2], receiver[:, 0] = places.T
+    arrivals = find_eigenrays(medium, source, receiver)
+    time, slowness = np.full((2, len(places)), np.nan)
+    link, row = choose_arrivals(arrivals, "direct")
+    time[link], slowness[link] = arrivals.travel_time[row], arrivals.receiver_slowness[row, 0]
+    return time, slowness
+
+
+def test_ranges_err_by_less_than_the_bound(table: TravelTimeTable, places: np.ndarray, solved) -> None:
+    time, slowness = solved
+    ranges = table.horizontal_range(places[:, 0], places[:, 1], time)
+    ok = np.isin(ranges.status, WITH_RANGE)
+    error = np.abs(ranges.horizontal_range - places[:, 2])[ok] * np.minimum(slowness[ok] * 1500.0 / 0.1, 1.0)
+    assert ok.mean() > 0.88
+    assert error.max() < table.tolerance
+
+
+def test_no_range_in_a_shadow_and_no_shadow_at_an_arrival(
+    table: TravelTimeTable, places: np.ndarray, solved
+) -> None:
+    time, _ = solved
+    found = table.travel_time(*places.T)
+    assert np.all(np.isfinite(time[np.isin(found.status, WITH_RANGE)]))
+    shadow = found.status == CellStatus.SHADOW
+    assert shadow.sum() > 50
+    assert np.all(np.isnan(time[shadow]))
+    assert (found.status == CellStatus.BORDER).mean() < 0.06
+
+
+def test_range_and_travel_time_are_inverse(table: TravelTimeTable, places: np.ndarray) -> None:
+    there = table.travel_time(*places.T)
+    back = table.horizontal_range(places[:, 0], places[:, 1], there.travel_time)
+    ok = np.isin(there.status, WITH_RANGE)
+    np.testing.assert_allclose(back.horizontal_range[ok], places[ok, 2], atol=1e-8)
+    np.testing.assert_array_equal(back.status[ok], there.status[ok])
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "step"),
+    [
+        (0, "range_by_source_depth", 1e-3),
+        (1, "range_by_receiver_depth", 1e-3),
+        (2, "range_by_time", 1e-6),
+    ],
+)
+def test_derivatives_equal_differences(table: TravelTimeTable, column: int, name: str, step: float) -> None:
+    at = np.array([[31.2, 77.7, 0.9], [60.1, 303.3, 1.3], [12.3, 155.5, 1.9]])
+    shift = np.zeros(3)
+    shift[column] = step
+    high, low = (table.horizontal_range(*(at + sign * shift).T).horizontal_range for sign in (1.0, -1.0))
+    derivative = getattr(table.horizontal_range(*at.T), name)
+    np.testing.assert_allclose((high - low) / (2.0 * step), derivative, rtol=1e-5, atol=1e-6)
+
+
+def test_faster_water_means_a_longer_range(table: TravelTimeTable) -> None:
+    at = table.horizontal_range(50.0, 200.0, [1.0, 1.02])
+    assert at.range_by_scale[0] == pytest.approx(np.diff(at.horizontal_range)[0] / np.log(1.02), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["table.nc", "table.mtt"])
+def test_files_return_the_same_table(
+    table: TravelTimeTable, places: np.ndarray, tmp_path: Path, name: str
+) -> None:
+    save_table(table, tmp_path / name)
+    read = open_table(tmp_path / name)
+    assert (read.lower, read.upper, read.tolerance) == (table.lower, table.upper, table.tolerance)
+    for column, other in zip(table.tree, read.tree, strict=True):
+        np.testing.assert_array_equal(column, other)
+    assert (tmp_path / name).stat().st_size < 200_000
+    expected, found = table.travel_time(*places.T), read.travel_time(*places.T)
+    np.testing.assert_array_equal(expected.travel_time, found.travel_time)
+
+
+def test_damaged_files_are_refused_in_one_line(table: TravelTimeTable, tmp_path: Path) -> None:
+    save_table(table, tmp_path / "table.mtt")
+    content = (tmp_path / "table.mtt").read_bytes()
+    rng = np.random.default_rng(1)
+    damaged = [content[:50], content[:-1000], b"", b"MANTATAB"]
+    for position in rng.integers(8, 88 + 4 * table.tree.branch.size, 60):
+        damaged.append(
+            content[:position]
+            + bytes([content[position] ^ int(rng.integers(1, 256))])
+            + content[position + 1 :]
+        )
+    refusals = []
+    for number, wrong in enumerate(damaged):
+        path = tmp_path / f"{number}.mtt"
+        path.write_bytes(wrong)
+        try:
+            open_table(path).travel_time(50.0, 100.0, 1000.0)
+        except OnlineError as error:
+            refusals.append(str(error))
+    assert len(refusals) > 20
+    assert not any("\n" in text for text in refusals)
+
+
+def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path) -> None:
+    faster = tmp_path / "faster.csv"
+    depth = np.linspace(0.0, 1000.0, 41)
+    speed = 1500.0 - 30.0 / (1.0 + np.exp(-(depth - 80.0) / 25.0)) + 0.017 * depth
+    rows = [f"{z},{c * 1.001}" for z, c in zip(depth, speed, strict=True)]
+    faster.write_text("\n".join(["depth_m,sound_speed", *rows]))
+    from pymantaray.water import open_water
+
+    other = open_water(str(faster), bathymetry=1000.0)
+    limits = ((40.0, 60.0), (100.0, 300.0), (500.0, 1500.0))
+    table = build_table(water, *limits, tolerance=0.5, ensemble=[other])
+    found = table.horizontal_range(50.0, 150.0, 0.6)
+    # two oceans that differ by 0.1 % have a standard deviation of 0.1 % / sqrt(2)
+    assert found.range_sigma[0] == pytest.approx(found.range_by_scale[0] * 1e-3 / np.sqrt(2.0), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        (((10.0, 5.0), (0.0, 100.0), (10.0, 100.0)), "source_depth"),
+        (((0.0, 5.0), (0.0, 100.0), (0.0, 100.0)), "positive lower limit"),
+        (((0.0, 5.0), (0.0, 100.0, 200.0), (10.0, 100.0)), "receiver_depth"),
+        (((0.0, 5.0), (0.0, float("nan")), (10.0, 100.0)), "receiver_depth"),
+    ],
+)
+def test_wrong_limits_are_refused(water: Water, limits, words: str) -> None:
+    with pytest.raises(OnlineError, match=words):
+        build_table(water, *limits)
+
+
+def test_a_table_that_would_be_too_large_is_refused(water: Water) -> None:
+    with pytest.raises(OnlineError, match="larger error"):
+        build_table(water, (0.0, 100.0), (0.0, 400.0), (50.0, 4000.0), tolerance=1e-3, max_bytes=20_000)
