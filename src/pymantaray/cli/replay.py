@@ -106,7 +106,7 @@ def replay(
             reference=reference,
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
-        result = replace(result, notes=tuple(notes))
+        result = replace(result, notes=(*notes, *result.notes))
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),

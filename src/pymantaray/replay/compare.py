@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
+from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 from pymantaray.records.notebook import notebook_html
@@ -211,7 +212,14 @@ def replay_events(
     every = pd.concat(candidates, ignore_index=True).sort_values(
         ["event", "travel_time_s"], ignore_index=True
     )
-    return Replay(table, rule, window, seed, every, reference)
+    notes = (_earth_note(events, waters, table["distance_m"].to_numpy()),)
+    return Replay(table, rule, window, seed, every, reference, tuple(note for note in notes if note))
+
+
+def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
+    """Sentence about the error of a flat Earth, None if it is small or the Earth is a sphere."""
+    flat = any(water.at_start[0].earth is None for water in waters)
+    return flat_earth_note(float(distance.max())) if flat and events.geographic else None
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
@@ -266,13 +274,13 @@ def _predict(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Prediction of some events in one water at a time, and all candidates of each; indexed by event."""
     reception, (medium, currents) = water.reception, water.at(time)
-    source, receiver = ends_of(events, rows, water)
+    source, receiver = ends_of(events, rows, water, medium.earth)
     cutoff = reception.spreading_cutoff_db
     wide = reception._replace(
         arrival="first", spreading_cutoff_db=None if cutoff is None else cutoff + NEAR_DB
     )
     sound = find_receptions(source, receiver, medium, wide, currents=currents, progress=progress)
-    distance = np.linalg.norm(receiver - source, axis=-1)
+    distance = medium.straight_distance(source, receiver)
     choice = _choice(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
     r, sonar = choice.receptions, choice.sonar
     candidates = choice.candidates(rule)
