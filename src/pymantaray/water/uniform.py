@@ -49,7 +49,8 @@ class _Levels:
 
 def read_section_profiles(section: OceanSection) -> list[Profile]:
     """Read the profiles of a section's files; the place of the section applies to files without a place."""
-    return [profile for path in section.source for profile in read_profiles(path, section.centre)]
+    repair = section.repair_freezing
+    return [p for path in section.source for p in read_profiles(path, section.centre, repair_freezing=repair)]
 
 
 def one_profile(section: OceanSection) -> Profile:
