@@ -66,7 +66,7 @@ def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval:
 
 
 def ends_of(
-    events: Events, rows: NDArray[np.int64], water: Water, earth: EarthSphere | None
+    events: Events, rows: NDArray[np.int64], water: Water, earth: EarthSphere | None = None
 ) -> tuple[Array, Array]:
     """Sources and receivers (n, 3) of some events in the frame of their water, on a sphere or, for None, a flat Earth. [m]"""
     source, receiver = events.source_position[rows], events.receiver_position[rows]

@@ -150,8 +150,8 @@ def find_receptions(
         receptions = within_cone(receptions, source, receiver, reception.cone)
     receptions = select_receptions(receptions, reception.arrival)
     if reception.cone is not None:
-        lost = (receptions.selected_rows(n) < 0).all(axis=0)
-        status[lost & (status == RayStatus.OK)] = RayStatus.SHADOW
+        silent = (receptions.selected_rows(n) < 0).all(axis=0)
+        status[silent & (status == RayStatus.OK)] = RayStatus.SHADOW
     return Transmission(arrivals, _with_no_ray(status, receptions), near, receptions)
 
 
