@@ -9,8 +9,13 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
+from pymantaray.config.load import load_study
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import EarthSphere, LocalFrame
+from pymantaray.replay import Events, replay_events
+from pymantaray.study.manifest import Stopwatch
+from pymantaray.study.mission import simulate_mission
+from pymantaray.water import open_water
 
 EARTH = EarthSphere.at_latitude(78.0)
 LEVELS = np.linspace(0.0, 3000.0, 601)
@@ -138,10 +143,43 @@ def test_surface_distances_are_those_of_the_ellipsoid_in_the_arctic():
 
 
 def test_a_sphere_needs_a_geographic_position():
-    from pymantaray.water import open_water
-
     water = open_water("synthetic:fram", half_extent=20e3, earth="sphere")
     assert water.at_start[0].earth == EarthSphere.at_latitude(78.0)
     local = water.local.drop_attrs()
     with pytest.raises(AcousticsError, match="no geographic position; give --centre"):
         Medium.from_dataset(local, earth="sphere")
+
+
+def test_replayed_distances_are_those_of_geocentric_coordinates(tmp_path):
+    (tmp_path / "cast.csv").write_text(
+        "# lat 78.0, lon 5.0\ndepth,sound_speed\n" + "".join(f"{z},{duct(z)}\n" for z in range(0, 1001, 50))
+    )
+    ends = np.array([[78.0, 5.0, 100.0], [78.1, 5.8, 400.0]])
+    to_geocentric = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978")
+    places = np.stack(to_geocentric.transform(ends[:, 0], ends[:, 1], -ends[:, 2]), axis=-1)
+    true = np.linalg.norm(places[1] - places[0])
+    events = Events([0.0], ["A"], ["B"], ends[:1], ends[1:], [true / 1450.0], geographic=True)
+    found, notes = {}, {}
+    for earth in ("sphere", "flat"):
+        result = replay_events(events, open_water(str(tmp_path / "cast.csv"), bathymetry=1000.0, earth=earth))
+        found[earth], notes[earth] = result.events["distance_m"][0], result.notes
+    assert found["sphere"] == pytest.approx(true, abs=2e-3)
+    assert found["flat"] - true > 0.5
+    assert notes["sphere"] == ()
+    assert notes["flat"][0].startswith("Links are up to 21.6 km long: on a flat Earth")
+
+
+def test_study_with_a_sphere_measures_ranges_through_the_earth():
+    missions = {
+        earth: simulate_mission(load_study("quick").with_(**{"acoustics.earth": earth}), Stopwatch(), lambda *_: None)
+        for earth in ("flat", "sphere")
+    }  # fmt: skip
+    flat, sphere = (missions[earth].ranging_truth for earth in ("flat", "sphere"))
+    shorter = flat.distance - sphere.distance
+    assert np.nanmax(shorter) == pytest.approx(
+        2375.0 / EARTH.radius * 11994.0, rel=0.02
+    )  # m; the longest link is at 2375 m
+    earlier = flat.travel_time - sphere.travel_time
+    assert np.nanmax(earlier) > 0.0
+    heard = np.isfinite(earlier)
+    np.testing.assert_allclose(1450.0 * earlier[heard], shorter[heard], atol=0.4)

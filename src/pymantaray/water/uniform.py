@@ -91,7 +91,7 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
     if section.time_varying:
         raise OceanError(f"{where}: one profile does not vary in time; remove ocean.time_varying")
     levels = _reduced(section, profile, interpolation)
-    place = section.centre or profile.position
+    place = section.centre or profile.position or profile.place
     half = section.half_extent or (UNBOUNDED, UNBOUNDED)
     maps = [name for name in ("bathymetry", "ice") if isinstance(getattr(section, name), str)]
     if maps and (place is None or section.half_extent is None):
