@@ -1,5 +1,6 @@
 """Smoothed positions of nodes: a random walk with drift, measured with the noise of satellite positions."""
 
+import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -31,7 +32,6 @@ class SmoothedPositions(NamedTuple):
 class _Smoothed(NamedTuple):
     position: Array
     drift: float
-    log_likelihood: float
     innovations: Array
     """Normalized by their standard deviations."""
 
@@ -103,7 +103,7 @@ def _most_likely(time: Array, readings: Array, sigma: float) -> tuple[float, lis
     """Strength of the random walk with the largest likelihood, and both smoothed coordinates."""
 
     def likelihood(walk: float) -> float:
-        return sum(_smooth(time, x, sigma, walk).log_likelihood for x in readings.T)
+        return sum(_filter(time, x, sigma, walk).log_likelihood for x in readings.T)
 
     if time.size < 3:
         return 0.0, [_smooth(time, x, sigma, 0.0) for x in readings.T]
@@ -115,30 +115,50 @@ def _most_likely(time: Array, readings: Array, sigma: float) -> tuple[float, lis
     return walk, [_smooth(time, x, sigma, walk) for x in readings.T]
 
 
+_State = tuple[float, float, float, float, float]
+"""Position, drift and their covariance (xx, xv, vv)."""
+
+
+class _Filtered(NamedTuple):
+    states: list[_State]
+    """State after each reading."""
+    predicted: list[_State]
+    """The same before it."""
+    log_likelihood: float
+    innovations: list[float]
+
+
+def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered:
+    """Kalman filter of one coordinate relative to its first reading."""
+    x, v, xx, xv, vv = 0.0, 0.0, _VAGUE**2, 0.0, _DRIFT**2
+    first, before, total = float(reading[0]), float(time[0]), 0.0
+    states: list[_State] = []
+    predicted: list[_State] = []
+    innovations: list[float] = []
+    for now, value in zip(time.tolist(), reading.tolist(), strict=True):
+        step, before = now - before, now
+        x, xx, xv = x + step * v, xx + step * (2.0 * xv + step * vv) + walk**2 * step, xv + step * vv
+        predicted.append((x, v, xx, xv, vv))
+        variance = xx + sigma**2
+        miss = value - first - x
+        x, v = x + xx / variance * miss, v + xv / variance * miss
+        xx, xv, vv = xx * sigma**2 / variance, xv * sigma**2 / variance, vv - xv**2 / variance
+        states.append((x, v, xx, xv, vv))
+        innovations.append(miss / math.sqrt(variance))
+        total -= 0.5 * (innovations[-1] ** 2 + math.log(variance))
+    return _Filtered(states, predicted, total, innovations)
+
+
 def _smooth(time: Array, reading: Array, sigma: float, walk: float) -> _Smoothed:
     """Kalman filter and Rauch-Tung-Striebel smoother of one coordinate; the state is position and drift."""
-    n, first = time.size, float(reading[0])
-    state, covariance = np.zeros(2), np.diag([_VAGUE**2, _DRIFT**2])
-    filtered, spread = np.empty((n, 2)), np.empty((n, 2, 2))
-    ahead, ahead_spread = np.empty((n, 2)), np.empty((n, 2, 2))
-    normalized, total = np.empty(n), 0.0
-    for k in range(n):
-        if k:
-            step = float(time[k] - time[k - 1])
-            move = np.array([[1.0, step], [0.0, 1.0]])
-            state, covariance = move @ state, move @ covariance @ move.T
-            covariance[0, 0] += walk**2 * step
-        ahead[k], ahead_spread[k] = state, covariance
-        variance = covariance[0, 0] + sigma**2
-        miss = reading[k] - first - state[0]
-        gain = covariance[:, 0] / variance
-        state = state + gain * miss
-        covariance = covariance - np.outer(gain, covariance[0])
-        filtered[k], spread[k] = state, covariance
-        normalized[k] = miss / np.sqrt(variance)
-        total -= 0.5 * (normalized[k] ** 2 + np.log(variance))
-    for k in range(n - 2, -1, -1):
+    forward = _filter(time, reading, sigma, walk)
+    states, ahead = np.array(forward.states), np.array(forward.predicted)
+    spread, spread_ahead = (x[:, [[2, 3], [3, 4]]] for x in (states, ahead))
+    smooth = states[:, :2].copy()
+    for k in range(time.size - 2, -1, -1):
         move = np.array([[1.0, float(time[k + 1] - time[k])], [0.0, 1.0]])
-        back = spread[k] @ move.T @ np.linalg.pinv(ahead_spread[k + 1])
-        filtered[k] += back @ (filtered[k + 1] - ahead[k + 1])
-    return _Smoothed(first + filtered[:, 0], float(filtered[-1, 1]), total, normalized[2:])
+        back = spread[k] @ move.T @ np.linalg.pinv(spread_ahead[k + 1])
+        smooth[k] += back @ (smooth[k + 1] - ahead[k + 1, :2])
+    position = float(reading[0]) + smooth[:, 0]
+    innovations = np.array(forward.innovations[2:])  # the first two determine position and drift
+    return _Smoothed(position, float(smooth[-1, 1]), innovations)
