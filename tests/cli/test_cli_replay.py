@@ -145,3 +145,22 @@ def test_rays_take_one_cast(mantaray, files):
     assert "casts.csv: contains 2 casts (first, second)" in done.err
     twice = mantaray("rays", "times", "links.csv", "out.csv", *WATER, "--profile", "casts.csv")
     assert "contains 4 casts (first, second, first, second); only one is allowed" in twice.err
+
+
+def test_positions_are_smoothed_and_drifts_and_gross_errors_are_reported(mantaray, files):
+    wrong = EVENTS.assign(travel_time=EVENTS["travel_time"].where(EVENTS.index != 3, 4.19))
+    wrong.to_csv("wrong.csv", index=False)
+    options = ("--smooth-positions", "3 m", "--clock-drift", "--reference", "A")
+    done = mantaray("replay", "wrong.csv", *WATER, "--out", "out", *options)
+    assert done.code == 0, done.err
+    text = " ".join(done.out.split())
+    assert "1 of 8 measured times are no travel times of sound, such as 4.19 s instead of 2.07 s" in text
+    tables = files / "out" / "tables"
+    assert {"baselines.csv", "nodes.csv", "positions.csv"} <= set(names_in(tables))
+    clocks = pd.read_csv(tables / "clocks.csv").set_index("node")
+    assert clocks.loc["B", "offset_s"] == pytest.approx(1e-3, abs=1e-6)
+    assert clocks.loc["B", "drift"] == pytest.approx(0.0, abs=1e-9)
+    refused = mantaray("replay", "wrong.csv", *WATER, "--out", "other", "--smooth-positions", "0")
+    assert refused.code == 2
+    assert "sigma is 0 m" in refused.err
+    assert not (files / "other").exists()

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, as_boundary
 from pymantaray.geometry.checks import checked_array
+from pymantaray.geometry.sphere import Earth, EarthSphere
 from pymantaray.records.plotter import plotter
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class Medium:
     interpolation : {"smooth", "linear"}
         C2 cubic spline in depth and cubic B-spline horizontally, or piecewise linear in depth and
         bilinear horizontally. Bed and surface are bilinear in both.
+    earth : EarthSphere or None
+        Sphere below the local frame; None for a flat Earth.
     """
 
     north: Array
@@ -63,6 +66,7 @@ class Medium:
     lut_scale: float
     uniform: bool
     layered: bool
+    earth: EarthSphere | None = None
 
     def plot(self, ax: Any = None) -> Any:
         """
@@ -90,6 +94,7 @@ class Medium:
         bathymetry: BoundarySurface | ArrayLike,
         interpolation: Interpolation = "smooth",
         ice_draft: BoundarySurface | ArrayLike = 0.0,
+        earth: EarthSphere | None = None,
     ) -> Self:
         """
         Medium on a grid of the local frame.
@@ -109,6 +114,8 @@ class Medium:
         ice_draft : BoundarySurface, float or array_like, shape (n_north, n_east)
             Depth of the underside of an ice cover, which replaces the surface, like ``bathymetry``. [m] The reflection of an
             open sea surface is that of ``BoundarySurface(0.0, reflection=...)``.
+        earth : EarthSphere, optional
+            Sphere below the local frame. Rays then run in flattened water, and straight distances through the Earth. Default: flat.
 
         Returns
         -------
@@ -138,6 +145,7 @@ class Medium:
             raise AcousticsError(f"interpolation: {interpolation!r}; allowed are 'smooth' and 'linear'")
         from pymantaray.acoustics._kernels.field import LUT_SIZE, depth_lut
 
+        levels_z, speed = (z, c) if earth is None else (earth.flattened_depth(z), c * earth.stretch(z))
         knots_n = knots_e = np.array([0.0, 1.0])
         if interpolation == "smooth":
             from scipy.interpolate import CubicSpline
@@ -145,23 +153,24 @@ class Medium:
             from pymantaray.ocean.local import spline_coefficients
 
             field = np.empty((n.size, e.size, 2 * z.size))
-            field[..., : z.size] = c
+            field[..., : z.size] = speed
             for rows in _parts(n.size, e.size * z.size):
-                field[rows, :, z.size :] = CubicSpline(z, c[rows], axis=2, bc_type="natural")(z, 1)
+                spline = CubicSpline(levels_z, speed[rows], axis=2, bc_type="natural")
+                field[rows, :, z.size :] = spline(levels_z, 1)
             for levels in _parts(2 * z.size, n.size * e.size):
                 along_north, knots_n = spline_coefficients(n, field[..., levels], axis=0)
                 field[..., levels], knots_e = spline_coefficients(e, along_north, axis=1)
         else:
-            field = c
+            field = speed
         lut = np.zeros((LUT_SIZE, 4))
-        scale = float(depth_lut(z, lut))
+        scale = float(depth_lut(levels_z, lut))
         _check_ice(surface, bed)
         for array in (n, e, z, c, field, knots_n, knots_e, lut):
             array.setflags(write=False)
         uniform = bool((c == c[0, 0]).all())
         layered = uniform and interpolation == "linear" and bool(bed.depth.max() <= z[-1])
         between = bed, surface, interpolation
-        return cls(n, e, z, c, *between, field, knots_n, knots_e, lut, scale, uniform, layered)
+        return cls(n, e, z, c, *between, field, knots_n, knots_e, lut, scale, uniform, layered, earth)
 
     def __repr__(self) -> str:
         """Size, extents and kind in one line."""
@@ -169,9 +178,10 @@ class Medium:
         speeds = f"{self.sound_speed.min():.1f} to {self.sound_speed.max():.1f} m/s"
         bed = f"sea bed {self.bed.depth.min():g} to {self.bed.depth.max():g} m"
         ice = f", ice to {self.surface.depth.max():g} m" if self.has_ice else ""
+        sphere = "" if self.earth is None else f", sphere of {1e-3 * self.earth.radius:.1f} km"
         return (
             f"<Medium {n.size} x {e.size} x {d.size}: north {n[0]:g} to {n[-1]:g} m, east {e[0]:g} to {e[-1]:g} m,"
-            f" depth {d[0]:g} to {d[-1]:g} m, {speeds}, {bed}{ice}, {self.interpolation}>"
+            f" depth {d[0]:g} to {d[-1]:g} m, {speeds}, {bed}{ice}, {self.interpolation}{sphere}>"
         )
 
     @classmethod
@@ -183,6 +193,7 @@ class Medium:
         bottom_depth: float | BoundarySurface,
         interpolation: Interpolation = "smooth",
         ice_draft: float | BoundarySurface = 0.0,
+        earth: EarthSphere | None = None,
     ) -> Self:
         """
         Horizontally uniform and unbounded medium from one profile, over a flat sea bed.
@@ -199,6 +210,8 @@ class Medium:
             Interpolation of the sound speed between the levels.
         ice_draft : float or BoundarySurface
             Depth of the underside of an ice cover, which replaces the surface. [m]
+        earth : EarthSphere, optional
+            Sphere below the local frame, such as ``EarthSphere.at_latitude(78.0)``. Default: flat.
 
         Returns
         -------
@@ -215,10 +228,13 @@ class Medium:
             bathymetry=bottom_depth,
             interpolation=interpolation,
             ice_draft=ice_draft,
+            earth=earth,
         )
 
     @classmethod
-    def from_dataset(cls, ocean: xr.Dataset, *, interpolation: Interpolation = "smooth") -> Self:
+    def from_dataset(
+        cls, ocean: xr.Dataset, *, interpolation: Interpolation = "smooth", earth: Earth = "flat"
+    ) -> Self:
         """
         Medium of an ocean data set.
 
@@ -229,10 +245,17 @@ class Medium:
             `pymantaray.ocean.to_local` returns it. A variable ``sea_ice_draft`` replaces the surface.
         interpolation : {"smooth", "linear"}
             Interpolation of the sound speed between the grid points.
+        earth : {"flat", "sphere"}
+            A plane, or the sphere with the Gaussian radius of curvature at the centre of the local frame.
 
         Returns
         -------
         Medium
+
+        Raises
+        ------
+        AcousticsError
+            As in `from_grid`, or if the Earth is a sphere and the ocean has no geographic position.
         """
         if "lat" in ocean.dims:
             from pymantaray.ocean import to_local
@@ -248,7 +271,15 @@ class Medium:
             bathymetry=BoundarySurface.from_dataset(ocean, "sea_floor_depth", AcousticsError),
             interpolation=interpolation,
             ice_draft=BoundarySurface.from_dataset(ocean, draft, AcousticsError) if draft in ocean else 0.0,
+            earth=_sphere_of(ocean, earth),
         )
+
+    def straight_distance(self, source: ArrayLike, receiver: ArrayLike) -> Array:
+        """Straight distance between positions (n, 3): in the frame, or through the Earth if it is a sphere. [m]"""
+        a, b = (np.asarray(x, dtype=float) for x in (source, receiver))
+        if self.earth is None:
+            return np.asarray(np.linalg.norm(b - a, axis=-1))
+        return self.earth.straight_distance(*(x.copy() for x in np.broadcast_arrays(a, b)))
 
     def bottom_depth(self, position: ArrayLike) -> Array:
         """Depth of the sea bed at positions, see `BoundarySurface.depth_at`. [m]"""
@@ -286,12 +317,17 @@ class Medium:
         """Return the medium as the kernels take it, with columns of a section every eighth of a cell."""
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
 
+        radius, depth = 0.0, self.depth
+        bed, surface = self.bed.grid, self.surface.grid
+        if self.earth is not None:
+            radius, depth = self.earth.radius, _flattened(self.earth, depth)
+            bed, surface = (b._replace(depth=_flattened(self.earth, b.depth)) for b in (bed, surface))
         steps = [np.diff(axis).min() for axis in (self.north, self.east) if axis.size > 1]
         return Domain(
             SMOOTH if self.interpolation == "smooth" else LINEAR,
             self.north,
             self.east,
-            self.depth,
+            depth,
             self.field,
             self.knots_north,
             min(3, self.north.size - 1),
@@ -300,10 +336,11 @@ class Medium:
             self.lut,
             self.lut_scale,
             float(min([_COLUMN_STEP, *(step / 8.0 for step in steps)])),
-            self.bed.grid,
-            self.surface.grid,
+            bed,
+            surface,
             self.uniform,
             self.layered,
+            radius,
         )
 
 
@@ -344,6 +381,27 @@ def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:
             raise AcousticsError(
                 f"ice_draft: the ice reaches {-gap.min():g} m into the sea bed; sound needs water"
             )
+
+
+def _flattened(earth: EarthSphere, depth: Array) -> Array:
+    """Depths in flattened water, as writeable as they are: kernels are compiled for either kind of array. [m]"""
+    flat = earth.flattened_depth(depth)
+    flat.setflags(write=depth.flags.writeable)
+    return flat
+
+
+def _sphere_of(ocean: xr.Dataset, earth: Earth) -> EarthSphere | None:
+    """Sphere at the centre of a local ocean's frame, None for a flat Earth."""
+    if earth == "flat":
+        return None
+    if earth != "sphere":
+        raise AcousticsError(f"earth: {earth!r}; allowed are 'flat' and 'sphere'")
+    if "centre_latitude_deg" not in ocean.attrs:
+        raise AcousticsError(
+            "earth is 'sphere', but the water has no geographic position; give --centre LAT LON (in Python: centre), or use a"
+            " flat Earth"
+        )
+    return EarthSphere.at_latitude(float(ocean.attrs["centre_latitude_deg"]))
 
 
 def require_local(ocean: xr.Dataset, *names: str) -> None:

@@ -72,8 +72,12 @@ def trace_paths(
         )
     domain = medium.domain()
     backwards = solved_backwards(a, b)[arrivals.link, None]
-    ends = np.stack([a, b], axis=1)[arrivals.link]
+    flat = (a, b) if medium.earth is None else medium.earth.flattened_ends(a, b)
+    ends = np.stack(flat, axis=1)[arrivals.link]
     slowness = np.where(backwards, -arrivals.receiver_slowness, arrivals.source_slowness)
+    if medium.earth is not None:
+        start = np.where(backwards[:, 0], b[arrivals.link, 2], a[arrivals.link, 2])
+        slowness[:, 2] /= medium.earth.stretch(start)
     launch = np.concatenate([slowness, backwards], axis=1)
     manner = np.stack(
         [arrivals.ray_axis, arrivals.surface_bounces, arrivals.bottom_bounces], axis=-1, dtype=np.int64
@@ -104,7 +108,7 @@ def trace_paths(
             f"{broken.size} arrivals, first {broken[0]}, have no path: rays launched like them break off;"
             " find them with canonical=True, in the same medium"
         )
-    return _as_paths(table, counts)
+    return _as_paths(table, counts, medium)
 
 
 def trace_fan(
@@ -167,6 +171,8 @@ def trace_fan(
     if not top <= start[0, 2] <= bed:
         depth, low, high = distinct_digits(start[0, 2], top, bed)
         raise AcousticsError(f"source: depth {depth} m; the water there reaches from {low} to {high} m")
+    if medium.earth is not None:
+        start[:, 2] = medium.earth.flattened_depth(start[:, 2])
     domain, (work, nodes) = medium.domain(), _room(medium)
     counts = np.zeros(angles.size, dtype=np.int64)
     bounces, fan = (max_surface_bounces, max_bottom_bounces), (start[0], unit, float(distance))
@@ -175,7 +181,7 @@ def trace_fan(
         traced = trace_launches(domain, fan, angles[done:], bounces, tolerance, work, (nodes, counts[done:]))
         table.append(nodes[: counts[done : done + traced].sum()].copy())
         done += traced
-    return _as_paths(np.concatenate(table), counts)
+    return _as_paths(np.concatenate(table), counts, medium)
 
 
 def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
@@ -186,9 +192,12 @@ def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
     return work, np.empty((_LONGEST * len(work.path), N_NODE))
 
 
-def _as_paths(table: Array, counts: NDArray[np.int64]) -> RayPaths:
+def _as_paths(table: Array, counts: NDArray[np.int64], medium: Medium) -> RayPaths:
+    """Paths of a table of nodes; on a spherical Earth the depths are true, and the horizontal positions those of flattened water."""
     from pymantaray.acoustics._kernels.layout import NODE_BOUNDARY, NODE_POSITION, NODE_SLOWNESS, NODE_TIME
 
+    if medium.earth is not None:
+        table[:, NODE_POSITION + 2] = medium.earth.true_depth(table[:, NODE_POSITION + 2])
     return RayPaths(
         arrival=np.repeat(np.arange(counts.size), counts),
         travel_time=table[:, NODE_TIME],
@@ -426,6 +435,9 @@ def _section(
     section_grid(domain, line, ranges, np.zeros(1), work, (np.empty((n_range, 1)), floor, ice))
     depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
     section_grid(domain, line, ranges, depths, work, (c, floor, ice))
+    if medium.earth is not None:
+        depths, floor, ice = (medium.earth.true_depth(x) for x in (depths, floor, ice))
+        c = c / medium.earth.stretch(depths)
     return {
         "sound_speed": (("range", "depth"), c, "m s-1", "sound speed"),
         "sea_floor_depth": ("range", floor, "m", "depth of the sea bed"),

@@ -67,7 +67,9 @@ class ReducedProfile:
         )
 
 
-def read_profile(path: str | Path, place: tuple[float, float] | None = None) -> Profile:
+def read_profile(
+    path: str | Path, place: tuple[float, float] | None = None, *, repair_freezing: bool = False
+) -> Profile:
     """
     Read a profile of sound speed, computed by TEOS-10 if the file has temperature and salinity instead.
 
@@ -79,6 +81,8 @@ def read_profile(path: str | Path, place: tuple[float, float] | None = None) -> 
         columns may end in their units, as in ``depth_m``.
     place : tuple of float, optional
         Latitude and longitude. By default that of the file, or of a comment line with ``lat ...`` and ``lon ...``. [degrees]
+    repair_freezing : bool
+        True to raise the salinity of water below its freezing point to the freezing line, where it gives the sound speed.
 
     Returns
     -------
@@ -89,20 +93,22 @@ def read_profile(path: str | Path, place: tuple[float, float] | None = None) -> 
     AcousticsError
         If the file holds several casts, lacks a column, or its depth does not increase; the message names the line.
     """
-    profiles = read_profiles(path, place)
+    profiles = read_profiles(path, place, repair_freezing=repair_freezing)
     if len(profiles) > 1:
         names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
         raise AcousticsError(f"{path}: holds {len(profiles)} casts ({names}); one is needed: keep one")
     return profiles[0]
 
 
-def read_profiles(path: str | Path, place: tuple[float, float] | None = None) -> list[Profile]:
+def read_profiles(
+    path: str | Path, place: tuple[float, float] | None = None, *, repair_freezing: bool = False
+) -> list[Profile]:
     """
     Read all profiles of a file, one per station.
 
     Parameters
     ----------
-    path, place
+    path, place, repair_freezing
         As in `read_profile`.
 
     Returns
@@ -114,21 +120,23 @@ def read_profiles(path: str | Path, place: tuple[float, float] | None = None) ->
 
     try:
         if holds_argo(path):
-            return [_of_cast(cast) for cast in read_casts(path)]
+            return [_of_cast(cast) for cast in read_casts(path, repair_freezing=repair_freezing)]
         tables = cast_tables(Path(path))
-        return [_profile(table, name or Path(path).stem, place) for name, table in tables.items()]
+        return [
+            _profile(table, name or Path(path).stem, place, repair_freezing) for name, table in tables.items()
+        ]
     except OceanError as error:
         raise AcousticsError(str(error)) from None
 
 
-def _profile(table: CastTable, name: str, position: tuple[float, float] | None) -> Profile:
+def _profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:
     import gsw
 
     from pymantaray.ocean.casts import cast_place, cast_time
-    from pymantaray.ocean.seawater import freezing_notes, sound_speed
+    from pymantaray.ocean.seawater import freezing_notes, repair_salinity, sound_speed
 
     if table.instrument:
-        return _raw_profile(table, name, position)
+        return _raw_profile(table, name, position, repair)
     has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
     vertical = "depth" if table.has("depth") else "pressure"
     there = {"depth": table.has(vertical), "sound_speed": has_speed or has_water}
@@ -157,8 +165,12 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None) 
     water = (table.values("temperature"), table.values("salinity")) if has_water else None
     if water is not None and not np.isfinite(water).all():
         water = None
+    repairs: tuple[str, ...] = ()
+    if repair and not has_speed:
+        values[1], repairs = repair_salinity(values[0], values[1], depth, lat, lon)
+        water = (values[0], values[1])
     speed = values[0] if has_speed else sound_speed(values[0], values[1], depth, lat, lon)
-    notes = () if water is None else freezing_notes(*water, depth, lat, lon)
+    notes = repairs or (() if water is None else freezing_notes(*water, depth, lat, lon))
     try:
         time, _ = cast_time(table)
     except OceanError:  # matters only where casts are chosen by it
@@ -173,7 +185,7 @@ def _of_cast(cast: Cast) -> Profile:
     return Profile(cast.depth, cast.sound_speed(), place, cast.name, cast.time, water, cast.notes, place)
 
 
-def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | None) -> Profile:
+def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:
     """Profile of an instrument's file or a data set: rows downward that are whole and possible, by its own sound speed if it has one."""
     import gsw
 
@@ -181,7 +193,8 @@ def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | No
     from pymantaray.ocean.casts import cast_of_table, cast_place, cast_time
 
     if not table.has("sound_speed"):
-        return _of_cast(cast_of_table(table, name, _place(table, position), None))
+        cast = cast_of_table(table, name, _place(table, position), None)
+        return _of_cast(cast.with_repaired_salinity() if repair else cast)
     has_depth = table.has("depth")
     place = (position or cast_place(table)) if has_depth else _place(table, position)
     depth = table.values("depth" if has_depth else "pressure")

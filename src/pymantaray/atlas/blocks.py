@@ -105,7 +105,9 @@ def _column(
     local = water_at(ocean, place, block.links, block.water.ocean, sea_floor)
     if local is None:
         return EDGE, {}
-    medium = Medium.from_dataset(local, interpolation=block.links.interpolation)
+    medium = Medium.from_dataset(
+        local, interpolation=block.links.interpolation, earth=block.water.acoustics.earth
+    )
     currents = Currents.from_dataset(local) if block.water.acoustics.currents else None
     return WATER, column_errors(medium, block.links, currents)._asdict()
 

@@ -91,7 +91,7 @@ def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None =
     most = links.max_surface_bounces, links.max_bottom_bounces
     if any(most):
         arrivals = find_eigenrays(medium, transmitter, receiver, *most, **options)
-    distance = np.linalg.norm(receiver - transmitter, axis=-1)
+    distance = medium.straight_distance(transmitter, receiver)
     parts = [
         range_errors(RangingTruth(distance, speed, direct.travel_time, direct.chord_travel_time))
         for speed in _speeds(direct, distance, links.nominal_sound_speed)

@@ -24,6 +24,7 @@ from pymantaray.errors import LocateError
 
 if TYPE_CHECKING:
     from pymantaray.acoustics import Medium
+    from pymantaray.geometry import EarthSphere, LocalFrame
     from pymantaray.locate import Location, Survey
     from pymantaray.locate.read_options import ReadOptions
     from pymantaray.locate.solve import LocateOptions
@@ -227,7 +228,7 @@ def survey(
 
     measured = read_survey(file, _read_options(nodes, ship, model))
     measured, water, record, notes = _water(source, options, measured)
-    choices = _locate_options(model, nodes)
+    choices = _locate_options(model, nodes, options)
     with progress_bars(quiet=quiet or not bootstrap) as report:
         located = locate(
             measured,
@@ -393,7 +394,7 @@ def _read_options(nodes: NodeOptions, ship: PlatformOptions, model: ModelOptions
     )
 
 
-def _locate_options(model: ModelOptions, nodes: NodeOptions) -> "LocateOptions":
+def _locate_options(model: ModelOptions, nodes: NodeOptions, water: WaterOptions) -> "LocateOptions":
     from pymantaray.locate import LocateOptions, SpeedPrior
 
     knots = 0.0 if model.knots is None else _seconds("--knots", model.knots)
@@ -404,17 +405,17 @@ def _locate_options(model: ModelOptions, nodes: NodeOptions) -> "LocateOptions":
         gross=model.gross,
         arrangement=arrangement,
         speed_prior=SpeedPrior(model.sound_speed_sigma, model.gradient_sigma, knots),
-        modes=_modes(model.modes),
+        modes=_modes(model.modes, repair_freezing=water.repair_freezing),
     )
 
 
-def _modes(paths: list[Path] | None) -> "VerticalModes | None":
+def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes | None":
     if not paths:
         return None
     from pymantaray.ocean.casts import read_casts
     from pymantaray.ocean.modes import vertical_modes
 
-    casts = [cast for path in paths for cast in read_casts(path)]
+    casts = [cast for path in paths for cast in read_casts(path, repair_freezing=repair_freezing)]
     return vertical_modes(casts)
 
 
@@ -435,7 +436,12 @@ def _water(
         bottom = given.get("bathymetry", max(float(depth[-1]), _BED_FACTOR * deepest))
         interpolation = given.get("interpolation", "linear")
         medium = Medium.from_profile(
-            depth, speed, bottom_depth=bottom, interpolation=interpolation, ice_draft=given.get("ice", 0.0)
+            depth,
+            speed,
+            bottom_depth=bottom,
+            interpolation=interpolation,
+            ice_draft=given.get("ice", 0.0),
+            earth=_sphere(frame) if options.earth == "sphere" else None,
         )
         return survey, medium, {"profile": "of the survey", "last_level_m": float(depth[-1])}, notes
     if source.ocean and options.centre is None and frame is not None:
@@ -444,6 +450,15 @@ def _water(
     if water.frame is not None and frame is not None and not water.uniform:
         survey = survey.in_frame(water.frame)
     return survey, water.at_start[0], water.record, [*notes, *water_notes(water)]
+
+
+def _sphere(frame: "LocalFrame | None") -> "EarthSphere":
+    """Sphere below the frame of a survey."""
+    from pymantaray.geometry import EarthSphere
+
+    if frame is None:
+        raise LocateError("--earth sphere: the survey has no latitude and longitude; remove the option")
+    return EarthSphere.at_latitude(frame.latitude_deg)
 
 
 def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":

@@ -12,6 +12,7 @@ from pymantaray.cli.options import (
     Force,
     Json,
     Quiet,
+    RepairFreezing,
     Set,
     To,
     WaterOptions,
@@ -263,6 +264,7 @@ def from_cast(
         str | None, typer.Option("--name", help="Name of the cast, if the file contains several.")
     ] = None,
     equation: Equation = "teos-10",
+    repair_freezing: RepairFreezing = False,
     force: Force = False,
 ) -> None:
     """Make a horizontally uniform ocean at rest from one cast."""
@@ -272,10 +274,10 @@ def from_cast(
     if below_cast is not None and below != "refuse":
         raise OceanError("--below and --below-cast cannot be combined; give one of them")
     ocean = cast_ocean(
-        read_cast(cast, lat=lat, lon=lon, time=time, name=name),
+        read_cast(cast, lat=lat, lon=lon, time=time, name=name, repair_freezing=repair_freezing),
         bottom_depth=bottom,
         half_extent=(half_extent[0] * _M_PER_KM, half_extent[1] * _M_PER_KM),
-        below=below if below_cast is None else read_cast(below_cast),
+        below=below if below_cast is None else read_cast(below_cast, repair_freezing=repair_freezing),
         equation=equation,
     )
     _write(ocean, out)
@@ -303,6 +305,7 @@ def convert_cast(
             "--thin", metavar="M/S", help="Remove levels if linear interpolation stays within this error."
         ),
     ] = None,
+    repair_freezing: RepairFreezing = False,
     force: Force = False,
 ) -> None:
     """Write casts as profiles of sound speed for other programs."""
@@ -312,7 +315,8 @@ def convert_cast(
 
     if (lat is None) != (lon is None):
         raise OceanError("--lat and --lon must be used together; give both")
-    profiles = read_profiles(cast, None if lat is None or lon is None else (lat, lon))
+    place = None if lat is None or lon is None else (lat, lon)
+    profiles = read_profiles(cast, place, repair_freezing=repair_freezing)
     names = ", ".join(p.name for p in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
     if name is not None:
         profiles = [p for p in profiles if p.name == name]
@@ -382,7 +386,7 @@ def correct(
 
     corrected = correct_with_casts(
         open_start(_configured([ocean], water).ocean),
-        read_casts(casts),
+        read_casts(casts, repair_freezing=water.repair_freezing),
         horizontal_scale=scale * _M_PER_KM,
         noise_ratio=noise_ratio,
         vertical_scale=vertical_scale,
@@ -462,7 +466,9 @@ def perturb(
         rms=rms,
         horizontal_scale=scale * _M_PER_KM,
         rng=stream(seed, 0, "ocean", "perturb"),
-        modes=vertical_modes(read_casts(mode_cast), equation=equation) if mode_cast else None,
+        modes=vertical_modes(read_casts(mode_cast, repair_freezing=water.repair_freezing), equation=equation)
+        if mode_cast
+        else None,
         down_to=down_to,
         equation=equation,
     )

@@ -66,6 +66,13 @@ Fan = Annotated[
     ),
 ]
 _MOST_RAYS = 100_000  # of a fan
+RepairFreezing = Annotated[
+    bool,
+    typer.Option(
+        "--repair-freezing",
+        help="Raise the salinity of casts below the freezing point to the freezing line.",
+    ),
+]
 Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Processes of this machine.")]
 Scheduler = Annotated[
     str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:PORT.")
@@ -342,6 +349,10 @@ class WaterOptions:
             " Bellhop linear."
         ),
     ] = None
+    earth: Annotated[
+        Literal["flat", "sphere"] | None,
+        typer.Option(help="Shape of the Earth for rays and straight distances. Default: flat."),
+    ] = None
     centre: Annotated[
         Pair | None,
         typer.Option(
@@ -373,6 +384,7 @@ class WaterOptions:
         float | None,
         typer.Option(parser=quantity("m"), metavar="M", help="Average a profile over this many metres."),
     ] = None
+    repair_freezing: RepairFreezing = False
     position: Annotated[
         Pair | None,
         typer.Option(
@@ -405,11 +417,13 @@ class WaterOptions:
             "currents": self.currents,
             "equation": self.equation,
             "interpolation": self.interpolation,
+            "earth": self.earth,
             "centre": self.centre or self.position,
             "half_extent": half,
             "time": time,
             "thin": self.thin,
             "smooth": self.smooth,
+            "repair_freezing": self.repair_freezing or None,
             "names": names or None,
         }
         return {key: value for key, value in keys.items() if value is not None}

@@ -75,7 +75,7 @@ def times(
     else:
         wide = job.solve(cutoff + NEAR_DB)
         near, arrivals = is_near_cutoff(wide, cutoff, "first"), within_cutoff(wide, cutoff)
-    table = times_table(job.table.frame, job.source, job.receiver, arrivals, near)
+    table = times_table(job.table.frame, job.source, job.receiver, arrivals, near, medium=job.medium)
     job.finish(arrivals.first().to_dataset() if out.suffix == ".nc" else table, arrivals.status)
 
 

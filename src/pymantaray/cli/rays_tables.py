@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import choose_arrivals
+from pymantaray.acoustics import Medium, choose_arrivals
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Arrivals, RayPaths, RayStatus, whole_file, write_netcdf
@@ -96,6 +96,8 @@ def times_table(
     receiver: Array,
     arrivals: Arrivals,
     near_cutoff: NDArray[np.bool_] | None = None,
+    *,
+    medium: Medium,
 ) -> pd.DataFrame:
     """One row per link: its input columns, its earliest arrival, and a flag if 1 dB of the cut-off changes this arrival."""
     link, row = choose_arrivals(arrivals, "first")
@@ -108,7 +110,7 @@ def times_table(
         {
             "status": status_words(arrivals.status),
             "travel_time_s": time,
-            "straight_range_m": np.linalg.norm(receiver - source, axis=-1),
+            "straight_range_m": medium.straight_distance(source, receiver),
             "refracted_range_m": arrivals.source_sound_speed * time,
             "chord_travel_time_s": arrivals.chord_travel_time,
             "source_sound_speed_m_s": arrivals.source_sound_speed,

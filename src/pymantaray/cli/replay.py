@@ -18,6 +18,7 @@ from pymantaray.cli.options import (
     changes_of,
     format_names,
     parse_duration,
+    quantity,
     with_options,
 )
 from pymantaray.cli.printing import Printer, printer
@@ -77,6 +78,18 @@ def replay(
             help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate.",
         ),
     ] = None,
+    smooth_positions: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("m"),
+            metavar="SIGMA",
+            help="Smooth the horizontal positions of all nodes as random walks with drift; SIGMA is the error of a measured"
+            " position in metres.",
+        ),
+    ] = None,
+    clock_drift: Annotated[
+        bool, typer.Option("--clock-drift", help="Fit a constant rate of each clock besides its offset.")
+    ] = False,
     changes: Set = None,
     formats: Formats = "",
     as_json: Json = False,
@@ -89,10 +102,14 @@ def replay(
     from pymantaray.cli.water import load_waters, search_record, water_notes
     from pymantaray.config.load import sound_sections
     from pymantaray.replay import DetectionRule, read_events, replay_events
+    from pymantaray.replay import smooth_positions as smooth
     from pymantaray.report import write_replay
 
     window_s = parse_duration("--window", window, positive=False)
     measured, kind = read_events(events, nodes), DetectionRule.parse(rule)
+    smoothed = None
+    if smooth_positions is not None:
+        measured, smoothed = smooth(measured, smooth_positions)
     sections = {} if detection is None else sound_sections(detection)
     waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
     sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]
@@ -106,11 +123,13 @@ def replay(
             reference=reference,
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
-        result = replace(result, notes=tuple(notes))
+        result = replace(result, notes=(*notes, *result.notes), clock_drift=clock_drift, positions=smoothed)
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),
             "detection": None if detection is None else str(detection),
+            "smooth_positions_m": smooth_positions,
+            "clock_drift": clock_drift,
         }
         page = write_replay(result, out, made_by=record, formats=format_names(formats), progress=report)
     with printer(as_json=as_json, quiet=quiet, to=to) as printed:
@@ -119,12 +138,13 @@ def replay(
 
 
 def _tell(out: Printer, result: "Replay") -> None:
-    for note in result.notes:
+    notes = [*result.notes, *result.findings]
+    for note in notes:
         out.line(note)
     counts = result.events["status"].value_counts()
     out.line(
         f"{len(result.events)} events: " + ", ".join(f"{n} {word}" for word, n in counts.items()),
-        notes=list(result.notes),
+        notes=notes,
         rule=str(result.rule),
         statuses=dict(counts.items()),
         clocks=result.clocks,

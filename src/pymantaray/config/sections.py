@@ -35,6 +35,7 @@ from pymantaray.config.fleet import FleetSection, LandmarkSection
 from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
+from pymantaray.geometry.sphere import Earth
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 
@@ -62,6 +63,10 @@ class AcousticsSection(Section):
     """Which arrival is ranged on: the earliest that met no boundary, the earliest of all, or the one of least loss."""
     currents: bool = False
     """Whether the current carries sound along the rays."""
+    cone_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
+    """Width of the transmitter's fan about the chord, half of it on either side; rays launched outside are lost. None without a limit. [degrees]"""
+    earth: Earth = "flat"
+    """Shape of the Earth for rays and straight distances: a plane, as in the paper, or a sphere."""
 
     @property
     def cutoff_db(self) -> float | None:
@@ -226,6 +231,8 @@ class OceanSection(Section):
     """Projection of a sea floor's file that names none, such as ``"EPSG:3996"`` of IBCAO."""
     ice: Metres[NonNegativeFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
     """Draft of an ice cover: the same everywhere, or a file's. [m]"""
+    repair_freezing: bool = False
+    """Raise the salinity of casts below the freezing point to the freezing line, instead of a note only."""
     internal_tide: InternalTideSection | None = None
     """A wave through the true water; none unless given."""
     centre_lat: Degrees[float] | None = Field(default=None, ge=-90.0, le=90.0)

@@ -15,7 +15,7 @@ from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
 from pymantaray.ocean.instruments import InstrumentTable, instrument_table
 from pymantaray.ocean.schema import VARIABLES, layer_edges
-from pymantaray.ocean.seawater import Equation, freezing_notes, sound_speed
+from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair_salinity, sound_speed
 from pymantaray.records.text_table import read_text, read_text_table
 
 Array = NDArray[np.float64]
@@ -146,6 +146,14 @@ class Cast:
             [m/s]
         """
         return sound_speed(self.temperature, self.salinity, self.depth, self.lat, self.lon, equation=equation)
+
+    def with_repaired_salinity(self) -> "Cast":
+        """Cast with the salinity of the freezing line at levels below the freezing point; a note gives their number."""
+        salinity, repairs = repair_salinity(self.temperature, self.salinity, self.depth, self.lat, self.lon)
+        if not repairs:
+            return self
+        kept = [note for note in self.notes if TOO_COLD not in note]
+        return replace(self, salinity=salinity, notes=(*kept, *repairs))
 
     def cell_means(self, levels: ArrayLike) -> tuple[Array, Array]:
         """

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import gsw
 import numpy as np
@@ -55,6 +55,7 @@ def read_cast(
     time: Instant | None = None,
     name: str | None = None,
     default_place: tuple[float, float] | None = None,
+    repair_freezing: bool = False,
 ) -> Cast:
     """
     Read one cast from a file.
@@ -74,6 +75,8 @@ def read_cast(
         Name of the cast if the file contains several: its station, or Argo's float and cycle.
     default_place : tuple of float, optional
         Latitude and longitude if the file contains no place. [degrees]
+    repair_freezing : bool
+        True to raise the salinity of water below its freezing point to the freezing line; a note gives the number of levels.
 
     Returns
     -------
@@ -87,7 +90,8 @@ def read_cast(
         If the file is unreadable, a cell is not a number, a column or the place is missing, fewer than two levels
         remain, or the file contains several casts and ``name`` is missing.
     """
-    casts = read_casts(path, lat=lat, lon=lon, time=time, default_place=default_place)
+    where: dict[str, Any] = {"lat": lat, "lon": lon, "time": time, "default_place": default_place}
+    casts = read_casts(path, **where, repair_freezing=repair_freezing)
     named = casts if name is None else [cast for cast in casts if cast.name == name]
     if len(named) == 1:
         return named[0]
@@ -104,6 +108,7 @@ def read_casts(
     lon: float | None = None,
     time: Instant | None = None,
     default_place: tuple[float, float] | None = None,
+    repair_freezing: bool = False,
 ) -> list[Cast]:
     """
     Read all casts of one or more files, in the order of the files.
@@ -113,7 +118,7 @@ def read_casts(
     paths : str, pathlib.Path or sequence of them
         At least one file, as in `read_cast`. A table with a station column contains one cast per station. A table of the
         NetCDF Subset Service contains one cast per time and place. One invalid cast makes the table invalid.
-    lat, lon, time, default_place
+    lat, lon, time, default_place, repair_freezing
         As in `read_cast`, for all casts.
 
     Returns
@@ -137,7 +142,7 @@ def read_casts(
             for station, table in cast_tables(path).items():
                 own = place or cast_place(table) or default_place
                 casts.append(cast_of_table(table, station, own, time))
-    return casts
+    return [cast.with_repaired_salinity() for cast in casts] if repair_freezing else casts
 
 
 def holds_casts(path: str | Path) -> bool:

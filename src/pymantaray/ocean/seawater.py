@@ -30,6 +30,8 @@ SUPERCOOLED = 0.05
 """Water further below its freezing point has a wrong temperature or salinity. [K]"""
 UNFROZEN = "salinity or temperature is too low; calibrate it, or use another source"
 """Remedy for such water."""
+TOO_COLD = "too cold to be liquid"
+"""Words of the note about such water."""
 
 # Del Grosso's form from [4] for ITS-90: (power of S, of T, of P) and coefficient; P in kgf/cm2
 _DEL_GROSSO = (
@@ -178,7 +180,42 @@ def freezing_notes(
         return ()
     worst = int(np.nanargmax(cold))
     where = f"{cold[worst]:.2g} K below freezing at {depth[worst]:.4g} m"
-    return (f"{count} of {cold.size} levels too cold to be liquid, up to {where}: {UNFROZEN}",)
+    return (
+        f"{count} of {cold.size} levels {TOO_COLD}, up to {where}: {UNFROZEN}, or repair the salinity with --repair-freezing",
+    )
+
+
+def repair_salinity(
+    temperature: Array, salinity: Array, depth: Array, lat: float, lon: float
+) -> tuple[Array, tuple[str, ...]]:
+    """
+    Raise the salinity of water below its freezing point to that of the freezing line.
+
+    Water under ice is at most at its freezing point, and a conductivity cell with ice or bubbles reads too low. The temperature is
+    kept; the salinity becomes that of water that freezes at it (``gsw.SA_freezing_from_t``, without air).
+
+    Parameters
+    ----------
+    temperature, salinity, depth, lat, lon
+        As in `sound_speed`, of one profile.
+
+    Returns
+    -------
+    salinity : ndarray, shape (n_levels,)
+        Practical salinity, unchanged at other levels. [-]
+    notes : tuple of str
+        Number of repaired levels and the largest change; empty without a repair.
+    """
+    p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
+    cold = np.flatnonzero(supercooling(temperature, salinity, depth, lat, lon) > 0.0)
+    if not cold.size:
+        return salinity, ()
+    SA = gsw.SA_freezing_from_t(temperature[cold], p[cold], 0.0)
+    repaired = np.array(salinity, dtype=float)
+    repaired[cold] = gsw.SP_from_SA(SA, p[cold], lon, lat)
+    change = float(np.max(repaired - salinity))
+    note = f"{cold.size} of {repaired.size} levels below the freezing point repaired: salinity raised by up to {change:.2g}"
+    return repaired, (note,)
 
 
 def in_situ_temperature(

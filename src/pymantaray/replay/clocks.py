@@ -1,26 +1,38 @@
-"""Clocks from residuals: the offset of each node, and differences between both directions."""
+"""Clocks from residuals: offset and drift of each node, gross errors, and differences between both directions."""
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_GROSS_TIME, _GROSS_SHARE = (
+    0.05,
+    0.05,
+)  # s, and share of the travel time; a larger difference is no sound path
+_DRIFT_COLUMNS = ["drift", "standard_error_drift"]
 
 
 def clock_table(
-    events: pd.DataFrame, residual: "pd.Series[float]", *, reference: str | None = None
+    events: pd.DataFrame,
+    residual: "pd.Series[float]",
+    *,
+    reference: str | None = None,
+    drift: bool = False,
 ) -> pd.DataFrame:
     r"""
-    Offsets of the nodes' clocks by least squares on residuals.
+    Offsets of the nodes' clocks, and their drifts, by least squares on residuals.
 
     Parameters
     ----------
     events : pandas.DataFrame
-        Events of a `Replay`. Those with a residual are used, weighted by ``sigma_s`` if all have one, else equally.
+        Events of a `Replay`. Those with a residual and without a gross error are used, weighted by ``sigma_s`` if all have one,
+        else equally.
     residual : pandas.Series
         Residual of each event: measured travel time minus that of an arrival. [s]
     reference : str, optional
         Node with the reference clock. By default, and in a group of nodes without it, the mean of each connected group.
+    drift : bool
+        True to fit a constant rate of each clock too. Offsets are then those at the mean time of the events.
 
     Returns
     -------
@@ -28,6 +40,7 @@ def clock_table(
         One row per node: ``offset_s`` of its clock (ahead is positive), number of ``events``, ``group`` of connected nodes, and two
         standard errors: ``standard_error_s`` for independent events, scaled by their scatter, and ``standard_error_pairs_s`` for
         errors that all events of a pair share (a sandwich estimator over pairs, NaN unless there are more pairs than clocks).
+        With drift also ``drift``, the rate of each clock [s/s], ``standard_error_drift``, for independent events, and ``mean_time_s``.
 
     Notes
     -----
@@ -35,39 +48,166 @@ def clock_table(
     solution of least norm has mean zero over each connected group. An error that both directions of a pair share (a wrong sound
     speed, a later candidate) does not affect offsets if there are events in both directions, and does if there is only one.
     """
-    has = residual.notna()
+    has = residual.notna() & ~gross_of(events)
     used, times = events[has], residual[has].to_numpy()
     names = sorted(set(events["source"]) | set(events["receiver"]))
     source, receiver = (np.searchsorted(names, used[end]) for end in ("source", "receiver"))
     n, k = len(used), len(names)
-    design = np.zeros((n, k))
-    design[np.arange(n), receiver] = 1.0
-    design[np.arange(n), source] = -1.0
+    mean_time = float(used["time_s"].mean()) if n else 0.0
+    late = used["time_s"].to_numpy() - mean_time
+    design = np.zeros((n, 2 * k if drift else k))
+    for at, sign in ((receiver, 1.0), (source, -1.0)):
+        design[np.arange(n), at] = sign
+        if drift:
+            design[np.arange(n), k + at] = sign * late
+    scale = np.repeat([1.0, max(float(np.abs(late).max(initial=0.0)), 1.0)], k)[: design.shape[1]]
     sigma = used["sigma_s"].to_numpy()
     weight = 1.0 / sigma**2 if np.isfinite(sigma).all() else np.ones(n)
-    inverse: Array = np.asarray(np.linalg.pinv(design.T @ (weight[:, None] * design), hermitian=True))
-    offset = inverse @ (design.T @ (weight * times))
+    unit = design / scale
+    inverse: Array = np.asarray(np.linalg.pinv(unit.T @ (weight[:, None] * unit), hermitian=True))
+    inverse /= np.outer(scale, scale)
+    clock = inverse @ (design.T @ (weight * times))
     group, count = _groups(k, source, receiver), np.bincount(np.concatenate([source, receiver]), minlength=k)
     if reference is not None:
         member, right = group == group[names.index(reference)], np.arange(k) == names.index(reference)
-        gauge = np.eye(k) - np.outer(member, right)
-        offset, inverse = gauge @ offset, gauge @ inverse @ gauge.T
-    left = times - design @ offset
+        gauge = np.kron(np.eye(2 if drift else 1), np.eye(k) - np.outer(member, right))
+        clock, inverse = gauge @ clock, gauge @ inverse @ gauge.T
+    left = times - design @ clock
     seen = int(np.count_nonzero(count)) - np.unique(group[count > 0]).size
+    seen = 2 * seen if drift else seen
     scatter = float(np.sum(weight * left**2)) / (n - seen) if n > seen else np.nan
-    score = design * (weight * left)[:, None]
-    table = pd.DataFrame(
-        {
-            "node": names,
-            "offset_s": offset,
-            "standard_error_s": np.sqrt(np.diag(inverse) * scatter),
-            "standard_error_pairs_s": _over_pairs(score, used["pair"].to_numpy(dtype=str), inverse, seen),
-            "events": count,
-            "group": group,
-        }
+    error = np.sqrt(np.diag(inverse) * scatter)
+    over_pairs = _over_pairs(
+        design * (weight * left)[:, None], used["pair"].to_numpy(dtype=str), inverse, seen
     )
-    table.loc[table["events"] == 0, table.columns[1:4]] = np.nan
+    columns = {
+        "node": names,
+        "offset_s": clock[:k],
+        "standard_error_s": error[:k],
+        "standard_error_pairs_s": over_pairs[:k],
+    }
+    if drift:
+        columns |= dict(zip(_DRIFT_COLUMNS, (clock[k:], error[k:]), strict=True))
+    table = pd.DataFrame(columns)
+    table.loc[count == 0, table.columns[1:]] = np.nan
+    table["events"], table["group"] = count, group
+    return table.assign(mean_time_s=mean_time) if drift else table
+
+
+def clock_errors(events: pd.DataFrame, clocks: pd.DataFrame) -> Array:
+    """Part of each measured travel time that is due to the clocks: receiver minus source, at the time of the event. [s]"""
+    table = clocks.set_index("node")
+    total = np.zeros(len(events))
+    for end, sign in (("receiver", 1.0), ("source", -1.0)):
+        total += sign * events[end].map(table["offset_s"]).to_numpy()
+        if "drift" in table:
+            late = events["time_s"].to_numpy() - float(table["mean_time_s"].iloc[0])
+            total += sign * late * events[end].map(table["drift"]).to_numpy()
+    return total
+
+
+def gross_of(events: pd.DataFrame) -> "pd.Series[bool]":
+    """Flags of gross errors of events; False where they were not examined."""
+    return events["gross"] if "gross" in events else pd.Series(data=False, index=events.index)
+
+
+def find_gross_errors(events: pd.DataFrame, candidates: pd.DataFrame) -> "pd.Series[bool]":
+    """
+    Events whose measured time no sound path explains.
+
+    The measured time differs from that of the straight line, ``chord_s``, by more than 0.05 s and by more than 5 %, and from
+    every candidate by more than 0.05 s. Such a difference is a wrong clock, a wrong event or a wrong position. An event outside the
+    water has no time of the straight line and no flag.
+
+    Parameters
+    ----------
+    events, candidates : pandas.DataFrame
+        Of a `Replay`.
+
+    Returns
+    -------
+    pandas.Series
+        True for a gross error.
+    """
+    chord, measured = events["chord_s"], events["measured_s"]
+    far = (measured - chord).abs() > np.maximum(_GROSS_TIME, _GROSS_SHARE * chord)
+    event = candidates["event"].to_numpy(dtype=np.int64)
+    near = np.abs(measured.to_numpy()[event] - candidates["travel_time_s"].to_numpy()) <= _GROSS_TIME
+    explained = np.bincount(event[near], minlength=len(events)) > 0
+    return (far & ~explained).rename("gross")
+
+
+def gross_note(events: pd.DataFrame) -> str | None:
+    """Sentence about the gross errors of events, None without any."""
+    wrong = events[gross_of(events)]
+    if wrong.empty:
+        return None
+    one = wrong.iloc[(wrong["measured_s"] - wrong["chord_s"]).abs().argmax()]
+    return (
+        f"{len(wrong)} of {len(events)} measured times are no travel times of sound, such as {one['measured_s']:.3g} s instead of"
+        f" {one['chord_s']:.3g} s from {one['source']} to {one['receiver']}: check clocks and events. Clocks and baselines ignore them."
+    )
+
+
+def known_clocks(events: pd.DataFrame, clocks: pd.DataFrame, *, reference: str | None = None) -> pd.DataFrame:
+    """
+    Clocks that the events determine.
+
+    An error of the sound speed or of a position acts like a clock offset unless a pair was measured in both directions. Offsets
+    are therefore relative to the nodes that are connected by such pairs, and unknown (NaN) for all other nodes.
+
+    Parameters
+    ----------
+    events : pandas.DataFrame
+        Events of a `Replay`.
+    clocks : pandas.DataFrame
+        From `clock_table`.
+    reference : str, optional
+        Node with the reference clock. Default: the mean of each group.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Like ``clocks``, with the column ``both_ways``: number of pairs of the node that were measured in both directions.
+    """
+    used = events[events["residual_s"].notna() & ~gross_of(events)]
+    ways = used.groupby("pair")["source"].nunique()
+    both = used[used["pair"].isin(ways.index[ways > 1])]
+    names = clocks["node"].to_list()
+    source, receiver = (np.searchsorted(names, both[end]) for end in ("source", "receiver"))
+    group = _groups(len(names), source, receiver)
+    first = both.drop_duplicates("pair")
+    count = pd.concat([first["source"], first["receiver"]]).value_counts()
+    table = clocks.assign(group=group, both_ways=[int(count.get(name, 0)) for name in names])
+    values = [name for name in ("offset_s", "predicted_offset_s", "drift") if name in table]
+    if reference is None or table.loc[table["node"] == reference, "both_ways"].iloc[0] == 0:
+        table[values] -= table.groupby("group")[values].transform("mean")
+    else:
+        for number in np.unique(group):
+            own = table["group"] == number
+            right = table["node"] == reference
+            zero = table.loc[right if (own & right).any() else own, values].mean()
+            table.loc[own, values] -= zero
+    errors = [name for name in table if str(name).startswith("standard_error")]
+    table.loc[table["both_ways"] == 0, [*values, *errors]] = np.nan
     return table
+
+
+def unknown_clocks_note(clocks: pd.DataFrame) -> str | None:
+    """Sentence about the clocks that cannot be known, None if all are known relative to each other."""
+    heard = clocks[clocks["events"] > 0]
+    alone = heard.loc[heard["both_ways"] == 0, "node"].to_list()
+    groups = heard.loc[heard["both_ways"] > 0, "group"].nunique()
+    lines = []
+    if alone:
+        names = ", ".join(alone[:8]) + (", ..." if len(alone) > 8 else "")
+        lines.append(
+            f"The clock offsets of {names} cannot be known: none of their pairs was measured in both directions, so that an error of the"
+            " sound speed or of a position has the same effect."
+        )
+    if groups > 1:
+        lines.append(f"Clock offsets are known within {groups} groups of nodes, not between the groups.")
+    return " ".join(lines) or None
 
 
 def _groups(k: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -113,9 +253,9 @@ def reciprocity_table(
         rest with its ``standard_error_s``. The rest is zero in water at rest; a current v over a distance d causes about
         -2 d v / c^2.
     """
-    offset = dict(zip(clocks["node"], clocks["offset_s"], strict=True))
+    corrected = events.assign(clocks=clock_errors(events, clocks))
     rows = []
-    for pair, part in events.assign(time=times)[times.notna()].groupby("pair", sort=True):
+    for pair, part in corrected.assign(time=times)[times.notna()].groupby("pair", sort=True):
         first = min(part["source"].iloc[0], part["receiver"].iloc[0])
         second = max(part["source"].iloc[0], part["receiver"].iloc[0])
         forth, back = part[part["source"] == first], part[part["source"] == second]
@@ -124,7 +264,8 @@ def reciprocity_table(
         n = difference.size
         mean = float(difference.mean()) if n else np.nan
         sd = float(difference.std(ddof=1)) if n > 1 else np.nan
-        expected = 2.0 * (offset[second] - offset[first])
+        due = forth["clocks"].to_numpy()[one] - back["clocks"].to_numpy()[other]
+        expected = float(due.mean()) if n else np.nan
         rows.append(
             (pair, len(forth), len(back), n, mean, sd, expected, mean - expected, sd / np.sqrt(max(n, 1)))
         )

@@ -11,11 +11,20 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
 from pymantaray.errors import ReplayError
+from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
-from pymantaray.replay.clocks import reciprocity_table
+from pymantaray.replay.baselines import baseline_table
+from pymantaray.replay.clocks import (
+    find_gross_errors,
+    gross_note,
+    known_clocks,
+    reciprocity_table,
+    unknown_clocks_note,
+)
+from pymantaray.replay.consistency import node_note, node_table
 from pymantaray.replay.events import Events
 from pymantaray.replay.rules import DEFAULT_RULE, Choice, DetectionRule
 from pymantaray.replay.summary import summary_table
@@ -33,6 +42,10 @@ _CAPTIONS = {
     "clocks": "Clock offset of each node by least squares, positive if ahead; the mean of each connected group is 0 unless a"
     " reference is given. Standard errors as if events were independent, and by pairs",
     "reciprocity": "Residuals of one direction less those of the other near in time, the part due to clocks, and the rest",
+    "baselines": "The prediction by rays beside two without an ocean, learned from the other pairs. Over all events, a missing prediction"
+    " counts as an infinite error; clocks are not corrected",
+    "nodes": "Offset of each node from its stated position that the ranges of its pairs suggest, and the scatter of ranges due to it",
+    "positions": "Smoothed positions: assumed error of a reading, estimated random walk and drift, and changes of the positions",
     "switching": "How often a receiver changes its candidate from one event to the next, and how often independent picks would",
 }
 _BRIEF = {
@@ -69,6 +82,10 @@ class Replay:
         Node with the reference clock; by default the mean of each group of connected nodes.
     notes : tuple of str
         Reservations about the water, for reports.
+    clock_drift : bool
+        True to fit a constant rate of each clock.
+    positions : pandas.DataFrame, optional
+        Nodes whose positions were smoothed, from `smooth_positions`.
     """
 
     events: pd.DataFrame
@@ -78,6 +95,8 @@ class Replay:
     candidates: pd.DataFrame = field(repr=False)
     reference: str | None = None
     notes: tuple[str, ...] = ()
+    clock_drift: bool = False
+    positions: pd.DataFrame | None = None
 
     def _repr_html_(self) -> str:
         """Notebook view: status counts, and residuals of all events and by depth and range."""
@@ -92,12 +111,12 @@ class Replay:
 
     @cached_property
     def _fit(self) -> tuple[pd.DataFrame, pd.DataFrame]:
-        return fit_clocks(self.events, self.candidates, reference=self.reference)
+        return fit_clocks(self.events, self.candidates, reference=self.reference, drift=self.clock_drift)
 
     @property
     def clocks(self) -> pd.DataFrame:
-        """Offset of each node's clock by least squares, with two standard errors."""
-        return self._fit[0]
+        """Offset of each node's clock by least squares, with two standard errors; NaN if it cannot be known."""
+        return known_clocks(self.events, self._fit[0], reference=self.reference)
 
     @property
     def taken(self) -> pd.DataFrame:
@@ -105,9 +124,25 @@ class Replay:
         return self._fit[1]
 
     @cached_property
+    def nodes(self) -> pd.DataFrame:
+        """Horizontal offset of each node that the ranges of its pairs suggest."""
+        return node_table(self.events, self.taken)
+
+    @cached_property
+    def baselines(self) -> pd.DataFrame:
+        """Errors of two predictions without an ocean beside those of the rays."""
+        return baseline_table(self.events)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences about gross errors, unknown clocks and inconsistent positions."""
+        found = gross_note(self.events), unknown_clocks_note(self.clocks), node_note(self.nodes)
+        return tuple(text for text in found if text)
+
+    @cached_property
     def reciprocity(self) -> pd.DataFrame:
         """Difference of residuals between paired events in opposite directions, for each pair."""
-        return reciprocity_table(self.events, self.taken["taken_time_s"], self.clocks, window=self.window)
+        return reciprocity_table(self.events, self.taken["taken_time_s"], self._fit[0], window=self.window)
 
     @cached_property
     def switching(self) -> pd.DataFrame:
@@ -122,6 +157,9 @@ class Replay:
             "clocks": self.clocks,
             "reciprocity": self.reciprocity,
             "switching": self.switching,
+            "baselines": self.baselines,
+            "nodes": self.nodes,
+            **({} if self.positions is None else {"positions": self.positions}),
             "events": pd.concat([self.events, self.taken], axis=1),
         }
         return {
@@ -211,7 +249,15 @@ def replay_events(
     every = pd.concat(candidates, ignore_index=True).sort_values(
         ["event", "travel_time_s"], ignore_index=True
     )
-    return Replay(table, rule, window, seed, every, reference)
+    notes = (_earth_note(events, waters, table["distance_m"].to_numpy()),)
+    table["gross"] = find_gross_errors(table, every)
+    return Replay(table, rule, window, seed, every, reference, tuple(note for note in notes if note))
+
+
+def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
+    """Sentence about the error of a flat Earth, None if it is small or the Earth is a sphere."""
+    flat = any(water.at_start[0].earth is None for water in waters)
+    return flat_earth_note(float(distance.max())) if flat and events.geographic else None
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
@@ -266,13 +312,13 @@ def _predict(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Prediction of some events in one water at a time, and all candidates of each; indexed by event."""
     reception, (medium, currents) = water.reception, water.at(time)
-    source, receiver = ends_of(events, rows, water)
+    source, receiver = ends_of(events, rows, water, medium.earth)
     cutoff = reception.spreading_cutoff_db
     wide = reception._replace(
         arrival="first", spreading_cutoff_db=None if cutoff is None else cutoff + NEAR_DB
     )
     sound = find_receptions(source, receiver, medium, wide, currents=currents, progress=progress)
-    distance = np.linalg.norm(receiver - source, axis=-1)
+    distance = medium.straight_distance(source, receiver)
     choice = _choice(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
     r, sonar = choice.receptions, choice.sonar
     candidates = choice.candidates(rule)
@@ -287,6 +333,8 @@ def _predict(
         {
             "cast": water.name,
             "distance_m": distance,
+            "bearing_deg": np.degrees(np.arctan2(*(receiver - source)[:, 1::-1].T)),
+            "chord_s": sound.arrivals.chord_travel_time,
             "status": [RayStatus(int(code)).name.lower() for code in status],
             "n_arrivals": within,
             "predicted_s": values_at(time_s, picks),

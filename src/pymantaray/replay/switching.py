@@ -5,7 +5,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.geometry import stream
-from pymantaray.replay.clocks import clock_table
+from pymantaray.replay.clocks import clock_errors, clock_table
 from pymantaray.replay.summary import RESAMPLES, percentiles
 
 Array = NDArray[np.float64]
@@ -15,7 +15,7 @@ _NORMAL = 1.4826  # standard deviation of a normal quantity over its median abso
 
 
 def fit_clocks(
-    events: pd.DataFrame, candidates: pd.DataFrame, *, reference: str | None = None
+    events: pd.DataFrame, candidates: pd.DataFrame, *, reference: str | None = None, drift: bool = False
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """
     Fit clocks and candidates in turn until neither changes.
@@ -27,7 +27,7 @@ def fit_clocks(
     ----------
     events, candidates : pandas.DataFrame
         Tables of a `Replay`.
-    reference : str, optional
+    reference, drift
         As in `clock_table`.
 
     Returns
@@ -37,11 +37,11 @@ def fit_clocks(
     taken : pandas.DataFrame
         As from `taken_candidates`.
     """
-    clocks = begin = clock_table(events, events["residual_s"], reference=reference)
+    clocks = begin = clock_table(events, events["residual_s"], reference=reference, drift=drift)
     taken = taken_candidates(events, candidates, clocks)
     for _ in range(_MAX_ITERATIONS):
         before = taken["taken"]
-        clocks = clock_table(events, taken["taken_time_s"], reference=reference)
+        clocks = clock_table(events, taken["taken_time_s"], reference=reference, drift=drift)
         taken = taken_candidates(events, candidates, clocks)
         if before.equals(taken["taken"]):
             break
@@ -64,8 +64,7 @@ def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.
         the residual after the clock correction ``taken_residual_s`` and before it ``taken_time_s``, and ``apart_s``, the shortest
         time between two candidates.
     """
-    offset = clocks.set_index("node")["offset_s"]
-    clock = events["receiver"].map(offset).to_numpy() - events["source"].map(offset).to_numpy()
+    clock = clock_errors(events, clocks)
     at = candidates["event"].to_numpy(dtype=np.int64)
     time = candidates["travel_time_s"].to_numpy()
     late = (events["measured_s"].to_numpy() - clock)[at] - time

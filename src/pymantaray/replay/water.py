@@ -7,7 +7,7 @@ import pyproj
 from numpy.typing import NDArray
 
 from pymantaray.errors import ReplayError
-from pymantaray.geometry import LocalFrame
+from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.replay.events import Events
 from pymantaray.water import Water
 
@@ -65,8 +65,10 @@ def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval:
     return np.clip(np.round(since / interval) * interval, *water.span)
 
 
-def ends_of(events: Events, rows: NDArray[np.int64], water: Water) -> tuple[Array, Array]:
-    """Sources and receivers (n, 3) of some events in the frame of their water. [m]"""
+def ends_of(
+    events: Events, rows: NDArray[np.int64], water: Water, earth: EarthSphere | None = None
+) -> tuple[Array, Array]:
+    """Sources and receivers (n, 3) of some events in the frame of their water, on a sphere or, for None, a flat Earth. [m]"""
     source, receiver = events.source_position[rows], events.receiver_position[rows]
     if not events.geographic:
         return source, receiver
@@ -74,6 +76,7 @@ def ends_of(events: Events, rows: NDArray[np.int64], water: Water) -> tuple[Arra
         return _in_frame(source, water.frame), _in_frame(receiver, water.frame)
     azimuth, _, distance = _ELLIPSOID.inv(source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0])
     bearing = np.radians(azimuth)
+    distance = distance if earth is None else earth.frame_distance(distance)
     along = np.stack([distance * np.cos(bearing), distance * np.sin(bearing), receiver[:, 2]], axis=-1)
     return np.stack([0.0 * distance, 0.0 * distance, source[:, 2]], axis=-1), along
 

@@ -85,7 +85,7 @@ def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -
     return Page(
         title="Replay of measured travel times",
         facts=[f"{len(events):,} events of {events['pair'].nunique()} pairs; rule {replay.rule}"],
-        notes=list(replay.notes),
+        notes=[*replay.notes, *replay.findings],
         cards=_cards(replay),
         explorer=_explorer(events),
         pictures=pictures,

@@ -17,6 +17,7 @@ from pymantaray.report.explore import explorer
 from pymantaray.report.figures import Results
 from pymantaray.report.page import Card, Explorer, Page, Picture, origin_table
 from pymantaray.report.style import clock, condition_label
+from pymantaray.study.mission import earth_note
 from pymantaray.study.store import CONFIG
 
 SYNTHETIC_NOTE = (
@@ -144,7 +145,7 @@ def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
 
 
 def warnings_of(results: Results) -> list[str]:
-    """Warnings about unhealthy solves and vehicles that stopped, a line each."""
+    """Warnings about unhealthy solves, vehicles that stopped and a flat Earth, a line each."""
     none = pd.DataFrame(columns=["condition", "status"])
     solves, lines = results.tables["solves"].frame if "solves" in results.tables else none, []
     for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
@@ -154,6 +155,8 @@ def warnings_of(results: Results) -> list[str]:
         lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
     for name, (stop, time) in results.run.truth.stops.items():
         lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
+    if note := earth_note(results.run.config, results.run.ranging_truth):
+        lines.append(note)
     return lines
 
 

@@ -175,6 +175,8 @@ class _Chords(NamedTuple):
     """Along the straight chord, shape (n_pairs,). [s]"""
     sound_speed: Array
     """At both ends, shape (n_pairs, 2). [m/s]"""
+    distance: Array
+    """Straight distance, shape (n_pairs,). [m]"""
 
 
 def _transmit(
@@ -202,7 +204,8 @@ def _transmit(
         currents=currents,
         progress=tell(some.start, loud.size),
     )
-    chords = _Chords(np.full(silent.size, np.nan), np.full((silent.size, 2), np.nan))
+    distance = medium.straight_distance(source, receiver)
+    chords = _Chords(np.full(silent.size, np.nan), np.full((silent.size, 2), np.nan), distance)
     solved = [(loud, sound.arrivals)]
     if quiet.size:
         count = tell(some.start + loud.size, quiet.size)
@@ -253,15 +256,17 @@ def _ranging(
     velocity = velocities_of(truth, attempts, timing)
     chances = exchange_values(sound.receptions.probability, exchanges, timing)
     values = {
-        "distance": np.linalg.norm(pairs.receiver - pairs.source, axis=-1)[pair],
+        "distance": chords.distance[pair],
         "sound_speed": chords.sound_speed[pair, forth],
         "travel_time": exchange_times(sound.receptions, exchanges, timing, velocity),
         "chord_travel_time": chords.travel_time[pair],
         "near_cutoff": np.append(sound.near_cutoff, False)[link],
     }
+    status = np.append(sound.status, np.int8(RayStatus.STOPPED))[link]
+    status[(status == RayStatus.OK) & np.isnan(values["travel_time"])] = RayStatus.SHADOW  # outside a cone
     return Ranging(
         attempts=attempts,
-        status=np.append(sound.status, np.int8(RayStatus.STOPPED))[link],
+        status=status,
         truth=RangingTruth(**values | _of_pings(sound.receptions, exchanges)),
         links=Links(sample=pairs.sample[loud], first=pairs.first[loud], second=pairs.second[loud]),
         arrivals=sound.arrivals,

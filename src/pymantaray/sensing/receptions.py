@@ -170,6 +170,15 @@ def with_leaks(
     )
 
 
+def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: float) -> Receptions:
+    """Receptions whose sound leaves within half the width of a cone [rad] about the chord of its link, and those without a ray."""
+    step = (receiver - source)[receptions.link]
+    forth = receptions.direction == Direction.FORTH
+    slope = _elevation(np.where(forth[:, None], step, -step))
+    off = np.abs(receptions.departure_angle - slope)
+    return receptions_at(receptions, np.flatnonzero(~(off > 0.5 * cone) | (receptions.arrival < 0)))
+
+
 def admitted(receptions: Receptions, rule: Rule) -> NDArray[np.bool_]:
     """Rows that a rule may select; sound without a ray only exists on links without such an eigenray."""
     if rule != "direct":

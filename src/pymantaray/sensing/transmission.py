@@ -23,6 +23,7 @@ from pymantaray.sensing.receptions import (
     values_at,
     with_detection,
     with_leaks,
+    within_cone,
 )
 
 Array = NDArray[np.float64]
@@ -48,6 +49,9 @@ class Reception(NamedTuple):
         Gives the probability of detection. By default every arrival is detected.
     leakage : Leakage, optional
         Model of sound that arrives without a ray, at the detector's frequency. By default there is none.
+    cone : float, optional
+        Width of the fan of launch angles about the chord at the end that sends, half of it on either side. Rays launched outside
+        are lost. [rad]
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
     """
@@ -58,6 +62,7 @@ class Reception(NamedTuple):
     arrival: Rule = "direct"
     detector: Detector | None = None
     leakage: Leakage | None = None
+    cone: float | None = None
     threads: int | None = None
 
 
@@ -71,7 +76,7 @@ class Transmission(NamedTuple):
     arrivals: Arrivals
     """Eigenrays of all links; their travel times are those in water at rest."""
     status: NDArray[np.int8]
-    """`RayStatus` of each link by the selection rule; the same in both directions."""
+    """`RayStatus` of each link by the selection rule; the same in both directions, except that a cone may lose the rays of one."""
     near_cutoff: NDArray[np.bool_]
     """True for links on which 1 dB of the cut-off changes the selection, in water at rest."""
     receptions: Receptions
@@ -141,7 +146,12 @@ def find_receptions(
         receptions = with_detection(receptions, reception.detector.sonar)
     if reception.leakage is not None:
         receptions = _with_leaks(receptions, status, ends, medium, reception, currents)
+    if reception.cone is not None:
+        receptions = within_cone(receptions, source, receiver, reception.cone)
     receptions = select_receptions(receptions, reception.arrival)
+    if reception.cone is not None:
+        silent = (receptions.selected_rows(n) < 0).all(axis=0)
+        status[silent & (status == RayStatus.OK)] = RayStatus.SHADOW
     return Transmission(arrivals, _with_no_ray(status, receptions), near, receptions)
 
 

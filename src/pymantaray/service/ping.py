@@ -107,7 +107,7 @@ class Pinger:
             travel_time=time,
             arrival_time=arrival_time,
             refracted_range=speed * time,
-            straight_range=np.linalg.norm(receivers - source, axis=-1),
+            straight_range=medium.straight_distance(source, receivers),
             source_sound_speed=speed,
             chord_travel_time=sound.arrivals.chord_travel_time,
             level_db=level,

@@ -28,6 +28,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean import (
+    Cast,
     SoundSpeedCovariance,
     cast_ocean,
     column_ocean,
@@ -136,12 +137,16 @@ class Beliefs:
             self.config, build_ocean(self.config.ocean, self.config.mission.duration_h * 3600.0)
         )
 
+    def _read_casts(self, files: tuple[str, ...]) -> list[Cast]:
+        repair = self.config.ocean.repair_freezing
+        return read_casts(files, default_place=self._centre, repair_freezing=repair)
+
     def _scaled_modes(
         self, casts: tuple[str, ...], rms: float | None, down_to: float | None
     ) -> tuple[Array, Array, Array]:
         """Levels, shapes and standard deviations of the modes of the ocean, or of casts in files."""
         ocean = self._true
-        columns = read_casts(casts, default_place=self._centre) if casts else ocean
+        columns = self._read_casts(casts) if casts else ocean
         modes = vertical_modes(columns, equation=self.config.ocean.equation)
         depth = np.asarray(ocean["depth"].values, dtype=float)
         shapes = modes.at(depth)
@@ -169,7 +174,7 @@ class Beliefs:
             local = self._with_instrument_error(local, section, realization)
         return Belief(
             local=local,
-            medium=Medium.from_dataset(local, interpolation=interpolation),
+            medium=Medium.from_dataset(local, interpolation=interpolation, earth=acoustics.earth),
             currents=Currents.from_dataset(local) if acoustics.currents else None,
             spreading_cutoff_db=acoustics.cutoff_db,
         )
@@ -205,7 +210,12 @@ class Beliefs:
             raise OceanError("several files, the first of casts; name one cast, or files of an ocean")
         ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
         frame = self._frame
-        cast = read_cast(section.source[0], name=section.cast, default_place=self._centre)
+        cast = read_cast(
+            section.source[0],
+            name=section.cast,
+            default_place=self._centre,
+            repair_freezing=ocean.repair_freezing,
+        )
         geographic = cast_ocean(
             replace(cast, lat=frame.latitude_deg, lon=frame.longitude_deg),
             bottom_depth=bottom,

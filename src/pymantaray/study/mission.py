@@ -1,5 +1,6 @@
 """One mission without noise: ocean, fleet, rays and measurements, each a timed stage."""
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -14,6 +15,7 @@ from pymantaray.errors import MantaRayError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
 from pymantaray.fleet import simulate
+from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress, Progress
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
@@ -39,6 +41,7 @@ from pymantaray.water.listening import build_reception, build_sonar, build_timin
 from pymantaray.water.ocean import (
     OceanFields,
     build_currents,
+    build_local_medium,
     build_medium,
     mission_ocean,
     mission_start,
@@ -46,6 +49,8 @@ from pymantaray.water.ocean import (
 
 if TYPE_CHECKING:
     from pymantaray.study.store import Run
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +109,20 @@ def simulate_mission(
             schedule=schedule,
         )
         mission = assemble_mission(config, ocean, truth, ranging)
+    if note := earth_note(config, mission.ranging_truth):
+        LOG.warning(note)
     with watch.stage("picture"):
         mission = replace(mission, picture=mission_picture(config, mission, medium))
     if not ranging.status.size:  # no pair
         progress("rays", 1, 1)
     return mission
+
+
+def earth_note(config: StudyConfig, truth: RangingTruth) -> str | None:
+    """Sentence about the error of a flat Earth, None if it is small or the Earth of the study is a sphere."""
+    if config.acoustics.earth != "flat" or not truth.distance.size:
+        return None
+    return flat_earth_note(float(np.nanmax(truth.distance)))
 
 
 def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
@@ -225,11 +239,9 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     elif has_internal_tide(at_start):
         local_at = partial(displaced, at_start)
     else:
-        still = Medium.from_dataset(at_start, interpolation=config.acoustics.interpolation)
+        still = build_local_medium(config, at_start)
         return lambda _: still
-    return lru_cache(maxsize=1)(
-        lambda time: Medium.from_dataset(local_at(time), interpolation=config.acoustics.interpolation)
-    )
+    return lru_cache(maxsize=1)(lambda time: build_local_medium(config, local_at(time)))
 
 
 FAN = np.radians(np.linspace(-15.0, 15.0, 41))

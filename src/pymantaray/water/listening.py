@@ -1,5 +1,7 @@
 """Builders of sonar, losses, reception and timing from a configuration."""
 
+import math
+
 from pymantaray.acoustics import (
     Absorption,
     IceCover,
@@ -48,6 +50,7 @@ def build_reception(config: SoundConfig, ocean: OceanFields) -> Reception:
         arrival=acoustics.arrival,
         detector=build_detector(config, ocean),
         leakage=leakage_of(config.detection),
+        cone=None if acoustics.cone_deg is None else math.radians(acoustics.cone_deg),
     )
 
 

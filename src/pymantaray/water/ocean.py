@@ -16,6 +16,7 @@ from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.profiles import Profile
 from pymantaray.config.sections import OceanSection, SoundConfig
 from pymantaray.errors import OceanError
+from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean import (
     crop_around,
     holds_casts,
@@ -225,15 +226,22 @@ def _open(
 
 def build_medium(config: SoundConfig, ocean: OceanFields) -> Medium | Callable[[float], Medium]:
     """Build the medium for rays; if the ocean varies, a function of the time after the start of the mission [s]."""
-    at = partial(_medium_at, ocean, config.acoustics.interpolation)  # a partial can be pickled
+    acoustics = config.acoustics
+    at = partial(_medium_at, ocean, acoustics.interpolation, acoustics.earth)  # a partial can be pickled
     return at if ocean.varies else at(0.0)
 
 
-def _medium_at(ocean: OceanFields, interpolation: Interpolation, time: float) -> Medium:
+def build_local_medium(config: SoundConfig, local: xr.Dataset) -> Medium:
+    """Build the medium of a configuration from a local ocean."""
+    acoustics = config.acoustics
+    return Medium.from_dataset(local, interpolation=acoustics.interpolation, earth=acoustics.earth)
+
+
+def _medium_at(ocean: OceanFields, interpolation: Interpolation, earth: Earth, time: float) -> Medium:
     local = ocean.local_at(time)
     if ocean.unbounded:
         local = local.isel(north=[0], east=[0])  # an axis with one point has no variation and no end
-    return Medium.from_dataset(local, interpolation=interpolation)
+    return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
 
 
 def build_currents(config: SoundConfig, ocean: OceanFields) -> Currents | Callable[[float], Currents] | None:

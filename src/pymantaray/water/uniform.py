@@ -49,7 +49,8 @@ class _Levels:
 
 def read_section_profiles(section: OceanSection) -> list[Profile]:
     """Read the profiles of a section's files; the place of the section applies to files without a place."""
-    return [profile for path in section.source for profile in read_profiles(path, section.centre)]
+    repair = section.repair_freezing
+    return [p for path in section.source for p in read_profiles(path, section.centre, repair_freezing=repair)]
 
 
 def one_profile(section: OceanSection) -> Profile:
@@ -90,7 +91,7 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
     if section.time_varying:
         raise OceanError(f"{where}: one profile does not vary in time; remove ocean.time_varying")
     levels = _reduced(section, profile, interpolation)
-    place = section.centre or profile.position
+    place = section.centre or profile.position or profile.place
     half = section.half_extent or (UNBOUNDED, UNBOUNDED)
     maps = [name for name in ("bathymetry", "ice") if isinstance(getattr(section, name), str)]
     if maps and (place is None or section.half_extent is None):

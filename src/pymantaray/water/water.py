@@ -25,6 +25,7 @@ from pymantaray.water.listening import build_reception, build_timing
 from pymantaray.water.ocean import (
     OceanFields,
     build_currents,
+    build_local_medium,
     build_medium,
     is_profile,
     mission_ocean,
@@ -178,7 +179,7 @@ def open_water(source: Source, **options: Any) -> Water:
     **options
         Keys of the sections ``[ocean]`` and ``[acoustics]`` of a study, such as ``bathymetry=2680.0``, ``ice=1.5``,
         ``interpolation="linear"`` and ``max_surface_bounces=2``, and the sections ``mission``, ``ranging`` and ``detection`` as
-        mappings. Also ``centre=(lat, lon)`` [degrees]; ``half_extent``, one number or (north, east) [m]; and ``currents``:
+        mappings. ``earth="sphere"`` computes rays and straight distances on a spherical Earth. Also ``centre=(lat, lon)`` [degrees]; ``half_extent``, one number or (north, east) [m]; and ``currents``:
         "rest" (default except for configurations), "required", or "carry" to include them in travel times along rays.
 
     Returns
@@ -278,7 +279,7 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
             f"{fixed[0]}: this option does not apply to a local ocean; remove it, or give the ocean before to_local"
         )
     config = configuration_of(IN_MEMORY, options)
-    medium = Medium.from_dataset(local, interpolation=config.acoustics.interpolation)
+    medium = build_local_medium(config, local)
     return Water(
         medium,
         Currents.from_dataset(local) if config.acoustics.currents else None,

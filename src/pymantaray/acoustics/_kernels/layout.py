@@ -66,13 +66,13 @@ SMOOTH, LINEAR = 0, 1  # kinds of a field
 
 Domain = namedtuple(
     "Domain",
-    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed surface uniform layered",
+    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed surface uniform layered radius",
 )
 Domain.__doc__ = """A medium as the kernels take it: sound speed, and `BoundaryGrid` of the sea bed and of the surface.
 
 field holds, for SMOOTH, B-spline coefficients (north, east, 2 * depth), else the sound speed (north, east, depth). A
 surface without ice has one point at depth 0. A uniform one does not vary horizontally; layered is such a LINEAR one
-whose levels reach the sea bed.
+whose levels reach the sea bed. radius is that of the Earth if depths and sound speeds are those of flattened water, else 0. [m]
 """
 
 Section = namedtuple("Section", "kind n_range r_first r_step breaks depth lut lut_scale data layered")

@@ -135,6 +135,59 @@ def chord_travel_time(s, link, cuts):
 
 
 @kernel
+def _add_roots(a, b, c, cuts, n):
+    """Add the roots between 0 and 1 of a + b t + c t^2 to the first n cuts; return their number."""
+    inside = b * b - 4.0 * a * c
+    if inside <= 0.0:
+        return n
+    q = -0.5 * (b + math.copysign(math.sqrt(inside), b))
+    if c != 0.0 and 0.0 < q / c < 1.0 and n < cuts.size - 1:
+        cuts[n] = q / c
+        n += 1
+    if q != 0.0 and 0.0 < a / q < 1.0 and n < cuts.size - 1:
+        cuts[n] = a / q
+        n += 1
+    return n
+
+
+@kernel
+def sphere_chord_time(s, link, radius, cuts):
+    """Travel time along the straight chord through the Earth, from a section of flattened water, as `chord_travel_time`."""
+    horizontal, angle = link.horizontal, link.horizontal / radius
+    r0, r1 = radius * math.exp(-link.z0 / radius), radius * math.exp(-link.z1 / radius)
+    # the chord in the vertical plane, from (0, r0): up is the direction from the Earth's centre to the source
+    along, up = r1 * math.sin(angle), (r1 - r0) - 2.0 * r1 * math.sin(0.5 * angle) ** 2
+    length = math.hypot(along, up)
+    n = 1
+    cuts[0] = 0.0
+    for k in range(s.depth.size):
+        r = radius * math.exp(-s.depth[k] / radius)
+        n = _add_roots((r0 - r) * (r0 + r), 2.0 * r0 * up, length * length, cuts, n)
+    if horizontal > 0.0:
+        for i in range(s.n_range + 1):
+            t = (s.breaks[i] if s.kind == at.LINEAR else s.r_first + i * s.r_step) / horizontal
+            if 0.0 < t < 1.0 and n < cuts.size - 1:
+                cuts[n] = t
+                n += 1
+    cuts[n] = 1.0
+    n += 1
+    sort_head(cuts, n)
+    total = 0.0
+    for i in range(n - 1):
+        h = 0.5 * (cuts[i + 1] - cuts[i])
+        if h <= 0.0:
+            continue
+        mid = 0.5 * (cuts[i + 1] + cuts[i])
+        for q in range(5):
+            t = mid + h * _GAUSS_NODES[q]
+            x, y = t * along, r0 + t * up
+            stretch = radius / math.hypot(x, y)
+            speed = field_at(s, radius * math.atan2(x, y), radius * math.log(stretch))
+            total += _GAUSS_WEIGHTS[q] * h * stretch / speed
+    return total * length
+
+
+@kernel
 def solve_link(domain, bounces, settings, source, receiver, work, info):
     """All eigenrays of one link with at most so many reflections at the surface and the bottom; with None, direct ones.
 
@@ -151,7 +204,10 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
         info[at.CHORD_TIME], info[at.MARGIN] = 0.0, 0.0
         _same_place(work.rows[0])
         return 1, OK
-    info[at.CHORD_TIME] = chord_travel_time(s, link, work.cuts)
+    if domain.radius > 0.0:
+        info[at.CHORD_TIME] = sphere_chord_time(s, link, domain.radius, work.cuts)
+    else:
+        info[at.CHORD_TIME] = chord_travel_time(s, link, work.cuts)
     variation = speed_extremes(s, work.extremes)
     limits = turning_limits(s, link.c0, link.z0, link.z1, link.horizontal, variation, work.extremes)
     slope = math.atan2(link.z1 - link.z0, link.horizontal)

@@ -209,6 +209,10 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
 
 
 def _check_ends(medium: Medium, a: Array, b: Array) -> None:
+    if medium.earth is not None:
+        raise AcousticsError(
+            "Bellhop: its Earth is flat, but that of the medium is a sphere; use a flat Earth"
+        )
     if a.ndim != 2 or a.shape[1:] != (3,) or a.shape != b.shape or len(a) == 0:
         raise AcousticsError(f"source has shape {a.shape}, receiver {b.shape}; both need (n_links, 3)")
     sides = [

@@ -57,6 +57,7 @@ class AdjustableEigenrays:
                     interpolation=medium.interpolation,
                     bathymetry=medium.bed,
                     ice_draft=medium.surface,
+                    earth=medium.earth,
                 )
             )
             self._latest = other

@@ -1,0 +1,164 @@
+"""Smoothed positions of nodes: a random walk with drift, measured with the noise of satellite positions."""
+
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.errors import ReplayError
+from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.checks import check_number
+from pymantaray.replay.events import Events
+
+Array = NDArray[np.float64]
+_ENDS = ("source", "receiver")
+_WALKS = np.geomspace(1e-4, 10.0, 21)  # m per square root of a second, among which the likelihood chooses
+_REFINEMENTS = 3  # of the choice, each ten times finer
+_DRIFT = 2.0  # m/s; prior standard deviation of the drift, above that of ice
+_VAGUE = 1e4  # m; prior standard deviation of the first position
+
+
+class SmoothedPositions(NamedTuple):
+    """Events with smoothed positions, and a table of the nodes."""
+
+    events: Events
+    nodes: pd.DataFrame
+    """One row per node: ``readings``, ``sigma_m``, ``walk_m_per_sqrt_s``, drift ``north_m_s`` and ``east_m_s``, ``rms_change_m``, ``max_change_m`` and ``innovation_ratio``."""
+
+
+class _Smoothed(NamedTuple):
+    position: Array
+    drift: float
+    innovations: Array
+    """Normalized by their standard deviations."""
+
+
+def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
+    r"""
+    Smooth the horizontal positions of all nodes.
+
+    Each coordinate of a node is :math:`x(t) = x_0 + v t + w(t)` with a constant drift v and a random walk w, and is measured with
+    independent errors. A Kalman filter and a Rauch-Tung-Striebel smoother estimate it. The strength of the random walk has the largest
+    likelihood for both coordinates of the node.
+
+    Parameters
+    ----------
+    events : Events
+        Positions at the same time of a node count as one reading; different ones are averaged.
+    sigma : float
+        Standard deviation of a measured horizontal coordinate. [m]
+
+    Returns
+    -------
+    SmoothedPositions
+
+    Raises
+    ------
+    ReplayError
+        If sigma is not positive.
+
+    Notes
+    -----
+    Depths are not changed. Errors that are constant over the campaign remain, because no position shows them; see
+    `pymantaray.replay.consistency.node_table`. ``innovation_ratio`` is the root mean square of the normalized innovations: about 1 if
+    sigma is right, more if the errors are larger.
+    """
+    check_number(ReplayError, "smooth positions: sigma", sigma, "m", positive=True)
+    frame = None
+    places = np.stack([events.source_position, events.receiver_position])[..., :2].copy()
+    if events.geographic:
+        flat = places.reshape(-1, 2)
+        frame = LocalFrame(float(flat[:, 0].mean()), float(flat[:, 1].mean()))
+        places = np.stack(frame.to_local(places[..., 0], places[..., 1]), axis=-1)
+    names = np.stack([events.source, events.receiver])
+    times = np.broadcast_to(events.time, names.shape)
+    rows = []
+    for name in np.unique(names):
+        own = names == name
+        instants, at = np.unique(times[own], return_inverse=True)
+        readings = np.stack([np.bincount(at, x) for x in places[own].T], axis=-1) / np.bincount(at)[:, None]
+        walk, axes = _most_likely(instants - instants[0], readings, sigma)
+        smooth = np.stack([axis.position for axis in axes], axis=-1)
+        change = np.linalg.norm(smooth - readings, axis=-1)
+        innovations = np.concatenate([axis.innovations for axis in axes])
+        ratio = float(np.sqrt(np.mean(innovations**2))) if innovations.size else np.nan
+        row = (instants.size, sigma, walk, axes[0].drift, axes[1].drift, np.sqrt(np.mean(change**2)))
+        rows.append((name, *row, change.max(), ratio))
+        places[own] = smooth[at]
+    columns = ["node", "readings", "sigma_m", "walk_m_per_sqrt_s", "north_m_s", "east_m_s", "rms_change_m"]
+    table = pd.DataFrame(rows, columns=[*columns, "max_change_m", "innovation_ratio"])
+    if frame is not None:
+        places = np.stack(frame.to_geodetic(places[..., 0], places[..., 1]), axis=-1)
+    positions: dict[str, Any] = {
+        f"{end}_position": np.column_stack([places[k], getattr(events, f"{end}_position")[:, 2]])
+        for k, end in enumerate(_ENDS)
+    }
+    return SmoothedPositions(replace(events, **positions), table)
+
+
+def _most_likely(time: Array, readings: Array, sigma: float) -> tuple[float, list[_Smoothed]]:
+    """Strength of the random walk with the largest likelihood, and both smoothed coordinates."""
+
+    def likelihood(walk: float) -> float:
+        return sum(_filter(time, x, sigma, walk).log_likelihood for x in readings.T)
+
+    if time.size < 3:
+        return 0.0, [_smooth(time, x, sigma, 0.0) for x in readings.T]
+    grid = _WALKS
+    for _ in range(_REFINEMENTS):
+        best = int(np.argmax([likelihood(walk) for walk in grid]))
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+        walk, grid = float(grid[best]), np.geomspace(low, high, 7)
+    return walk, [_smooth(time, x, sigma, walk) for x in readings.T]
+
+
+_State = tuple[float, float, float, float, float]
+"""Position, drift and their covariance (xx, xv, vv)."""
+
+
+class _Filtered(NamedTuple):
+    states: list[_State]
+    """State after each reading."""
+    predicted: list[_State]
+    """The same before it."""
+    log_likelihood: float
+    innovations: list[float]
+
+
+def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered:
+    """Kalman filter of one coordinate relative to its first reading."""
+    x, v, xx, xv, vv = 0.0, 0.0, _VAGUE**2, 0.0, _DRIFT**2
+    first, before, total = float(reading[0]), float(time[0]), 0.0
+    states: list[_State] = []
+    predicted: list[_State] = []
+    innovations: list[float] = []
+    for now, value in zip(time.tolist(), reading.tolist(), strict=True):
+        step, before = now - before, now
+        x, xx, xv = x + step * v, xx + step * (2.0 * xv + step * vv) + walk**2 * step, xv + step * vv
+        predicted.append((x, v, xx, xv, vv))
+        variance = xx + sigma**2
+        miss = value - first - x
+        x, v = x + xx / variance * miss, v + xv / variance * miss
+        xx, xv, vv = xx * sigma**2 / variance, xv * sigma**2 / variance, vv - xv**2 / variance
+        states.append((x, v, xx, xv, vv))
+        innovations.append(miss / math.sqrt(variance))
+        total -= 0.5 * (innovations[-1] ** 2 + math.log(variance))
+    return _Filtered(states, predicted, total, innovations)
+
+
+def _smooth(time: Array, reading: Array, sigma: float, walk: float) -> _Smoothed:
+    """Kalman filter and Rauch-Tung-Striebel smoother of one coordinate; the state is position and drift."""
+    forward = _filter(time, reading, sigma, walk)
+    states, ahead = np.array(forward.states), np.array(forward.predicted)
+    spread, spread_ahead = (x[:, [[2, 3], [3, 4]]] for x in (states, ahead))
+    smooth = states[:, :2].copy()
+    for k in range(time.size - 2, -1, -1):
+        move = np.array([[1.0, float(time[k + 1] - time[k])], [0.0, 1.0]])
+        back = spread[k] @ move.T @ np.linalg.pinv(spread_ahead[k + 1])
+        smooth[k] += back @ (smooth[k + 1] - ahead[k + 1, :2])
+    position = float(reading[0]) + smooth[:, 0]
+    innovations = np.array(forward.innovations[2:])  # the first two determine position and drift
+    return _Smoothed(position, float(smooth[-1, 1]), innovations)
