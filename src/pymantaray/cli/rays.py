@@ -8,21 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.cli.groups import quantity, with_options
 from pymantaray.cli.options import (
     LINKS,
     Commands,
     Fan,
     Force,
-    Json,
-    Quiet,
+    PrintOptions,
     SearchOptions,
     SourceOptions,
     WaterOptions,
     fan_angles,
-    quantity,
-    with_options,
 )
-from pymantaray.cli.printing import printer
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
 from pymantaray.cli.rays_plot import plot
 
@@ -60,15 +57,14 @@ def times(
     source: SourceOptions,
     water: WaterOptions,
     search: SearchOptions,
+    printing: PrintOptions,
     force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
 ) -> None:
     """Compute the travel time of the earliest arrival of each link, or the reason for its absence."""
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
-    job = _begin("times", links, out, (source, water, search), force=force, as_json=as_json, quiet=quiet)
+    job = _begin("times", links, out, (source, water, search), printing, force=force)
     cutoff, near = job.water.reception.spreading_cutoff_db, None
     if cutoff is None:
         arrivals = job.solve()
@@ -87,17 +83,44 @@ def eigen(
     source: SourceOptions,
     water: WaterOptions,
     search: SearchOptions,
+    printing: PrintOptions,
     force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
 ) -> None:
     """Compute every arrival of each link: time, bounces, angles, spreading and slowness."""
     from pymantaray.cli.rays_tables import arrivals_table
 
-    job = _begin("eigen", links, out, (source, water, search), force=force, as_json=as_json, quiet=quiet)
+    job = _begin("eigen", links, out, (source, water, search), printing, force=force)
     arrivals = job.solve()
     result = arrivals.to_dataset() if out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
     job.finish(result, arrivals.status, arrivals=arrivals.link.size)
+
+
+@dataclass(frozen=True)
+class FanOptions:
+    """Fan of rays instead of eigenrays."""
+
+    fan: Fan = None
+    azimuth: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("deg"),
+            metavar="DEG",
+            help="Direction of the fan, clockwise from north. Default: to the receiver.",
+        ),
+    ] = None
+    distance: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("m"),
+            metavar="M",
+            help="Horizontal length of the fan in metres. Default: to the receiver.",
+        ),
+    ] = None
+
+    @property
+    def aimed(self) -> bool:
+        """True if the rays need receivers."""
+        return self.fan is None or self.azimuth is None or self.distance is None
 
 
 @app.command()
@@ -108,55 +131,32 @@ def trace(
     source: SourceOptions,
     water: WaterOptions,
     search: SearchOptions,
-    fan: Fan = None,
-    azimuth: Annotated[
-        float | None,
-        typer.Option(
-            parser=quantity("deg"),
-            metavar="DEG",
-            help="Direction of the fan, clockwise from north. Default: to the receiver.",
-        ),
-    ] = None,
-    distance: Annotated[
-        float | None,
-        typer.Option(
-            parser=quantity("m"),
-            metavar="M",
-            help="Horizontal length of the fan in metres. Default: to the receiver.",
-        ),
-    ] = None,
+    rays: FanOptions,
+    printing: PrintOptions,
     force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
 ) -> None:
     """Compute the path of each eigenray, or of a fan of rays from each source, node by node."""
     from pymantaray.cli.rays_tables import paths_dataset, paths_table
     from pymantaray.errors import AcousticsError
 
-    if fan is None and (azimuth is not None or distance is not None):
+    if rays.fan is None and (rays.azimuth is not None or rays.distance is not None):
         raise AcousticsError("--azimuth and --distance need --fan FROM TO COUNT")
-    if fan is not None and search.cutoff_db is not None:
+    if rays.fan is not None and search.cutoff_db is not None:
         raise AcousticsError("--cutoff-db does not apply to --fan; remove one of them")
-    angles = None if fan is None else fan_angles(*fan)
-    aimed = fan is None or azimuth is None or distance is None
-    job = _begin(
-        "trace",
-        links,
-        out,
-        (source, water, search),
-        force=force,
-        as_json=as_json,
-        quiet=quiet,
-        receivers=aimed,
-    )
+    angles = None if rays.fan is None else fan_angles(*rays.fan)
+    job = _begin("trace", links, out, (source, water, search), printing, force=force, receivers=rays.aimed)
     status = None
     if angles is None:
-        rays, status = job.trace()
+        traced, status = job.trace()
     else:
-        job.record["fan"] = {"from_to_count": fan, "azimuth_deg": azimuth, "distance_m": distance}
-        rays = job.trace_fans(angles, azimuth, distance)
-    result = paths_dataset(rays) if out.suffix == ".nc" else paths_table(rays)
-    job.finish(result, status, rays=rays.row.size, nodes=rays.paths.arrival.size)
+        job.record["fan"] = {
+            "from_to_count": rays.fan,
+            "azimuth_deg": rays.azimuth,
+            "distance_m": rays.distance,
+        }
+        traced = job.trace_fans(angles, rays.azimuth, rays.distance)
+    result = paths_dataset(traced) if out.suffix == ".nc" else paths_table(traced)
+    job.finish(result, status, rays=traced.row.size, nodes=traced.paths.arrival.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +164,7 @@ class Job:
     """One call of a command: its checked input, computation and output."""
 
     out: Path
-    as_json: bool
-    quiet: bool
+    printing: PrintOptions
     search: SearchOptions
     water: "Water"
     table: "TextTable"
@@ -192,7 +191,7 @@ class Job:
         from pymantaray.cli.output import progress_bars
 
         heard = self.water.reception
-        with progress_bars(quiet=self.quiet or len(self.source) < _MIN_LINKS_FOR_BAR) as report:
+        with progress_bars(quiet=self.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR) as report:
             arrivals = find_eigenrays(
                 self.medium,
                 self.source,
@@ -257,7 +256,7 @@ class Job:
 
         outcomes = Counter([] if status is None else status_words(status))
         write_result(result, self.out, self.record | ({} if status is None else {"outcomes": dict(outcomes)}))
-        with printer(as_json=self.as_json, quiet=self.quiet) as printed:
+        with self.printing.printer() as printed:
             counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
             more = ", ".join(f"{count} {noun}" for noun, count in also.items())
             ends = "sources" if status is None else "links"
@@ -275,10 +274,9 @@ def _begin(
     links: Path,
     out: Path,
     options: tuple[SourceOptions, WaterOptions, SearchOptions],
+    printing: PrintOptions,
     *,
     force: bool,
-    as_json: bool,
-    quiet: bool,
     receivers: bool = True,
 ) -> Job:
     """Read and check all input of a command before its computation."""
@@ -307,4 +305,4 @@ def _begin(
         "medium": water.record,
         "search": {**search_record(water), "tolerance": search.tolerance},
     }
-    return Job(out, as_json, quiet, search, water, content.table, start, end, record)
+    return Job(out, printing, search, water, content.table, start, end, record)

@@ -1,32 +1,76 @@
 """Command `mantaray replay`: compare measured with predicted travel times."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     Formats,
-    Json,
-    Quiet,
     Set,
     SourceOptions,
-    To,
+    TableOptions,
     WaterOptions,
     changes_of,
     format_names,
     parse_duration,
-    with_options,
 )
-from pymantaray.cli.printing import Printer, printer
+from pymantaray.cli.printing import Printer
 from pymantaray.replay.rules import DEFAULT_RULE
 
 if TYPE_CHECKING:
     from pymantaray.replay import Replay
 
 _MOST_NODES = 12
+
+
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """Detection, clocks and nodes of a comparison."""
+
+    rule: Annotated[
+        str,
+        typer.Option(metavar="RULE", help="Rule of detection: first, strongest, within:DB or threshold."),
+    ] = DEFAULT_RULE
+    detection: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="TOML file with a study's section detection, for levels, and losses in its section acoustics.",
+        ),
+    ] = None
+    window: Annotated[
+        str,
+        typer.Option(
+            metavar="DURATION",
+            help="Maximum time between paired events (both directions, and successive ones): seconds, or text such as"
+            " '5 min'.",
+        ),
+    ] = "60 s"
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."),
+    ] = None
+    nodes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV", help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate."
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class FolderOptions:
+    """Folder of the results, and formats of its figures and tables."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="New or empty folder for the results. Default: runs/replay-..."),
+    ] = None
+    formats: Formats = ""
 
 
 @with_options
@@ -43,45 +87,10 @@ def replay(
     source: SourceOptions,
     water: WaterOptions,
     search: ArrivalOptions,
-    rule: Annotated[
-        str,
-        typer.Option(metavar="RULE", help="Rule of detection: first, strongest, within:DB or threshold."),
-    ] = DEFAULT_RULE,
-    detection: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml",
-            help="TOML file with a study's section detection, for levels, and losses in its section acoustics.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="New or empty folder for the results. Default: runs/replay-..."),
-    ] = None,
-    window: Annotated[
-        str,
-        typer.Option(
-            metavar="DURATION",
-            help="Maximum time between paired events (both directions, and successive ones): seconds, or text such as"
-            " '5 min'.",
-        ),
-    ] = "60 s",
-    reference: Annotated[
-        str | None,
-        typer.Option(metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."),
-    ] = None,
-    nodes: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate.",
-        ),
-    ] = None,
+    comparing: ComparisonOptions,
+    folder: FolderOptions,
+    printing: TableOptions,
     changes: Set = None,
-    formats: Formats = "",
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
 ) -> None:
     """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
     import pymantaray
@@ -91,29 +100,31 @@ def replay(
     from pymantaray.replay import DetectionRule, read_events, replay_events
     from pymantaray.report import write_replay
 
-    window_s = parse_duration("--window", window, positive=False)
-    measured, kind = read_events(events, nodes), DetectionRule.parse(rule)
-    sections = {} if detection is None else sound_sections(detection)
+    window_s = parse_duration("--window", comparing.window, positive=False)
+    measured, kind = read_events(events, comparing.nodes), DetectionRule.parse(comparing.rule)
+    sections = {} if comparing.detection is None else sound_sections(comparing.detection)
     waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
     sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]
     notes = list(dict.fromkeys(note for one in waters for note in water_notes(one)))
-    with progress_bars(quiet=quiet) as report:
+    with progress_bars(quiet=printing.quiet) as report:
         result = replay_events(
             measured,
             waters,
             kind,
             window=window_s,
-            reference=reference,
+            reference=comparing.reference,
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
         result = replace(result, notes=tuple(notes))
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),
-            "detection": None if detection is None else str(detection),
+            "detection": None if comparing.detection is None else str(comparing.detection),
         }
-        page = write_replay(result, out, made_by=record, formats=format_names(formats), progress=report)
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+        page = write_replay(
+            result, folder.out, made_by=record, formats=format_names(folder.formats), progress=report
+        )
+    with printing.printer() as printed:
         _tell(printed, result)
         printed.paths(page=page)
 

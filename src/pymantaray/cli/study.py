@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     Commands,
@@ -18,11 +19,11 @@ from pymantaray.cli.options import (
     Quiet,
     RunGroup,
     Set,
+    TableOptions,
     To,
     WaterOptions,
     changes_of,
     format_names,
-    with_options,
 )
 from pymantaray.cli.output import duration, progress_bars
 from pymantaray.cli.printing import LOG, Printer, printer
@@ -38,7 +39,7 @@ app = Commands(cls=RunGroup, help="Run the paper's study, or one of your own.")
 _WIDE_DB = 60.0  # cut-off that keeps rays far into shadows
 _MAX_NAMED_RUNS = 2  # runs whose names fit above the columns of a table
 
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
+Out = Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
@@ -137,6 +138,26 @@ def cite(
     typer.echo(references.bibtex if bibtex else references, nl=not bibtex)
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """Folder, realizations and figures of a run."""
+
+    out: Out = None
+    realizations: Annotated[int | None, typer.Option(help="Number of noise realizations.")] = None
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes that solve realizations.")] = None
+    no_figures: Annotated[bool, typer.Option("--no-figures", help="Data only: no tables and figures.")] = (
+        False
+    )
+    formats: Formats = ""
+    open_page: Open = False
+
+    def __post_init__(self) -> None:
+        if self.open_page and self.no_figures:
+            raise typer.BadParameter(
+                "there is no page with --no-figures; leave one of them out", param_hint="--open"
+            )
+
+
 @app.command()
 @with_options
 def run(
@@ -144,38 +165,27 @@ def run(
     source: OceanOptions,
     water: WaterOptions,
     arrivals: ArrivalOptions,
-    out: Out = None,
-    realizations: Annotated[
-        int | None, typer.Option("--realizations", help="Number of noise realizations.")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes that solve realizations.")
-    ] = None,
+    how: RunOptions,
+    printing: TableOptions,
     changes: Set = None,
-    no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
-    ] = False,
-    formats: Formats = "",
-    open_page: Open = False,
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
     from pymantaray.config.options import dotted_keys
     from pymantaray.study import load_study
 
-    if open_page and no_figures:
-        raise typer.BadParameter(
-            "there is no page with --no-figures; leave one of them out", param_hint="--open"
-        )
     keys = dotted_keys(water.keys | arrivals.keys) | changes_of(changes)
-    config = load_study(study, realizations=realizations, ocean=source.words or None, **keys)
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+    config = load_study(study, realizations=how.realizations, ocean=source.words or None, **keys)
+    with printing.printer() as printed:
         folder = run_and_report(
-            config, out, printed, workers=workers, figures=not no_figures, formats=formats, quiet=quiet
+            config,
+            how.out,
+            printed,
+            workers=how.workers,
+            figures=not how.no_figures,
+            formats=how.formats,
+            quiet=printing.quiet,
         )
-    if open_page:
+    if how.open_page:
         _open(folder / PAGE)
 
 
@@ -185,7 +195,7 @@ def run_and_report(
     printed: Printer,
     *,
     workers: int | None,
-    figures: bool,
+    figures: bool = True,
     formats: str,
     quiet: bool,
 ) -> Path:

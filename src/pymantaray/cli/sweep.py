@@ -1,11 +1,13 @@
 """Commands of `mantaray sweep`; what they need is imported when they run, so that help is quick."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Commands, Json, Quiet, RunGroup, Scheduler, Set, Workers, changes_of
+from pymantaray.cli.groups import with_options
+from pymantaray.cli.options import Commands, Json, PrintOptions, ProcessOptions, RunGroup, Set, changes_of
 from pymantaray.cli.output import check_output, counted_progress, duration
 from pymantaray.cli.printing import LOG, Printer, printer
 
@@ -92,42 +94,44 @@ def _print_estimate(out: Printer, plan: "Plan", points: set[str], what: "Estimat
     )
 
 
+@dataclass(frozen=True)
+class PointOptions:
+    """Points to compute, and stages and folders to keep."""
+
+    studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False
+    keep_stages: Annotated[
+        bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for later sweeps.")
+    ] = False
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed points again.")] = False
+
+
 @app.command()
+@with_options
 def run(
     file: SweepFile,
-    out: Annotated[
-        str, typer.Option("--out", help="Folder or URL of the results; what is done there is not done again.")
-    ],
+    out: Annotated[str, typer.Option(help="Folder or URL of the results. Finished points are skipped.")],
+    points: PointOptions,
+    processes: ProcessOptions,
+    printing: PrintOptions,
     changes: Set = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False,
-    keep_stages: Annotated[
-        bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for sweeps to come.")
-    ] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Do failed points again.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
 ) -> None:
-    """Do the points that are not done; exit with 1 if some fail."""
+    """Compute the points that are not finished; exit with 1 if some fail."""
     from pymantaray.sweep import load_sweep
 
     sweep = load_sweep(file, **changes_of(changes))
     from pymantaray.sweep import run_sweep  # takes seconds, and not before the file is read
 
-    with counted_progress("points", quiet=quiet) as progress:
+    with counted_progress("points", quiet=printing.quiet) as progress:
         results = run_sweep(
             sweep,
             out,
-            client=scheduler,
-            workers=workers,
-            studies=studies,
-            keep_stages=keep_stages,
-            retry_failed=retry_failed,
+            client=processes.scheduler,
+            workers=processes.workers,
             progress=progress,
+            **asdict(points),
         )
     status = results.status()
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printing.printer() as printed:
         _print_status(printed, out, status)
         printed.paths(folder=out)
     if status.failed:
