@@ -119,7 +119,7 @@ def check(
         if findings.ok and not moved:
             from pymantaray.water.ocean import open_geographic
 
-            findings = Findings([*fleet_findings(config, *open_geographic(config)), *findings])
+            findings = Findings([*fleet_findings(config, *open_geographic(config.ocean)), *findings])
     with printer(as_json=as_json) as out:
         for finding in findings:
             out.line(str(finding))
@@ -221,7 +221,7 @@ def plot(
     from pymantaray.report import write_ocean_plots
     from pymantaray.water.ocean import open_geographic
 
-    ocean, floor = open_geographic(_configured(files, water))
+    ocean, floor = open_geographic(_configured(files, water).ocean)
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress)
     for path in paths:

@@ -38,6 +38,10 @@ from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 
+if TYPE_CHECKING:
+    from pymantaray.acoustics import Absorption, IceCover, Leakage, SeaSurface, Sonar
+    from pymantaray.sensing import Picker, Reception, Timing
+
 Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 
 
@@ -68,6 +72,14 @@ class AcousticsSection(Section):
         """The spreading cut-off as `find_eigenrays` takes it, None for none. [dB]."""
         return None if self.spreading_cutoff_db == "none" else float(self.spreading_cutoff_db)
 
+    def build_surface(self, wind_speed: float) -> "SeaSurface | IceCover | None":
+        """Build the loss at the surface, or under ice; None without loss."""
+        from pymantaray.acoustics import IceCover, SeaSurface
+
+        if self.ice_loss_db is not None:
+            return IceCover(self.ice_loss_db)
+        return None if self.surface_loss == "none" else SeaSurface(wind_speed, self.surface_loss)
+
 
 class RangingSection(Section):
     """
@@ -88,6 +100,20 @@ class RangingSection(Section):
     """An arrival is detected if it is at most so much weaker than the link's strongest; without ``[detection]`` only. [dB]"""
     mistaken_correlation_s: Seconds[NonNegativeFloat] = 0.0
     """How long a receiver stays with an arrival that it has taken, as a correlation time. [s]"""
+
+    def build_timing(self) -> "Timing":
+        """Build the timing scheme."""
+        from pymantaray.sensing import OneWay, TwoWay
+
+        return OneWay() if self.timing == "one-way" else TwoWay(turn_around=self.turn_around_s)
+
+    def build_picker(self, sonar: "Sonar | None") -> "Picker | None":
+        """Build the rule by which receivers select the direct arrival; None if they never err."""
+        from pymantaray.sensing import Picker
+
+        if self.mistaken == "none":
+            return None
+        return Picker(rule=self.mistaken, sonar=sonar, below_strongest_db=self.below_strongest_db)
 
     @model_validator(mode="after")
     def _only_two_way_turns_around(self) -> Self:
@@ -150,6 +176,32 @@ class DetectionSection(Section):
     """How far a receiver may be from the nearest ray that leaks. [m]"""
     scatter_db: NonNegativeFloat | None = None
     """Scattered sound in shadows is so much weaker than spherical spreading; none unless given. [dB]"""
+
+    def build_sonar(self) -> "Sonar":
+        """Build the modems."""
+        from pymantaray.acoustics import Sonar, WenzNoise
+
+        noise: WenzNoise | float
+        if self.noise_spectral_level_db is None:
+            shipping = 0.5 if self.shipping is None else self.shipping
+            noise = WenzNoise(wind_speed=self.wind_speed, shipping=shipping)
+        else:
+            noise = self.noise_spectral_level_db
+        return Sonar(
+            source_level_db=self.source_level_db,
+            frequency_hz=self.frequency_hz,
+            bandwidth_hz=self.bandwidth_hz,
+            noise=noise,
+            processing_gain_db=self.processing_gain_db,
+            threshold_db=self.threshold_db,
+            spread_db=self.spread_db,
+        )
+
+    def build_leakage(self) -> "Leakage | None":
+        """Build the model of sound that arrives without a ray; None without such sound."""
+        from pymantaray.acoustics import Leakage
+
+        return Leakage(self.leakage_reach_m, self.scatter_db) if self.leakage else None
 
     @model_validator(mode="after")
     def _scatter_is_part_of_leakage(self) -> Self:
@@ -361,6 +413,32 @@ class SoundConfig(Section):
     """How travel times are measured."""
     detection: DetectionSection | None = None
     """Who is heard; everybody unless given."""
+
+    def build_sonar(self) -> "Sonar | None":
+        """Build the modems; None if every arrival is detected."""
+        return None if self.detection is None else self.detection.build_sonar()
+
+    def build_reception(self, absorption: "Absorption | None") -> "Reception":
+        """Build search, losses and detection of arrivals, with the absorption of the water."""
+        from pymantaray.acoustics.reflection import bed_reflection
+        from pymantaray.sensing import Detector, Reception
+
+        search, detection, detector = self.acoustics, self.detection, None
+        if detection is not None:
+            detector = Detector(
+                sonar=detection.build_sonar(),
+                absorption=absorption,
+                bottom=bed_reflection(search.sediment),
+                surface=search.build_surface(detection.wind_speed),
+            )
+        return Reception(
+            spreading_cutoff_db=search.cutoff_db,
+            max_surface_bounces=search.max_surface_bounces,
+            max_bottom_bounces=search.max_bottom_bounces,
+            arrival=search.arrival,
+            detector=detector,
+            leakage=None if detection is None else detection.build_leakage(),
+        )
 
     def with_(self, **changes: Any) -> Self:
         """

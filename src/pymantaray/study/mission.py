@@ -29,20 +29,13 @@ from pymantaray.sensing import (
 )
 from pymantaray.study.assemble import (
     altitude,
-    build_picker,
     build_schedule,
     gnss_depth,
 )
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.tracks import follow, read_fleet
-from pymantaray.water.listening import build_reception, build_sonar, build_timing
-from pymantaray.water.ocean import (
-    OceanFields,
-    build_currents,
-    build_medium,
-    mission_ocean,
-    mission_start,
-)
+from pymantaray.water.ocean import OceanFields, build_currents, build_medium, mission_start
+from pymantaray.water.water import build_reception, mission_ocean
 
 if TYPE_CHECKING:
     from pymantaray.study.store import Run
@@ -93,7 +86,7 @@ def simulate_mission(
 
     progress("rays", 0, 1)
     with watch.stage("medium"):
-        medium = build_medium(config, ocean)
+        medium = build_medium(ocean, config.acoustics.interpolation)
     with watch.stage("rays"):
         ranging = range_fleet(
             config,
@@ -159,8 +152,8 @@ def range_fleet(
         medium,
         schedule or build_schedule(config),
         build_reception(config, ocean),
-        currents=build_currents(config, ocean),
-        timing=build_timing(config.ranging),
+        currents=build_currents(ocean) if config.acoustics.currents else None,
+        timing=config.ranging.build_timing(),
         progress=progress,
     )
 
@@ -170,7 +163,7 @@ def assemble_mission(
 ) -> Mission:
     """Data that all realizations of a study share, from its ranges, without the ray picture."""
     noise = config.noise.model
-    picker = build_picker(config.ranging, build_sonar(config.detection))
+    picker = config.ranging.build_picker(config.build_sonar())
     return Mission(
         ocean=ocean,
         truth=truth,
@@ -181,14 +174,14 @@ def assemble_mission(
             [mark.build() for mark in config.landmarks],
             ranging,
             noise,
-            gnss_depth=gnss_depth(config, ocean, truth),
+            gnss_depth=gnss_depth(config.mission.gnss_depth, ocean, truth),
             altitude=altitude(ocean, truth),
         ),
         ranging_truth=ranging.truth,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
         candidates=None
         if picker is None
-        else find_candidates(ranging, truth, picker, timing=build_timing(config.ranging)),
+        else find_candidates(ranging, truth, picker, timing=config.ranging.build_timing()),
     )
 
 
