@@ -33,7 +33,7 @@ from pymantaray.study.assemble import (
     gnss_depth,
 )
 from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.tracks import follow, read_fleet
+from pymantaray.study.tracks import read_fleet, sample_tracks
 from pymantaray.water.ocean import OceanFields, build_currents, build_medium, mission_start
 from pymantaray.water.water import build_reception, mission_ocean
 
@@ -52,11 +52,11 @@ class Mission:
     measurements: Measurements
     ranging_truth: RangingTruth
     hearing: Hearing | None
-    """Probability of each attempt to be heard; None if every arrival is."""
+    """Detection probability of each attempt; None if every arrival is detected."""
     picture: xr.Dataset | None = None
     """Section through the water along one link, with its rays; None if no ray arrives anywhere."""
     candidates: Candidates | None = None
-    """What each attempt may take for its direct arrival; None if no receiver errs."""
+    """Arrivals that each attempt may take for the direct one; None if no receiver errs."""
 
 
 def simulate_mission(
@@ -69,7 +69,7 @@ def simulate_mission(
     data: xr.Dataset | None = None,
 ) -> Mission:
     """
-    Run a mission up to its measurements without noise; the watch gets the duration of each stage.
+    Run a mission up to its measurements without noise; the stopwatch records the duration of each stage.
 
     ``tracks``, ``schedule`` and ``data``, the ocean, are those of the configuration if they are in memory.
     """
@@ -105,7 +105,7 @@ def simulate_mission(
 
 
 def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
-    """Refuse a schedule of somebody who is not there, before there is anything to wait for."""
+    """Refuse a schedule with unknown names before the simulation."""
     if schedule is None and config.mission.schedule is None:
         return
     fleet, plan = config.fleet, schedule or build_schedule(config)
@@ -121,7 +121,7 @@ def simulate_fleet(
     if config.fleet.trajectories:
         pings = (schedule or build_schedule(config)).times(duration)
         own = tracks or read_fleet(config.fleet)
-        return follow(own, duration, mission.sampling_period_s, pings, ocean.local)
+        return sample_tracks(own, duration, mission.sampling_period_s, pings, ocean.local)
     start = None if config.ocean.time is None else mission_start(config.ocean)
     truth = simulate(
         config.fleet.build(),
@@ -200,10 +200,10 @@ def mission_picture(
 
 def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     """
-    Medium of a finished mission's rays by the time since its start [s].
+    Medium of a finished run as a function of the time since its start [s].
 
-    The folder of a run has the water of the start alone: what varies by files is read from these again. None if they are gone
-    or others.
+    A run stores the ocean at the start only, so an ocean that varies is read again from its files. None if these are missing or
+    have changed.
     """
     config, at_start = run.config, run.ocean
     if config.ocean.time_varying:
