@@ -41,7 +41,7 @@ def study_errors(path, place, links):
         "half_extent_east": links.half_extent,
     }
     config = parse_study(tree)
-    medium = build_medium(config, build_ocean(config.ocean, 0.0))
+    medium = build_medium(build_ocean(config.ocean, 0.0), config.acoustics.interpolation)
     transmitter, receiver = links.ends()
     truth = factories.trajectories(np.repeat(transmitter[:, None], 5, axis=1))
     marks = [Landmark(name=f"L{i}", position=place) for i, place in enumerate(receiver)]

@@ -39,9 +39,18 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, tmp_p
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("--distances", "far"), "--distances is 'far'; it must be numbers separated by commas"),
-        (("--pair", "20"), "--pair is '20'; needs two numbers with a comma between"),
-        (("--window", "1,2,3"), "--window is '1,2,3'; it must be 4 numbers separated by commas"),
+        (
+            ("--distances", "far"),
+            "mantaray atlas run: Invalid value for '--distances': 'far'; it must be numbers separated by commas",
+        ),
+        (
+            ("--pair", "20"),
+            "mantaray atlas run: Invalid value for '--pair': '20'; it must be 2 numbers separated by commas",
+        ),
+        (
+            ("--window", "1,2,3"),
+            "mantaray atlas run: Invalid value for '--window': '1,2,3'; it must be 4 numbers separated by commas",
+        ),
         (("--start", "2014-07-15"), "--start and --stop must be used together and without --time"),
         (("--step-h", "6"), "--step-h needs --start and --stop; give both"),
         (

@@ -138,7 +138,7 @@ def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tm
     assert result.out.split() == [str(folder / name) for name in names]
     for option, value, says in (
         ("--at", "10,10", "outside the ocean"),
-        ("--at", "north", "two numbers with a comma"),
+        ("--at", "north", "2 numbers separated by commas"),
         ("--depth", 9_000, "not in the water"),
     ):
         result = mantaray("ocean", "plot", ocean_file, "--out", tmp_path / "none", option, value)

@@ -273,7 +273,7 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
     )  # other tests look at figures
     for command, said in (
         (f"{browser.resolve()} %s", ""),
-        ("/nowhere %s", "warning: no browser is there to open"),
+        ("/nowhere %s", "warning: no browser to open"),
     ):
         monkeypatch.setenv("BROWSER", command)
         monkeypatch.setenv("PATH", "/bin" if not said else "/nowhere")

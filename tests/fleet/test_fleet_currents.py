@@ -5,6 +5,7 @@ import pytest
 from factories import over_time
 from refusals import refused
 
+from pymantaray.acoustics import Currents
 from pymantaray.errors import FleetError
 from pymantaray.fleet import ConstantTwist, Drifting, Vehicle, Waypoints
 from pymantaray.geometry.se3 import matrix_from_quaternion, se3_exp, so3_exp
@@ -188,3 +189,26 @@ def test_what_cannot_be_done_is_refused_in_one_line(run, make_ocean):
         physics_step=0.5,
     )
     assert run(jumpy, water=make_ocean(), physics_step=0.5).status.max() == VehicleStatus.ACTIVE
+
+
+def test_vehicles_and_rays_have_the_same_current_at_random_positions(run, make_ocean):
+    water, rng = make_ocean(), np.random.default_rng(20140715)
+    for name in ("current_north", "current_east"):
+        water[name] = water[name].dims, rng.uniform(-0.5, 0.5, water[name].shape)
+    water["sea_floor_depth"][:] = 4000.0
+    places = rng.uniform((-4990.0, -4990.0, 0.0), (4990.0, 4990.0, 990.0), (20, 3))
+    step = 0.01  # s; the current changes by less than 1e-5 m/s on the way
+    drogues = np.where(np.arange(20) < 5, 3000.0, places[:, 2])  # the first five are below the deepest level
+    buoys = [
+        Vehicle(f"B{k}", place, Drifting(place[2], drogue))
+        for k, (place, drogue) in enumerate(zip(places, drogues, strict=True))
+    ]
+    swimmers = [
+        Vehicle(f"S{k}", place, ConstantTwist(np.zeros(6), current=True)) for k, place in enumerate(places)
+    ]
+    truth = run(*buoys, *swimmers, water=water, duration=step, physics_step=step, sampling_period=step)
+    speed = (truth.position[:, -1] - truth.position[:, 0])[:, :2] / step
+    of_buoys = np.column_stack([places[:, :2], drogues])
+    expected = Currents.from_dataset(water).at(np.concatenate([of_buoys, places]))[:, :2]
+    np.testing.assert_allclose(speed, expected, rtol=0.0, atol=1e-5)
+    assert np.abs(expected).max() > 0.3

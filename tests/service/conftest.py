@@ -11,7 +11,8 @@ from pymantaray.sensing import Detector, Reception, TwoWay
 from pymantaray.service import RangingService, make_server
 from pymantaray.study import parse_study
 from pymantaray.study.mission import range_fleet, simulate_fleet
-from pymantaray.water.ocean import build_medium, mission_ocean
+from pymantaray.water.ocean import build_medium
+from pymantaray.water.water import mission_ocean
 
 SONAR = Sonar(source_level_db=170.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)
 
@@ -76,7 +77,7 @@ def fly():
         config = parse_study(tree, "tiny")
         ocean = mission_ocean(config)
         truth = simulate_fleet(config, ocean)
-        ranging = range_fleet(config, ocean, build_medium(config, ocean), truth)
+        ranging = range_fleet(config, ocean, build_medium(ocean, config.acoustics.interpolation), truth)
         return config, truth, [mark.build() for mark in config.landmarks], ranging
 
     return one

@@ -13,10 +13,9 @@ from pymantaray.jobs.pool import ProcessPool, run_tasks
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
 from pymantaray.study import open_run
-from pymantaray.study.assemble import build_picker
 from pymantaray.study.realization import RealizationQueue, start_solver
-from pymantaray.water.listening import build_detector, build_timing, leakage_of
 from pymantaray.water.ocean import build_currents, build_ocean
+from pymantaray.water.water import build_reception
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 
@@ -41,23 +40,24 @@ def test_sections_become_what_ranging_takes(tiny):
         detection=DETECTION | {"wind_speed": 12.0},
     )
     ocean = build_ocean(config.ocean, config.mission.duration_h * 3600.0)
-    assert build_timing(config.ranging) == TwoWay(turn_around=0.5)
+    assert config.ranging.build_timing() == TwoWay(turn_around=0.5)
     assert config.noise.clocks == ClockModel(skew_sigma=1e-6)
-    currents = build_currents(config, ocean)
+    currents = build_currents(ocean)
     np.testing.assert_array_equal(currents.velocity[..., 0], ocean.local["current_north"].values)
     np.testing.assert_array_equal(currents.velocity[..., 1], ocean.local["current_east"].values)
-    detector = build_detector(config, ocean)
+    reception = build_reception(config, ocean)
+    detector = reception.detector
     assert detector.sonar.noise == WenzNoise(wind_speed=12.0, shipping=0.5)
     assert (detector.surface.wind_speed, detector.surface.model) == (12.0, "coherent")
     assert detector.bottom is not None
-    assert leakage_of(config.detection) is None
+    assert reception.leakage is None
     leaky = DetectionSection(**DETECTION, leakage=True, leakage_reach_m=50.0, scatter_db=30.0)
-    assert leakage_of(leaky) == Leakage(reach=50.0, scatter_db=30.0)
-    assert build_picker(config.ranging, None) is None
+    assert leaky.build_leakage() == Leakage(reach=50.0, scatter_db=30.0)
+    assert config.ranging.build_picker(None) is None
     early = RangingSection(mistaken="first-detected", below_strongest_db=9.0)
-    assert build_picker(early, None) == Picker("first-detected", below_strongest_db=9.0)
+    assert early.build_picker(None) == Picker("first-detected", below_strongest_db=9.0)
     strongest = RangingSection(mistaken="strongest-detected")
-    assert build_picker(strongest, None) == Picker("strongest-detected")
+    assert strongest.build_picker(None) == Picker("strongest-detected")
     deep, shallow = detector.absorption.db_per_km(np.array([[0, 0, 2000.0], [0, 0, 10.0]]), 25e3)
     assert 0.5 < deep < shallow < 10.0  # dB/km; pressure takes absorption away
 

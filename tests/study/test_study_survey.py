@@ -10,7 +10,7 @@ from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 from pymantaray.study import load_study, parse_study, preset_text, run_study
 from pymantaray.study.mission import simulate_fleet
-from pymantaray.water.ocean import mission_ocean
+from pymantaray.water.water import mission_ocean
 
 
 def short_survey(conditions):

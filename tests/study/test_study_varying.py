@@ -170,7 +170,7 @@ def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_con
     for name in VARYING:
         np.testing.assert_array_equal(ocean.local_at(4.5 * HOUR)[name], own[name])
     assert ocean.local.attrs["time"] == "2014-07-15T12:00:00"
-    medium, currents = build_medium(moving_config, ocean), build_currents(moving_config, ocean)
+    medium, currents = build_medium(ocean, moving_config.acoustics.interpolation), build_currents(ocean)
     middle = 0.5 * (ocean.series["sound_speed"][0] + ocean.series["sound_speed"][1])
     np.testing.assert_allclose(medium(0.0).sound_speed, middle, rtol=1e-14)
     middle = 0.5 * (ocean.series["current_east"][1] + ocean.series["current_east"][2])
@@ -179,7 +179,10 @@ def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_con
 
 def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, moving):
     truth, links, found = moving.truth, moving.links, moving.arrivals.first()
-    marks, medium = moving.measurements.landmark_position, build_medium(moving_config, moving.ocean)
+    marks, medium = (
+        moving.measurements.landmark_position,
+        build_medium(moving.ocean, moving_config.acoustics.interpolation),
+    )
     assert set(truth.time[links.sample]) == {HOUR, 2 * HOUR, 3 * HOUR, 4 * HOUR}
     changed = []
     for sample in set(links.sample):

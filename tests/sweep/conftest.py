@@ -9,7 +9,7 @@ from factories import TINY, pool_here
 
 from pymantaray.study import parse_study
 from pymantaray.sweep import Sweep, stages
-from pymantaray.water.ocean import mission_ocean
+from pymantaray.water.water import mission_ocean
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,8 @@ from pymantaray.study import parse_study
 from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, stage_config, stage_fields, task_keys
 from pymantaray.sweep.stages import _PACK, _RECORDS, _UNPACK
-from pymantaray.water.ocean import build_medium, mission_ocean
+from pymantaray.water.ocean import build_medium
+from pymantaray.water.water import mission_ocean
 
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
 
@@ -126,7 +127,7 @@ def stages_of(config):
     ocean = mission_ocean(stage_config(config, OCEAN))
     fleet = simulate_fleet(stage_config(config, FLEET), ocean)
     rays = stage_config(config, RAYS)
-    return ocean, fleet, range_fleet(rays, ocean, build_medium(rays, ocean), fleet)
+    return ocean, fleet, range_fleet(rays, ocean, build_medium(ocean, rays.acoustics.interpolation), fleet)
 
 
 def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):

@@ -65,7 +65,7 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
     section = block.water.ocean
     if is_profile(section):
         fields = profile_fields(section, one_profile(section), block.links.interpolation)
-        medium = build_medium(block.water, fields)
+        medium = build_medium(fields, block.water.acoustics.interpolation, block.water.acoustics.earth)
         assert isinstance(medium, Medium)  # one profile does not vary in time
         columns = [(0, 0, WATER, column_errors(medium, block.links)._asdict())]
     else:

@@ -1,28 +1,28 @@
 """Commands of `mantaray atlas`; they import modules when they run, which keeps the help fast."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.atlas.links import AtlasLinks
+from pymantaray.cli.groups import Fields, quantities, quantity, with_options
 from pymantaray.cli.ocean import Files
 from pymantaray.cli.options import (
     Commands,
     Force,
     Json,
+    ProcessOptions,
     Quiet,
     RunGroup,
-    Scheduler,
     SearchOptions,
+    TableOptions,
     To,
     WaterOptions,
-    Workers,
     parse_duration,
-    parse_pair,
-    quantity,
-    with_options,
 )
 from pymantaray.cli.output import check_output, counted_progress
 from pymantaray.cli.printing import printer
@@ -31,11 +31,102 @@ from pymantaray.errors import AtlasError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pymantaray.config.sections import AcousticsSection
     from pymantaray.records.result_table import ResultTable
 
 app = Commands(cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean.")
 
 AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an atlas.")]
+
+
+@dataclass(frozen=True)
+class ColumnOptions:
+    """Columns and instants of an atlas."""
+
+    every: Annotated[int, typer.Option(min=1, help="Use every n-th column along each axis.")] = 1
+    window: Annotated[
+        Any,
+        typer.Option(
+            parser=quantities("deg", 4),
+            metavar="S,N,W,E",
+            help="Region of the columns, in degrees. Links may use water outside.",
+        ),
+    ] = None
+    start: Annotated[str | None, typer.Option(help="First instant (UTC) of a series.")] = None
+    stop: Annotated[str | None, typer.Option(help="Last instant (UTC) of a series.")] = None
+    step_h: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DURATION",
+            help="Minimum time between instants: hours, or text such as '2 d'. Default: all instants; 24 h for a synthetic"
+            " ocean.",
+        ),
+    ] = None
+
+    def instants(self, source: Sequence[str], time: list[str] | None) -> Any:
+        """Instants of an ocean's files, or those of the option ``--time``."""
+        from pymantaray.atlas.plan import instants_between
+
+        if (self.start is None) != (self.stop is None) or (self.start is not None and time):
+            raise AtlasError("--start and --stop must be used together and without --time")
+        if self.start is None or self.stop is None:
+            if self.step_h is not None:
+                raise AtlasError("--step-h needs --start and --stop; give both")
+            return time or None
+        step = None if self.step_h is None else parse_duration("--step-h", self.step_h, "h")
+        return instants_between(source, self.start, self.stop, step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions:
+    """Links of each column."""
+
+    depths: Annotated[
+        Any,
+        typer.Option(
+            parser=quantities("m"),
+            metavar="M,...",
+            help="Use all pairs of these depths with the transmitter above.",
+        ),
+    ] = "20,200,800"
+    pair: Annotated[
+        list[Any] | None,
+        typer.Option(
+            parser=quantities("m", 2),
+            metavar="M,M",
+            help="Depths of transmitter and receiver, instead of --depths. May be repeated.",
+        ),
+    ] = None
+    links: Annotated[
+        AtlasLinks,
+        Fields("distances", "bearings", "safe", "within_db", nominal_sound_speed="--nominal"),
+    ]
+
+    def of_study(self, acoustics: "AcousticsSection", tolerance: float) -> AtlasLinks:
+        """Links with the search options of a configuration."""
+        pairs = self.pair or combinations_with_replacement(self.depths, 2)
+        return replace(
+            self.links,
+            pairs=tuple(pairs),
+            max_surface_bounces=acoustics.max_surface_bounces,
+            max_bottom_bounces=acoustics.max_bottom_bounces,
+            spreading_cutoff_db=acoustics.cutoff_db,
+            tolerance=tolerance,
+            interpolation=acoustics.interpolation,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutOptions(ProcessOptions):
+    """File of an atlas, and the processes that compute it."""
+
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="ATLAS.nc", help="File to write. Finished blocks in ATLAS.nc.blocks are skipped."
+        ),
+    ]
+    force: Force = False
 
 
 @app.command()
@@ -44,132 +135,43 @@ def run(
     files: Files,
     water: WaterOptions,
     search: SearchOptions,
-    out: Annotated[
-        Path,
-        typer.Option(
-            "--out", metavar="ATLAS.nc", help="File to write. Finished blocks in ATLAS.nc.blocks are skipped."
-        ),
-    ],
-    every: Annotated[int, typer.Option("--every", min=1, help="Use every n-th column along each axis.")] = 1,
-    window: Annotated[
-        str | None,
-        typer.Option(
-            "--window",
-            metavar="S,N,W,E",
-            help="Region of the columns, in degrees. Links may use water outside.",
-        ),
-    ] = None,
-    depths: Annotated[
-        str,
-        typer.Option(
-            "--depths", metavar="M,...", help="Use all pairs of these depths with the transmitter above."
-        ),
-    ] = "20,200,800",
-    pair: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--pair",
-            metavar="M,M",
-            help="Depths of transmitter and receiver, instead of --depths. May be repeated.",
-        ),
-    ] = None,
-    distances: Annotated[
-        str,
-        typer.Option(
-            "--distances", metavar="M,...", help="Horizontal distances in metres, in ascending order."
-        ),
-    ] = "2000,5000,10000",
-    bearings: Annotated[
-        int, typer.Option("--bearings", min=1, help="Number of directions, evenly spaced from north.")
-    ] = 4,
-    nominal: Annotated[
-        float,
-        typer.Option(
-            "--nominal",
-            parser=quantity("m/s"),
-            metavar="M/S",
-            help="Sound speed of the convention nominal.",
-        ),
-    ] = 1500.0,
-    safe: Annotated[
-        str, typer.Option("--safe", metavar="M,...", help="Error thresholds in metres, in ascending order.")
-    ] = "1,5,20",
-    within_db: Annotated[
-        float,
-        typer.Option(
-            "--within-db", help="Count arrivals at most this many dB weaker than the strongest arrival."
-        ),
-    ] = 10.0,
-    start: Annotated[str | None, typer.Option("--start", help="First instant (UTC) of a series.")] = None,
-    stop: Annotated[str | None, typer.Option("--stop", help="Last instant (UTC) of a series.")] = None,
-    step_h: Annotated[
-        str | None,
-        typer.Option(
-            "--step-h",
-            metavar="DURATION",
-            help="Minimum time between instants: hours, or text such as '2 d'. Default: all instants; 24 h for a synthetic"
-            " ocean.",
-        ),
-    ] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    force: Force = False,
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
+    grid: ColumnOptions,
+    links: LinkOptions,
+    out: OutOptions,
+    printing: TableOptions,
 ) -> None:
     """Compute an atlas, or complete an interrupted one."""
-    check_output(out, [".nc"], inputs=[Path(name) for name in files], force=True)
-    if pair:
-        pairs = [parse_pair("--pair", text, "m") for text in pair]
-    else:
-        pairs = list(combinations_with_replacement(_numbers("--depths", depths), 2))
-    corners = None if window is None else _numbers("--window", window, 4)
-    from pymantaray.atlas import Atlas, AtlasLinks, open_atlas, run_atlas, safety_table
-    from pymantaray.atlas.plan import instants_between
+    check_output(out.out, [".nc"], inputs=[Path(name) for name in files], force=True)
+    from pymantaray.atlas import Atlas, open_atlas, run_atlas, safety_table
     from pymantaray.water.water import configuration_of
 
     config = configuration_of(files, replace(water, time=None).keys | search.keys)
-    acoustics = config.acoustics
-    links = AtlasLinks(
-        pairs=tuple(pairs),
-        distances=_numbers("--distances", distances),
-        bearings=bearings,
-        nominal_sound_speed=nominal,
-        safe=_numbers("--safe", safe),
-        within_db=within_db,
-        max_surface_bounces=acoustics.max_surface_bounces,
-        max_bottom_bounces=acoustics.max_bottom_bounces,
-        spreading_cutoff_db=acoustics.cutoff_db,
-        tolerance=search.tolerance,
-        interpolation=acoustics.interpolation,
-    )
-    if (start is None) != (stop is None) or (start is not None and water.time):
-        raise AtlasError("--start and --stop must be used together and without --time")
-    if step_h is not None and start is None:
-        raise AtlasError("--step-h needs --start and --stop; give both")
-    step = None if step_h is None else parse_duration("--step-h", step_h, "h")
-    between = start is not None and stop is not None
     atlas = Atlas(
         config,
-        links,
-        window=None if corners is None else (corners[0], corners[1], corners[2], corners[3]),
-        every=every,
-        times=instants_between(config.ocean.source, str(start), str(stop), step)
-        if between
-        else water.time or None,
+        links.of_study(config.acoustics, search.tolerance),
+        window=grid.window,
+        every=grid.every,
+        times=grid.instants(config.ocean.source, water.time),
     )
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
-        n, columns, rows = atlas.shape
+    with printing.printer() as printed:
+        n, rows, columns = atlas.shape
         instants = "1 instant" if n == 1 else f"{n} instants"
         blocks = "1 block" if len(atlas.blocks) == 1 else f"{len(atlas.blocks)} blocks"
-        printed.line(f"{columns} x {rows} columns, {instants}, {links.count} links each; {blocks}")
-        printed.add(columns_lat=columns, columns_lon=rows, instants=n, links=links.count)
-        with counted_progress("blocks", quiet=quiet) as progress:
-            run_atlas(atlas, out, client=scheduler, workers=workers, force=force, progress=progress)
-        with open_atlas(out) as dataset:
+        count = atlas.links.count
+        printed.line(f"{rows} x {columns} columns, {instants}, {count} links each; {blocks}")
+        printed.add(columns_lat=rows, columns_lon=columns, instants=n, links=count)
+        with counted_progress("blocks", quiet=printing.quiet) as progress:
+            run_atlas(
+                atlas,
+                out.out,
+                client=out.scheduler,
+                workers=out.workers,
+                force=out.force,
+                progress=progress,
+            )
+        with open_atlas(out.out) as dataset:
             printed.table(_safety(safety_table(dataset)))
-        printed.paths(file=out)
+        printed.paths(file=out.out)
 
 
 @app.command()
@@ -185,28 +187,28 @@ def show(file: AtlasFile, as_json: Json = False, to: To = "text") -> None:
 @app.command()
 def plot(
     file: AtlasFile,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the figures, PNG and PDF, and the page.")],
+    out: Annotated[Path, typer.Option(help="Folder for the figures, PNG and PDF, and the page.")],
     convention: Annotated[
-        str,
-        typer.Option("--convention", help="Sound speed: transmitter, receiver, mean, chord or nominal."),
+        str, typer.Option(help="Sound speed: transmitter, receiver, mean, chord or nominal.")
     ] = "transmitter",
     distance: Annotated[
         float | None,
         typer.Option(
-            "--distance",
-            parser=quantity("m"),
-            metavar="M",
-            help="A distance of the atlas. Default: the middle one.",
+            parser=quantity("m"), metavar="M", help="A distance of the atlas. Default: the middle one."
         ),
     ] = None,
     pair: Annotated[
-        str | None,
-        typer.Option("--pair", metavar="M,M", help="A pair of depths of the atlas. Default: all."),
+        Any,
+        typer.Option(
+            parser=quantities("m", 2), metavar="M,M", help="A pair of depths of the atlas. Default: all."
+        ),
     ] = None,
     at: Annotated[
-        str | None,
+        Any,
         typer.Option(
-            "--at", metavar="LAT,LON", help="Place of the time series, for an atlas with several instants."
+            parser=quantities("deg", 2),
+            metavar="LAT,LON",
+            help="Place of the time series, for an atlas with several instants.",
         ),
     ] = None,
     quiet: Quiet = False,
@@ -216,33 +218,19 @@ def plot(
     from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_atlas_page, write_atlas_plots
 
-    place = None if at is None else parse_pair("--at", at)
-    depths = None if pair is None else parse_pair("--pair", pair, "m")
     with open_atlas(file) as dataset, progress_bars(quiet=quiet) as progress:
         paths = write_atlas_plots(
             dataset,
             out,
             convention=convention,
             distance=distance,
-            pair=depths,
-            place=place,
+            pair=pair,
+            place=at,
             progress=progress,
         )
         page = write_atlas_page(dataset, paths, out)
     for path in (*paths, page):
         typer.echo(str(path))
-
-
-def _numbers(option: str, text: str, count: int | None = None) -> tuple[float, ...]:
-    """Parse numbers separated by commas."""
-    try:
-        numbers = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        numbers = ()
-    if not numbers or (count is not None and len(numbers) != count):
-        many = "numbers" if count is None else f"{count} numbers"
-        raise AtlasError(f"{option} is {text!r}; it must be {many} separated by commas")
-    return numbers
 
 
 def _safety(table: "pd.DataFrame") -> "ResultTable":

@@ -1,13 +1,15 @@
 """Commands of `mantaray graph`: show, solve and convert factor graphs from files."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.options import Commands, Force, Json, Quiet, To
+from pymantaray.cli.groups import with_options
+from pymantaray.cli.options import Commands, Force, Json, TableOptions
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
@@ -20,49 +22,110 @@ app = Commands(help="Show, solve and convert factor graphs from files.")
 In = Annotated[
     Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, g2o if it ends in .g2o, or TORO.")
 ]
-LeaveOut = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--leave-out",
-        metavar="WHAT",
-        help="Record types to drop; the number dropped is reported. A word that begins lines of the input, such as"
-        " EDGE_SE3_XYZ; a kind that g2o output cannot hold, such as ranges; or all. May be given several times.",
-    ),
-]
-SkipUnknown = Annotated[
-    bool,
-    typer.Option("--skip-unknown", help="Skip and count lines of unknown words."),
-]
-HalfAngles = Annotated[
-    bool,
-    typer.Option(
-        "--half-angles",
-        help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
-    ),
-]
-IndefiniteChoice = Annotated[
-    Literal["refuse", "drop", "repair"],
-    typer.Option(
-        "--indefinite",
-        help="Treatment of lines whose matrix is not positive definite; the number dropped or repaired is reported.",
-    ),
-]
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Reading of a graph's file."""
+
+    leave_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WHAT",
+            help="Record types to drop; the number dropped is reported. A word that begins lines of the input, such as"
+            " EDGE_SE3_XYZ; a kind that g2o output cannot hold, such as ranges; or all. May be given several times.",
+        ),
+    ] = None
+    skip_unknown: Annotated[
+        bool, typer.Option("--skip-unknown", help="Skip and count lines of unknown words.")
+    ] = False
+    half_angles: Annotated[
+        bool,
+        typer.Option(
+            "--half-angles",
+            help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
+        ),
+    ] = False
+    indefinite: Annotated[
+        Literal["refuse", "drop", "repair"],
+        typer.Option(
+            help="Treatment of lines whose matrix is not positive definite; the number dropped or repaired is reported."
+        ),
+    ] = "refuse"
+
+    def open(self, file: Path) -> "GraphFile":
+        """Open a graph's file."""
+        from pymantaray.estimation import open_graph
+
+        return open_graph(file, **asdict(self) | {"leave_out": self.leave_out or []})
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """Estimator, starts, anchor and truth of a graph."""
+
+    start: Annotated[
+        Literal["file", "dead-reckoning", "chordal", "best"] | None,
+        typer.Option(
+            help="Start from the file's vertices, from composed edges, from linear least squares of all edges, or from all of"
+            " these and take the lowest cost (best). Default: best for graphs of at most 20,000 factors and batch estimators,"
+            " else file."
+        ),
+    ] = None
+    random_starts: Annotated[
+        int, typer.Option(min=0, help="Number of further random starts of --start best.")
+    ] = 0
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random starts.")] = 0
+    certificate: Annotated[
+        bool | None,
+        typer.Option(
+            "--certify/--no-certify",
+            help="Certify that the estimate is the global minimum, or give the least eigenvalue of the certificate matrix."
+            " Default: for batch least squares of at most 2,000 factors.",
+        ),
+    ] = None
+    estimator: Annotated[
+        str,
+        typer.Option(
+            help="batch (least squares), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
+            " geman-mcclure, gnc."
+        ),
+    ] = "batch"
+    anchor: Annotated[
+        bool,
+        typer.Option(
+            "--anchor",
+            help="Add a prior to the first pose of each free part. A graph without any anchor always gets one.",
+        ),
+    ] = False
+    truth: Annotated[
+        bool | None,
+        typer.Option(
+            "--truth/--no-truth",
+            help="Whether the vertices are the ground truth. Default: not in g2o and TORO files.",
+        ),
+    ] = None
+
+    def solve(
+        self, file: Path, content: "GraphFile", report: Callable[[int, float], None] | None
+    ) -> "GraphResult":
+        """Solve the graph of a file."""
+        from pymantaray.estimation import solve_graph
+        from pymantaray.estimation.external import is_pose_graph, with_certificate
+
+        options = asdict(self) | {"truth": not is_pose_graph(file) if self.truth is None else self.truth}
+        certificate = options.pop("certificate")
+        return with_certificate(solve_graph(content, report=report, **options), wanted=certificate)
 
 
 @app.command()
-def show(
-    file: In,
-    leave_out: LeaveOut = None,
-    skip_unknown: SkipUnknown = False,
-    half_angles: HalfAngles = False,
-    indefinite: IndefiniteChoice = "refuse",
-    as_json: Json = False,
-) -> None:
+@with_options
+def show(file: In, reading: ReadOptions, as_json: Json = False) -> None:
     """Show the contents of a graph, and whether it can be solved."""
     from pymantaray.estimation.diagnose import diagnose
     from pymantaray.estimation.external import anchor_graph
 
-    content = _opened(file, leave_out, skip_unknown, half_angles, indefinite)
+    content = reading.open(file)
     with printer(as_json=as_json) as out:
         for name, text in _contents(out, content):
             out.line(f"{name:<18} {text}")
@@ -83,88 +146,27 @@ def show(
 
 
 @app.command()
+@with_options
 def solve(
     file: In,
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")
-    ] = None,
-    start: Annotated[
-        Literal["file", "dead-reckoning", "chordal", "best"] | None,
-        typer.Option(
-            "--start",
-            help="Start from the file's vertices, from composed edges, from linear least squares of all edges, or from all of"
-            " these and take the lowest cost (best). Default: best for graphs of at most 20,000 factors and batch estimators,"
-            " else file.",
-        ),
-    ] = None,
-    random_starts: Annotated[
-        int,
-        typer.Option("--random-starts", min=0, help="Number of further random starts of --start best."),
-    ] = 0,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random starts.")] = 0,
-    certificate: Annotated[
-        bool | None,
-        typer.Option(
-            "--certify/--no-certify",
-            help="Certify that the estimate is the global minimum, or give the least eigenvalue of the certificate matrix."
-            " Default: for batch least squares of at most 2,000 factors.",
-        ),
-    ] = None,
-    estimator: Annotated[
-        str,
-        typer.Option(
-            "--estimator",
-            help="batch (least squares), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
-            " geman-mcclure, gnc.",
-        ),
-    ] = "batch",
-    anchor: Annotated[
-        bool,
-        typer.Option(
-            "--anchor",
-            help="Add a prior to the first pose of each free part. A graph without any anchor always gets one.",
-        ),
-    ] = False,
-    truth: Annotated[
-        bool | None,
-        typer.Option(
-            "--truth/--no-truth",
-            help="Whether the vertices are the ground truth. Default: not in g2o and TORO files.",
-        ),
-    ] = None,
-    leave_out: LeaveOut = None,
-    skip_unknown: SkipUnknown = False,
-    half_angles: HalfAngles = False,
-    indefinite: IndefiniteChoice = "refuse",
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
+    reading: ReadOptions,
+    solving: SolveOptions,
+    printing: TableOptions,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")] = None,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
     from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
-    from pymantaray.estimation import solve_graph
-    from pymantaray.estimation.external import is_pose_graph, with_certificate
     from pymantaray.evaluation import graph_errors
     from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
 
-    content = _opened(file, leave_out, skip_unknown, half_angles, indefinite)
+    content = reading.open(file)
     with ExitStack() as stack:
         # refuse before the solve
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
-        with step_line(quiet=quiet) as report:
-            result = solve_graph(
-                content,
-                estimator=estimator,
-                start=start,
-                random_starts=random_starts,
-                seed=seed,
-                anchor=anchor,
-                truth=not is_pose_graph(file) if truth is None else truth,
-                report=report,
-            )
-            result = with_certificate(result, wanted=certificate)
+        with step_line(quiet=printing.quiet) as report:
+            result = solving.solve(file, content, report)
         if folder is not None:
             errors = {
                 f"trajectory_error{what}": graph_errors(result.graph, values, result.truth)
@@ -173,7 +175,7 @@ def solve(
             result.save(folder, more=errors)
             for name, values in result.trajectories.items():
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+    with printing.printer() as printed:
         _print_result(printed, result)
         if out is not None:
             printed.paths(folder=out)
@@ -182,8 +184,10 @@ def solve(
 
 
 @app.command()
+@with_options
 def convert(
     file: In,
+    reading: ReadOptions,
     out: Annotated[
         Path,
         typer.Argument(
@@ -191,10 +195,6 @@ def convert(
             help="OUT.pyfg, OUT.g2o, or OUT.tum for the vertices (OUT-NAME.tum for each of several vehicles).",
         ),
     ],
-    leave_out: LeaveOut = None,
-    skip_unknown: SkipUnknown = False,
-    half_angles: HalfAngles = False,
-    indefinite: IndefiniteChoice = "refuse",
     symbols: Annotated[
         bool,
         typer.Option("--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."),
@@ -212,9 +212,9 @@ def convert(
     endings = (".pyfg", G2O, ".tum")
     beside = [names_file(out)] if out.suffix == ".pyfg" else []
     check_output(out, endings, inputs=[file], beside=beside, force=force)
-    to_lose = leave_out or []
+    to_lose = reading.leave_out or []
     words = [what for what in to_lose if what not in (*LEFT_OUT, "all")]
-    content = _opened(file, words, skip_unknown, half_angles, indefinite)
+    content = replace(reading, leave_out=words).open(file)
     lost, files = dict(content.left_out), [out]
     if out.suffix == G2O:
         lost |= write_g2o(
@@ -223,7 +223,7 @@ def convert(
             initial=content.values,
             leave_out=LEFT_OUT if "all" in to_lose else [what for what in to_lose if what in LEFT_OUT],
             symbols=symbols,
-            half_angles=half_angles,
+            half_angles=reading.half_angles,
         )
     elif out.suffix == ".tum":
         files = graph_tum_files(out, content.graph)
@@ -238,25 +238,6 @@ def convert(
         LOG.warning("repaired: %d %s (indefinite matrix)", count, what)
     for path in files:
         typer.echo(str(path))
-
-
-def _opened(
-    file: Path,
-    leave_out: list[str] | None,
-    skip_unknown: bool,
-    half_angles: bool,
-    indefinite: Literal["refuse", "drop", "repair"],
-) -> "GraphFile":
-    """Open a graph file as the options of a command say."""
-    from pymantaray.estimation import open_graph
-
-    return open_graph(
-        file,
-        leave_out=leave_out or [],
-        skip_unknown=skip_unknown,
-        half_angles=half_angles,
-        indefinite=indefinite,
-    )
 
 
 def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:

@@ -2,38 +2,38 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+from pymantaray.cli.groups import Fields, quantity, with_options
 from pymantaray.cli.options import (
     AnySourceOptions,
     Commands,
+    Force,
     Formats,
-    Json,
-    Quiet,
-    To,
+    TableOptions,
     WaterOptions,
     format_names,
-    parse_duration,
-    with_options,
 )
-from pymantaray.cli.printing import Printer, printer
+from pymantaray.cli.printing import Printer
 from pymantaray.errors import LocateError
+from pymantaray.locate.options import LocateOptions, PlanOptions
+from pymantaray.locate.read_options import ReadOptions
+from pymantaray.locate.survey import PlatformError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from pymantaray.acoustics import Medium
     from pymantaray.geometry import EarthSphere, LocalFrame
     from pymantaray.locate import Location, Survey
-    from pymantaray.locate.read_options import ReadOptions
-    from pymantaray.locate.solve import LocateOptions
     from pymantaray.ocean.modes import VerticalModes
     from pymantaray.water import Water
 
-Three = tuple[float, float, float]
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
-_SHORT = {"ms": 1e-3, "us": 1e-6}
 _MAX_LISTED = 10  # unused pings
 _MAX_CANDIDATES = 8
 
@@ -54,139 +54,69 @@ app = Commands(
 )
 
 
-@dataclass(frozen=True)
-class NodeOptions:
-    """Priors of nodes."""
+@dataclass(frozen=True, kw_only=True)
+class SurveyOptions:
+    """Data that a survey lacks, and unknowns of the solver in addition to positions."""
 
-    nodes: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="Table of prior positions: name, lat, lon (or north_m, east_m), depth_m, standard deviations.",
+    reading: Annotated[
+        ReadOptions,
+        Fields(
+            *("nodes", "track", "platform", "position_at", "transducer_depth", "depth", "depth_sigma"),
+            *("horizontal_sigma", "turn_around", "turn_around_sigma", "sigma", "lever", "lever_sigma"),
+            offset_sigma="--clock-offset-sigma",
+            drift_sigma="--clock-drift-sigma",
         ),
-    ] = None
-    depth: Annotated[float | None, typer.Option(metavar="M", help="Prior depth of nodes without one.")] = None
-    depth_sigma: Annotated[
-        float | None,
-        typer.Option(metavar="M", help="Standard deviation of prior depths. Default: from the file."),
-    ] = None
-    horizontal_sigma: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M", help="Standard deviation of prior north and east positions. Default: from the file."
+    ]
+    solving: Annotated[
+        LocateOptions,
+        Fields(
+            "correlation",
+            "gross",
+            speed_model="--sound-speed",
+            arrangement="--rigid/--free",
+            speed_prior=Fields(
+                scale="--sound-speed-sigma", gradient="--gradient-sigma", knot_interval="--knots"
+            ),
         ),
-    ] = None
-    turn_around: Annotated[
-        str | None, typer.Option(metavar="TIME", help="Turn-around time of all nodes, such as '13 ms'.")
-    ] = None
-    turn_around_sigma: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME",
-            help="Standard deviation of turn-around times; the solver then estimates them. Default: known times.",
-        ),
-    ] = None
-    clock_offset_sigma: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help="Standard deviation of clock offsets, for one-way times."),
-    ] = None
-    clock_drift_sigma: Annotated[
-        float | None,
-        typer.Option(metavar="S/S", help="Standard deviation of clock drifts, for one-way times."),
-    ] = None
-    rigid: Annotated[
-        bool | None,
-        typer.Option(
-            "--rigid/--free", help="Move all nodes together, or each freely. Default: as in the file."
-        ),
-    ] = None
-
-
-@dataclass(frozen=True)
-class PlatformOptions:
-    """Positions of the platform, and position of its transducer."""
-
-    track: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="Trajectory of the platform, in any format of mantaray ranges."),
-    ] = None
-    platform: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Name of the platform in the track.")
-    ] = None
-    position_at: Annotated[
-        Literal["both", "transmission", "reception"],
-        typer.Option(
-            help="Instant of a single position per ping; the other position is interpolated between pings."
-        ),
-    ] = "both"
-    transducer_depth: Annotated[
-        float, typer.Option(metavar="M", help="Depth of positions without depth.")
-    ] = 0.0
-    lever: Annotated[
-        Three | None,
-        typer.Option(
-            metavar="F S D", help="Vector from antenna to transducer: forward, starboard, down, in metres."
-        ),
-    ] = None
-    lever_sigma: Annotated[
-        Three | None,
-        typer.Option(
-            metavar="F S D", help="Standard deviations of the lever arm; the solver then estimates it."
-        ),
-    ] = None
+    ]
     platform_sigma: Annotated[
         tuple[float, float] | None,
         typer.Option(metavar="H V", help="Standard deviations of the platform's positions, in metres."),
     ] = None
     platform_correlation: Annotated[
-        str, typer.Option(metavar="TIME", help="Correlation time of the errors of positions.")
+        Any,
+        typer.Option(
+            parser=quantity("s"), metavar="DURATION", help="Correlation time of the errors of positions."
+        ),
     ] = "10 min"
-
-
-@dataclass(frozen=True)
-class ModelOptions:
-    """Unknowns of the solver in addition to positions."""
-
-    sound_speed: Annotated[
-        Literal["auto", "known", "scale", "time", "gradient", "modes"],
-        typer.Option(
-            help="Model of the sound speed relative to the profile; auto selects it by the marginal likelihood."
-        ),
-    ] = "auto"
-    sound_speed_sigma: Annotated[
-        float, typer.Option(metavar="FRACTION", help="Standard deviation of the scale of the sound speed.")
-    ] = 5e-3
-    gradient_sigma: Annotated[
-        float,
-        typer.Option(
-            metavar="1/KM", help="Standard deviation of constant horizontal gradients of the sound speed."
-        ),
-    ] = 1e-4
-    knots: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME",
-            help="Spacing of the splines' knots. Default: 1/80 of the survey, but at least 5 min.",
-        ),
-    ] = None
     modes: Annotated[
         list[Path] | None,
         typer.Option(metavar="CASTS", help="Casts for the vertical modes of --sound-speed modes."),
     ] = None
-    correlation: Annotated[
-        Literal["auto", "none"],
+
+    def read_options(self) -> ReadOptions:
+        """Return the data that replace those of a survey."""
+        if self.platform_sigma is None:
+            return self.reading
+        error = PlatformError(*self.platform_sigma, self.platform_correlation)
+        return replace(self.reading, platform_error=error)
+
+    def locate_options(self, *, repair_freezing: bool) -> LocateOptions:
+        """Return the options of the solver."""
+        return replace(self.solving, modes=_modes(self.modes, repair_freezing=repair_freezing))
+
+
+@dataclass(frozen=True)
+class FolderOptions:
+    """Folder of the results, and formats of its figures and tables."""
+
+    out: Annotated[
+        Path | None,
         typer.Option(
-            help="Correlated noise of pings: auto selects it by the marginal likelihood, none excludes it."
+            metavar="FOLDER", help="New or empty folder for page, tables and files. Default: no files."
         ),
-    ] = "auto"
-    sigma: Annotated[
-        str | None,
-        typer.Option(metavar="TIME", help="Stated standard deviation of times, for a chi-square test."),
     ] = None
-    gross: Annotated[
-        float,
-        typer.Option(metavar="N", help="Limit for gross errors, in robust standard deviations."),
-    ] = 5.0
+    formats: Formats = ""
 
 
 @app.command()
@@ -202,108 +132,114 @@ def survey(
     ],
     source: AnySourceOptions,
     options: WaterOptions,
-    nodes: NodeOptions,
-    ship: PlatformOptions,
-    model: ModelOptions,
+    values: SurveyOptions,
+    folder: FolderOptions,
+    printing: TableOptions,
     bootstrap: Annotated[
         int, typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap.")
     ] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="New or empty folder for page, tables and files. Default: no files.",
-        ),
-    ] = None,
-    formats: Formats = "",
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
 ) -> None:
     """Estimate node positions and their uncertainty from measured travel times."""
     import pymantaray
     from pymantaray.cli.output import progress_bars
     from pymantaray.locate import locate, read_survey
 
-    measured = read_survey(file, _read_options(nodes, ship, model))
+    measured = read_survey(file, values.read_options())
     measured, water, record, notes = _water(source, options, measured)
-    choices = _locate_options(model, nodes, options)
-    with progress_bars(quiet=quiet or not bootstrap) as report:
+    with progress_bars(quiet=printing.quiet or not bootstrap) as report:
         located = locate(
             measured,
             water,
-            choices,
+            values.locate_options(repair_freezing=options.repair_freezing),
             bootstrap=bootstrap,
             seed=seed,
             progress=None if report is None else lambda done, total: report("bootstrap", done, total),
         )
     page = None
-    if out is not None:
+    if folder.out is not None:
         from pymantaray.report import write_location_page
 
         made_by = {"mantaray": pymantaray.__version__, "survey": str(file), "water": record}
-        page = write_location_page(located, out, made_by=made_by, notes=notes, formats=format_names(formats))
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+        page = write_location_page(
+            located, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
+        )
+    with printing.printer() as printed:
         _tell(printed, located, notes)
         if page is not None:
             printed.paths(page=page)
 
 
-@app.command()
-@with_options
-def plan(
-    depth: Annotated[float, typer.Option(metavar="M", help="Depth of the node.")],
-    source: AnySourceOptions,
-    options: WaterOptions,
+@dataclass(frozen=True, kw_only=True)
+class PlannedOptions:
+    """Patterns of pings, and assumptions of a plan."""
+
     pattern: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME", help="Pattern: circle, cross, line, rose or lines. May be repeated. Default: all."
         ),
-    ] = None,
-    pings: Annotated[int, typer.Option(metavar="N", help="Number of pings per pattern.")] = 100,
+    ] = None
+    pings: Annotated[int, typer.Option(metavar="N", help="Number of pings per pattern.")] = 100
     radii: Annotated[
         tuple[float, float, int] | None,
         typer.Option(
             metavar="FROM TO COUNT", help="Radii in metres. Default: 30 radii from 0.1 to 3 times the depth."
         ),
-    ] = None,
-    sigma: Annotated[str, typer.Option(metavar="TIME", help="Standard deviation of two-way times.")] = "1 ms",
-    sound_speed: Annotated[
-        Literal["known", "scale", "time", "gradient"],
-        typer.Option(help="Model of the sound speed in the solver."),
-    ] = "scale",
-    sound_speed_sigma: Annotated[
-        float, typer.Option(metavar="FRACTION", help="Standard deviation of the scale of the sound speed.")
-    ] = 5e-3,
+    ] = None
+    assumed: Annotated[
+        PlanOptions,
+        Fields(
+            *("depth", "sigma", "transducer_depth"),
+            speed_model="--sound-speed",
+            speed_prior=Fields(scale="--sound-speed-sigma"),
+            lever=Fields(sigma="--lever-sigma"),
+        ),
+    ]
     depth_sigma: Annotated[
-        float, typer.Option(metavar="M", help="Standard deviation of the prior depth.")
-    ] = 100.0,
-    transducer_depth: Annotated[float, typer.Option(metavar="M", help="Depth of the transducer.")] = 5.0,
-    lever_sigma: Annotated[
-        Three | None, typer.Option(metavar="F S D", help="Standard deviations of the lever arm, in metres.")
-    ] = None,
+        float,
+        typer.Option(parser=quantity("m"), metavar="M", help="Standard deviation of the prior depth."),
+    ] = 100.0
     platform_sigma: Annotated[
         tuple[float, float],
         typer.Option(metavar="H V", help="Standard deviations of the platform's positions."),
-    ] = (0.0, 0.0),
+    ] = (0.0, 0.0)
+
+    def plan_options(self) -> PlanOptions:
+        """Return the assumptions of the plan."""
+        north, east, _ = self.assumed.node_sigma
+        error = PlatformError(*self.platform_sigma)
+        return replace(self.assumed, node_sigma=(north, east, self.depth_sigma), platform_error=error)
+
+    @property
+    def radius_values(self) -> "NDArray[np.float64]":
+        """Radii of the patterns. [m]"""
+        import numpy as np
+
+        first, last, count = self.radii or (0.1 * self.assumed.depth, 3.0 * self.assumed.depth, 30)
+        if not (0.0 < first <= last and 1 <= count <= 1000):
+            raise LocateError(
+                f"--radii is {first:g} {last:g} {count}; it must be FROM TO COUNT with 0 < FROM <= TO and COUNT 1 to 1000"
+            )
+        return np.linspace(first, last, count)
+
+
+@app.command()
+@with_options
+def plan(
+    source: AnySourceOptions,
+    options: WaterOptions,
+    planned: PlannedOptions,
+    printing: TableOptions,
     out: Annotated[
         Path | None,
         typer.Option(metavar="PNG", help="Figure over radius, .png or .pdf; its table is written beside it."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
+    force: Force = False,
 ) -> None:
     """Print the expected standard deviations of a node for patterns of pings, and the best radius of each."""
-    import numpy as np
-
     from pymantaray.cli.output import check_output
-    from pymantaray.locate.plan import SHAPES, PlanOptions, plan_survey
-    from pymantaray.locate.sound_speed import SpeedPrior
-    from pymantaray.locate.survey import LeverArm, PlatformError
+    from pymantaray.locate.plan import SHAPES, plan_survey
 
     if out is not None:
         check_output(
@@ -313,100 +249,26 @@ def plan(
             beside=[out.with_suffix(".csv")],
             force=force,
         )
-    first, last, count = radii or (0.1 * depth, 3.0 * depth, 30)
-    if not (0.0 < first <= last and 1 <= count <= 1000):
-        raise LocateError(
-            f"--radii is {first:g} {last:g} {count}; it must be FROM TO COUNT with 0 < FROM <= TO and COUNT 1 to 1000"
-        )
-    survey = PlanOptions(
-        depth,
-        _seconds("--sigma", sigma),
-        sound_speed,
-        node_sigma=(500.0, 500.0, depth_sigma),
-        transducer_depth=transducer_depth,
-        lever=LeverArm(sigma=lever_sigma or (0.0, 0.0, 0.0)),
-        platform_error=PlatformError(*platform_sigma),
-        speed_prior=SpeedPrior(scale=sound_speed_sigma),
-    )
-    water = _over_a_bed(source, options, depth).at_start[0]
-    shapes: Any = tuple(pattern) if pattern else SHAPES
-    planned = plan_survey(water, survey, np.linspace(first, last, count), shapes=shapes, pings=pings)
+    radii, survey = planned.radius_values, planned.plan_options()
+    water = _over_a_bed(source, options, survey.depth).at_start[0]
+    shapes: Any = tuple(planned.pattern) if planned.pattern else SHAPES
+    result = plan_survey(water, survey, radii, shapes=shapes, pings=planned.pings)
     if out is not None:
         from pymantaray.report import write_plan_figure
 
-        write_plan_figure(planned, out)
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+        write_plan_figure(result, out)
+    with printing.printer() as printed:
         from pymantaray.records.result_table import ResultTable
 
         caption = (
-            f"Best radius of each pattern, {pings} pings of {1e3 * survey.sigma:g} ms, node at {depth:g} m"
+            f"Best radius of each pattern, {planned.pings} pings of {1e3 * survey.sigma:g} ms,"
+            f" node at {survey.depth:g} m"
         )
         brief = ["pattern", "radius_m", "sigma_north_m", "sigma_east_m", "sigma_depth_m", "lost", "length_m"]
-        printed.table(ResultTable("best", planned.best, caption, brief=brief))
-        printed.add(plan=planned.table, best_horizontal=planned.best_horizontal)
+        printed.table(ResultTable("best", result.best, caption, brief=brief))
+        printed.add(plan=result.table, best_horizontal=result.best_horizontal)
         if out is not None:
             printed.paths(out, out.with_suffix(".csv"))
-
-
-def _seconds(option: str, text: str) -> float:
-    """Parse a time such as ``13 ms``, ``70 us`` or ``10 min``, or a number of seconds."""
-    for unit, size in _SHORT.items():
-        if text.strip().endswith(unit):
-            try:
-                value = float(text.strip().removesuffix(unit)) * size
-            except ValueError:
-                break
-            if not value >= 0.0:
-                break
-            return value
-    return parse_duration(option, text, positive=False)
-
-
-def _maybe_seconds(option: str, text: str | None) -> float | None:
-    return None if text is None else _seconds(option, text)
-
-
-def _read_options(nodes: NodeOptions, ship: PlatformOptions, model: ModelOptions) -> "ReadOptions":
-    from pymantaray.locate.read_options import ReadOptions
-    from pymantaray.locate.survey import PlatformError
-
-    error = None
-    if ship.platform_sigma is not None:
-        correlation = _seconds("--platform-correlation", ship.platform_correlation)
-        error = PlatformError(*ship.platform_sigma, correlation)
-    return ReadOptions(
-        nodes=nodes.nodes,
-        track=tuple(ship.track or ()),
-        platform=ship.platform,
-        position_at=ship.position_at,
-        transducer_depth=ship.transducer_depth,
-        depth=nodes.depth,
-        depth_sigma=nodes.depth_sigma,
-        horizontal_sigma=nodes.horizontal_sigma,
-        turn_around=_maybe_seconds("--turn-around", nodes.turn_around),
-        turn_around_sigma=_maybe_seconds("--turn-around-sigma", nodes.turn_around_sigma),
-        offset_sigma=_maybe_seconds("--clock-offset-sigma", nodes.clock_offset_sigma),
-        drift_sigma=nodes.clock_drift_sigma,
-        sigma=_maybe_seconds("--sigma", model.sigma),
-        lever=ship.lever,
-        lever_sigma=ship.lever_sigma,
-        platform_error=error,
-    )
-
-
-def _locate_options(model: ModelOptions, nodes: NodeOptions, water: WaterOptions) -> "LocateOptions":
-    from pymantaray.locate import LocateOptions, SpeedPrior
-
-    knots = 0.0 if model.knots is None else _seconds("--knots", model.knots)
-    arrangement: Any = None if nodes.rigid is None else ("rigid" if nodes.rigid else "free")
-    return LocateOptions(
-        speed_model=model.sound_speed,
-        correlation=model.correlation,
-        gross=model.gross,
-        arrangement=arrangement,
-        speed_prior=SpeedPrior(model.sound_speed_sigma, model.gradient_sigma, knots),
-        modes=_modes(model.modes, repair_freezing=water.repair_freezing),
-    )
 
 
 def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes | None":

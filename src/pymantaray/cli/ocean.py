@@ -1,12 +1,13 @@
 """Commands of `mantaray ocean`: check, show, plot and make oceans. They import modules when they run. `fetch` is a separate group."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from pymantaray.cli import ocean_fetch
+from pymantaray.cli.groups import quantities, quantity, with_options
 from pymantaray.cli.options import (
     Commands,
     Force,
@@ -18,9 +19,6 @@ from pymantaray.cli.options import (
     WaterOptions,
     changes_of,
     parse_duration,
-    parse_pair,
-    quantity,
-    with_options,
 )
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import printer
@@ -62,10 +60,23 @@ Casts = Annotated[
     typer.Argument(metavar="CASTS...", help="Tables, instruments' files, Argo profiles or CF profiles."),
 ]
 Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
-CastTime = Annotated[str | None, typer.Option("--time", help="Instant (UTC), such as 2014-07-24T19:20.")]
-Equation = Annotated[
-    Literal["teos-10", "del-grosso", "unesco"], typer.Option("--equation", help="Equation of sound speed.")
-]
+
+
+@dataclass(frozen=True)
+class CastOptions:
+    """Choice of a cast from a file, and what the file lacks."""
+
+    lat: Annotated[
+        float | None,
+        typer.Option(parser=quantity("deg"), help="Latitude of a cast whose file has none, in degrees."),
+    ] = None
+    lon: Annotated[
+        float | None,
+        typer.Option(parser=quantity("deg"), help="Longitude of a cast whose file has none, in degrees."),
+    ] = None
+    time: Annotated[str | None, typer.Option(help="Instant (UTC), such as 2014-07-24T19:20.")] = None
+    name: Annotated[str | None, typer.Option(help="Name of the cast, if the file contains several.")] = None
+    repair_freezing: RepairFreezing = False
 
 
 @app.command()
@@ -82,9 +93,7 @@ def check(
     study: Annotated[
         str | None,
         typer.Option(
-            "--study",
-            metavar="NAME|FILE",
-            help="Preset or TOML file; the ocean must cover its domain and fleet.",
+            metavar="NAME|FILE", help="Preset or TOML file; the ocean must cover its domain and fleet."
         ),
     ] = None,
     changes: Set = None,
@@ -112,7 +121,7 @@ def check(
         if findings.ok and not moved:
             from pymantaray.water.ocean import open_geographic
 
-            findings = Findings([*fleet_findings(config, *open_geographic(config)), *findings])
+            findings = Findings([*fleet_findings(config, *open_geographic(config.ocean)), *findings])
     with printer(as_json=as_json) as out:
         for finding in findings:
             out.line(str(finding))
@@ -193,18 +202,20 @@ def show(files: Files, water: WaterOptions, as_json: Json = False, to: To = "tex
 def plot(
     files: Files,
     water: WaterOptions,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the figures, PNG and PDF.")],
+    out: Annotated[Path, typer.Option(help="Folder for the figures, PNG and PDF.")],
     depth: Annotated[
         float | None,
         typer.Option(
-            "--depth",
-            parser=quantity("m"),
-            help="Depth of the map in metres. Default: 100 m, or half the water depth.",
+            parser=quantity("m"), help="Depth of the map in metres. Default: 100 m, or half the water depth."
         ),
     ] = None,
     at: Annotated[
-        str | None,
-        typer.Option("--at", metavar="LAT,LON", help="Intersection of the sections. Default: the middle."),
+        Any,
+        typer.Option(
+            parser=quantities("deg", 2),
+            metavar="LAT,LON",
+            help="Intersection of the sections. Default: the middle.",
+        ),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
@@ -212,100 +223,73 @@ def plot(
     from pymantaray.report import write_ocean_plots
     from pymantaray.water.ocean import open_geographic
 
-    place = None if at is None else parse_pair("--at", at)
-    ocean, floor = open_geographic(_configured(files, water))
+    ocean, floor = open_geographic(_configured(files, water).ocean)
     with progress_bars(quiet=quiet) as progress:
-        paths = write_ocean_plots(ocean, out, depth=depth, place=place, sea_floor=floor, progress=progress)
+        paths = write_ocean_plots(ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress)
     for path in paths:
         typer.echo(str(path))
 
 
-@app.command()
-def from_cast(
-    cast: Cast,
-    out: Out,
+@dataclass(frozen=True)
+class UniformOptions:
+    """Domain of a horizontally uniform ocean, and its water below a cast."""
+
     bottom: Annotated[
         float | None,
-        typer.Option(
-            "--bottom",
-            parser=quantity("m"),
-            help="Depth of the sea bed, in m. Default: from the file.",
-        ),
-    ] = None,
-    half_extent: Annotated[
-        tuple[float, float], typer.Option("--half-extent", help="Half sides north and east, in km.")
-    ] = (60.0, 60.0),
+        typer.Option(parser=quantity("m"), help="Depth of the sea bed, in m. Default: from the file."),
+    ] = None
+    half_extent: Annotated[tuple[float, float], typer.Option(help="Half sides north and east, in km.")] = (
+        60.0,
+        60.0,
+    )
     below: Annotated[
         Literal["refuse", "constant"],
-        typer.Option(
-            "--below", help="Water below the deepest sample: refuse (an error), or constant (its values)."
-        ),
-    ] = "refuse",
+        typer.Option(help="Water below the deepest sample: refuse (an error), or constant (its values)."),
+    ] = "refuse"
     below_cast: Annotated[
-        Path | None,
-        typer.Option("--below-cast", help="A deeper cast for the water below the deepest sample."),
-    ] = None,
-    lat: Annotated[
-        float | None,
-        typer.Option(
-            "--lat", parser=quantity("deg"), help="Latitude of a cast whose file has none, in degrees."
-        ),
-    ] = None,
-    lon: Annotated[
-        float | None,
-        typer.Option(
-            "--lon",
-            parser=quantity("deg"),
-            help="Longitude of a cast whose file has none, in degrees.",
-        ),
-    ] = None,
-    time: CastTime = None,
-    name: Annotated[
-        str | None, typer.Option("--name", help="Name of the cast, if the file contains several.")
-    ] = None,
-    equation: Equation = "teos-10",
-    repair_freezing: RepairFreezing = False,
-    force: Force = False,
+        Path | None, typer.Option(help="A deeper cast for the water below the deepest sample.")
+    ] = None
+    equation: Annotated[
+        Literal["teos-10", "del-grosso", "unesco"], typer.Option(help="Equation of sound speed.")
+    ] = "teos-10"
+
+
+@app.command()
+@with_options
+def from_cast(
+    cast: Cast, out: Out, which: CastOptions, uniform: UniformOptions, force: Force = False
 ) -> None:
     """Make a horizontally uniform ocean at rest from one cast."""
     check_output(out, [".nc"], inputs=[cast], force=force)
     from pymantaray.ocean import cast_ocean, read_cast
 
-    if below_cast is not None and below != "refuse":
+    if uniform.below_cast is not None and uniform.below != "refuse":
         raise OceanError("--below and --below-cast cannot be combined; give one of them")
+    north, east = uniform.half_extent
     ocean = cast_ocean(
-        read_cast(cast, lat=lat, lon=lon, time=time, name=name, repair_freezing=repair_freezing),
-        bottom_depth=bottom,
-        half_extent=(half_extent[0] * _M_PER_KM, half_extent[1] * _M_PER_KM),
-        below=below if below_cast is None else read_cast(below_cast, repair_freezing=repair_freezing),
-        equation=equation,
+        read_cast(cast, **asdict(which)),
+        bottom_depth=uniform.bottom,
+        half_extent=(north * _M_PER_KM, east * _M_PER_KM),
+        below=uniform.below
+        if uniform.below_cast is None
+        else read_cast(uniform.below_cast, repair_freezing=which.repair_freezing),
+        equation=uniform.equation,
     )
     _write(ocean, out)
 
 
 @app.command("convert-cast")
+@with_options
 def convert_cast(
     cast: Cast,
     out: Annotated[
         Path, typer.Argument(metavar="OUT", help="A Kongsberg .asvp, or a CF data set of profiles (.nc).")
     ],
-    lat: Annotated[
-        float | None, typer.Option("--lat", help="Latitude of a cast whose file has none, in degrees.")
-    ] = None,
-    lon: Annotated[
-        float | None, typer.Option("--lon", help="Longitude of a cast whose file has none, in degrees.")
-    ] = None,
-    time: CastTime = None,
-    name: Annotated[
-        str | None, typer.Option("--name", help="Name of the cast, if the file contains several.")
-    ] = None,
+    which: CastOptions,
     thin: Annotated[
         float | None,
-        typer.Option(
-            "--thin", metavar="M/S", help="Remove levels if linear interpolation stays within this error."
-        ),
+        typer.Option(metavar="M/S", help="Remove levels if linear interpolation stays within this error."),
     ] = None,
-    repair_freezing: RepairFreezing = False,
     force: Force = False,
 ) -> None:
     """Write casts as profiles of sound speed for other programs."""
@@ -313,10 +297,11 @@ def convert_cast(
     from pymantaray.acoustics import read_profiles, write_asvp, write_profiles
     from pymantaray.ocean.convert import parse_instant
 
+    lat, lon, time, name = which.lat, which.lon, which.time, which.name
     if (lat is None) != (lon is None):
         raise OceanError("--lat and --lon must be used together; give both")
     place = None if lat is None or lon is None else (lat, lon)
-    profiles = read_profiles(cast, place, repair_freezing=repair_freezing)
+    profiles = read_profiles(cast, place, repair_freezing=which.repair_freezing)
     names = ", ".join(p.name for p in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
     if name is not None:
         profiles = [p for p in profiles if p.name == name]
@@ -344,105 +329,111 @@ def _thinned(profile: "Profile", tolerance: float) -> "Profile":
     return profile._replace(depth=few.depth, sound_speed=few.sound_speed, water=None)
 
 
-@app.command()
-@with_options
-def correct(
-    ocean: Ocean,
-    casts: Casts,
-    out: Out,
-    water: WaterOptions,
+@dataclass(frozen=True)
+class CorrectionOptions:
+    """Scales and errors of an optimal interpolation."""
+
     scale: Annotated[
         float,
-        typer.Option(
-            "--scale", parser=quantity("km"), help="Horizontal scale of the background's error, in km."
-        ),
-    ] = 50.0,
+        typer.Option(parser=quantity("km"), help="Horizontal scale of the background's error, in km."),
+    ] = 50.0
     noise_ratio: Annotated[
-        float,
-        typer.Option("--noise-ratio", help="Error variance of the casts over that of the background."),
-    ] = 0.1,
+        float, typer.Option(help="Error variance of the casts over that of the background.")
+    ] = 0.1
     vertical_scale: Annotated[
         float,
-        typer.Option(
-            "--vertical-scale",
-            parser=quantity("m"),
-            help="Scale of the decay below the deepest sample, in m.",
-        ),
-    ] = 100.0,
+        typer.Option(parser=quantity("m"), help="Scale of the decay below the deepest sample, in m."),
+    ] = 100.0
     time_scale: Annotated[
         str | None,
         typer.Option(
-            "--time-scale",
             metavar="DURATION",
             help="Scale in time: days, or text such as '36 h'. Default: all casts have full weight.",
         ),
-    ] = None,
-    force: Force = False,
+    ] = None
+
+
+@app.command()
+@with_options
+def correct(
+    ocean: Ocean, casts: Casts, out: Out, water: WaterOptions, scales: CorrectionOptions, force: Force = False
 ) -> None:
     """Correct a gridded ocean with casts (optimal interpolation)."""
     check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
     from pymantaray.ocean import correct_with_casts, read_casts
     from pymantaray.water.ocean import open_start
 
+    time_scale = None
+    if scales.time_scale is not None:
+        time_scale = parse_duration("--time-scale", scales.time_scale, "d") * _S_PER_DAY
     corrected = correct_with_casts(
         open_start(_configured([ocean], water).ocean),
         read_casts(casts, repair_freezing=water.repair_freezing),
-        horizontal_scale=scale * _M_PER_KM,
-        noise_ratio=noise_ratio,
-        vertical_scale=vertical_scale,
-        time_scale=None
-        if time_scale is None
-        else parse_duration("--time-scale", time_scale, "d") * _S_PER_DAY,
+        horizontal_scale=scales.scale * _M_PER_KM,
+        noise_ratio=scales.noise_ratio,
+        vertical_scale=scales.vertical_scale,
+        time_scale=time_scale,
     )
     _write(corrected, out)
+
+
+@dataclass(frozen=True)
+class PerturbationOptions:
+    """Method of a perturbation, and the options of each method."""
+
+    method: Annotated[
+        Literal["eof", "mean", "column"],
+        typer.Option(help="eof: random, in vertical modes; mean: horizontal mean; column: one column."),
+    ] = "eof"
+    rms: Annotated[
+        float | None,
+        typer.Option(parser=quantity("m/s"), help="For eof: rms of the sound-speed error, in m/s."),
+    ] = None
+    scale: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("km"), help="For eof: horizontal scale, in km; inf for a uniform error."
+        ),
+    ] = None
+    down_to: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("m"),
+            help="For eof: depth limit of the water for --rms, in m. Default: the sea bed.",
+        ),
+    ] = None
+    mode_cast: Annotated[list[Path] | None, typer.Option(help="For eof: casts for the vertical modes.")] = (
+        None
+    )
+    place: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="For column: its latitude and longitude, in degrees."),
+    ] = None
+    seed: Annotated[int, typer.Option(min=0, help="For eof: seed of the member.")] = 0
+
+    def __post_init__(self) -> None:
+        needed, further = {
+            "eof": ({"rms", "scale"}, {"down_to", "mode_cast"}),
+            "mean": (set[str](), set[str]()),
+            "column": ({"place"}, set[str]()),
+        }[self.method]
+        options = {"rms", "scale", "down_to", "mode_cast", "place"}
+        given = {name for name in options if getattr(self, name) not in (None, [])}
+        words = {name: f"--{name.replace('_', '-')}" for name in options}
+        if missing := sorted(needed - given):
+            raise OceanError(f"--method {self.method} needs {' and '.join(words[name] for name in missing)}")
+        if extra := sorted(given - needed - further):
+            unused = " and ".join(words[name] for name in extra)
+            raise OceanError(f"--method {self.method} does not use {unused}; remove the option")
 
 
 @app.command()
 @with_options
 def perturb(
-    ocean: Ocean,
-    out: Out,
-    water: WaterOptions,
-    method: Annotated[
-        Literal["eof", "mean", "column"],
-        typer.Option(
-            "--method", help="eof: random, in vertical modes; mean: horizontal mean; column: one column."
-        ),
-    ] = "eof",
-    rms: Annotated[
-        float | None,
-        typer.Option("--rms", parser=quantity("m/s"), help="For eof: rms of the sound-speed error, in m/s."),
-    ] = None,
-    scale: Annotated[
-        float | None,
-        typer.Option(
-            "--scale",
-            parser=quantity("km"),
-            help="For eof: horizontal scale, in km; inf for a uniform error.",
-        ),
-    ] = None,
-    down_to: Annotated[
-        float | None,
-        typer.Option(
-            "--down-to",
-            parser=quantity("m"),
-            help="For eof: depth limit of the water for --rms, in m. Default: the sea bed.",
-        ),
-    ] = None,
-    mode_cast: Annotated[
-        list[Path] | None, typer.Option("--mode-cast", help="For eof: casts for the vertical modes.")
-    ] = None,
-    place: Annotated[
-        tuple[float, float] | None,
-        typer.Option("--place", help="For column: its latitude and longitude, in degrees."),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="For eof: seed of the member.")] = 0,
-    force: Force = False,
+    ocean: Ocean, out: Out, water: WaterOptions, error: PerturbationOptions, force: Force = False
 ) -> None:
     """Write a perturbed ocean for an estimator."""
-    options = {"rms": rms, "scale": scale, "down-to": down_to, "mode-cast": mode_cast, "place": place}
-    _check_options(method, {name for name, value in options.items() if value not in (None, [])})
-    check_output(out, [".nc"], inputs=[Path(ocean), *(mode_cast or [])], force=force)
+    check_output(out, [".nc"], inputs=[Path(ocean), *(error.mode_cast or [])], force=force)
     from pymantaray.geometry import stream
     from pymantaray.ocean import (
         column_ocean,
@@ -456,35 +447,25 @@ def perturb(
 
     section = _configured([ocean], water).ocean
     true, equation = open_start(section), section.equation
-    if method == "mean":
+    if error.method == "mean":
         return _write(mean_ocean(true), out)
-    if place is not None:
-        return _write(column_ocean(true, place), out)
-    assert rms is not None and scale is not None  # noqa: PT018  checked above
+    if error.place is not None:
+        return _write(column_ocean(true, error.place), out)
+    assert error.rms is not None and error.scale is not None  # noqa: PT018  checked by the options
     member = perturb_ocean(
         true,
-        rms=rms,
-        horizontal_scale=scale * _M_PER_KM,
-        rng=stream(seed, 0, "ocean", "perturb"),
-        modes=vertical_modes(read_casts(mode_cast, repair_freezing=water.repair_freezing), equation=equation)
-        if mode_cast
+        rms=error.rms,
+        horizontal_scale=error.scale * _M_PER_KM,
+        rng=stream(error.seed, 0, "ocean", "perturb"),
+        modes=vertical_modes(
+            read_casts(error.mode_cast, repair_freezing=water.repair_freezing), equation=equation
+        )
+        if error.mode_cast
         else None,
-        down_to=down_to,
+        down_to=error.down_to,
         equation=equation,
     )
-    return _write(with_history(member, f"seed {seed}"), out)
-
-
-def _check_options(method: str, options: set[str]) -> None:
-    needed, further = {
-        "eof": ({"rms", "scale"}, {"down-to", "mode-cast"}),
-        "mean": (set[str](), set[str]()),
-        "column": ({"place"}, set[str]()),
-    }[method]
-    if missing := sorted(needed - options):
-        raise OceanError(f"--method {method} needs --{' and --'.join(missing)}")
-    if extra := sorted(options - needed - further):
-        raise OceanError(f"--method {method} does not use --{' and --'.join(extra)}; remove the option")
+    return _write(with_history(member, f"seed {error.seed}"), out)
 
 
 def _write(ocean: "xr.Dataset", out: Path) -> None:

@@ -4,18 +4,19 @@ import functools
 import inspect
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
-from pymantaray.cli.printing import log_to_stderr
-from pymantaray.errors import AcousticsError, MantaRayError, OceanError, WaterError
+from pymantaray.cli.groups import number_in, quantity
+from pymantaray.cli.printing import Printer, log_to_stderr, printer
+from pymantaray.errors import AcousticsError, MantaRayError, WaterError
 from pymantaray.geometry.checks import check_number
-from pymantaray.geometry.units import quantity_of
 from pymantaray.report.folder import FORMATS
 
 if TYPE_CHECKING:
@@ -73,46 +74,12 @@ RepairFreezing = Annotated[
         help="Raise the salinity of casts below the freezing point to the freezing line.",
     ),
 ]
-Workers = Annotated[int | None, typer.Option("--workers", min=1, help="Processes of this machine.")]
-Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler, tcp://HOST:PORT.")
-]
-
-
-def quantity(unit: str) -> Callable[[str | float], float]:
-    """Parser of an option: a number in a unit, or text with a unit of its own, such as ``2 km``."""
-
-    def parse(value: str | float) -> float:
-        try:
-            return _number(value, unit)
-        except ValueError as error:
-            raise typer.BadParameter(str(error)) from None
-
-    parse.__name__ = unit
-    return parse
-
-
-def _number(value: str | float, unit: str) -> float:
-    """Number in a unit, of a number or of text with a unit of its own."""
-    try:
-        return float(value)
-    except ValueError:
-        return quantity_of(str(value), unit)
-
-
-def parse_pair(option: str, text: str, unit: str = "deg") -> Pair:
-    """Two numbers in a unit, or texts with units of their own, with a comma between."""
-    try:
-        first, second = (_number(word, unit) for word in text.split(","))
-    except ValueError:
-        raise OceanError(f"{option} is {text!r}; needs two numbers with a comma between, as 73,76") from None
-    return first, second
 
 
 def parse_place(option: str, text: str) -> tuple[float, float, float]:
     """North, east and depth with commas between: metres, or with units of their own. [m]"""
     try:
-        north, east, depth = (_number(word, "m") for word in text.split(","))
+        north, east, depth = (number_in(word, "m") for word in text.split(","))
     except ValueError:
         raise AcousticsError(
             f"{option} is {text!r}; needs north, east and depth in metres with commas between, as 6000,0,500"
@@ -123,7 +90,7 @@ def parse_place(option: str, text: str) -> tuple[float, float, float]:
 def parse_duration(option: str, text: str, unit: str = "s", *, positive: bool = True) -> float:
     """A number in the option's unit, or text with units of its own, as a configuration has it."""
     try:
-        value = _number(text, unit)
+        value = number_in(text, unit)
     except ValueError as error:
         raise MantaRayError(f"{option}: {error}") from None
     check_number(MantaRayError, option, value, unit, positive=positive)
@@ -445,7 +412,7 @@ def _instant(text: str) -> Any:
 def _kilometres(text: str) -> float:
     """Half a side of the domain. [km]"""
     try:
-        return _number(text, "km")
+        return number_in(text, "km")
     except ValueError as error:
         raise WaterError(f"--half-extent: {error}") from None
 
@@ -458,7 +425,7 @@ def _decibels(text: str) -> float | str:
 def _metres_or_file(option: str, text: str | None) -> float | str | None:
     """A depth or draft [m], or the name of a file that has it; a number with another unit is refused."""
     try:
-        return None if text is None else _number(text, "m")
+        return None if text is None else number_in(text, "m")
     except ValueError as error:
         if re.fullmatch(r"\s*[+-]?[\d.]+\s*[^\W\d_/.]+\s*", str(text)) and not Path(str(text)).exists():
             raise WaterError(f"{option}: {error}") from None
@@ -530,30 +497,37 @@ class SearchOptions(ArrivalOptions):
         super().__post_init__()
 
 
-def with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command for typer take groups of options, arguments whose type is a dataclass above, as one argument each."""
-    signature, by_name = inspect.signature(command), inspect.Parameter.KEYWORD_ONLY
-    own = signature.parameters.values()
-    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
-    parameters = [p.replace(kind=by_name) for p in own if p.name not in groups]
-    for group in groups.values():
-        hints = get_type_hints(group, include_extras=True)
-        parameters += [
-            inspect.Parameter(f.name, by_name, default=f.default, annotation=hints[f.name])
-            for f in fields(group)
-        ]
+@dataclass(frozen=True)
+class PrintOptions:
+    """Text or JSON, and how much of it."""
 
-    @functools.wraps(command)
-    def call(**values: Any) -> None:
-        arguments = {
-            name: group(**{f.name: values.pop(f.name) for f in fields(group)})
-            for name, group in groups.items()
-        }
-        command(**values, **arguments)
+    as_json: Json = False
+    quiet: Quiet = False
 
-    call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    call.__annotations__ = {p.name: p.annotation for p in parameters}
-    return call
+    def printer(self) -> AbstractContextManager[Printer]:
+        """Return the printer that the options select."""
+        return printer(as_json=self.as_json, quiet=self.quiet)
+
+
+@dataclass(frozen=True)
+class TableOptions(PrintOptions):
+    """Text, tables in a format, or JSON, and how much of it."""
+
+    to: To = "text"
+
+    def printer(self) -> AbstractContextManager[Printer]:
+        """Return the printer that the options select."""
+        return printer(as_json=self.as_json, quiet=self.quiet, to=self.to)
+
+
+@dataclass(frozen=True)
+class ProcessOptions:
+    """Processes of this machine or of a cluster."""
+
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes of this machine.")] = None
+    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://HOST:PORT.")] = (
+        None
+    )
 
 
 Formats = Annotated[

@@ -8,21 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.cli.groups import quantity, with_options
 from pymantaray.cli.options import (
     LINKS,
     Commands,
     Fan,
     Force,
-    Json,
-    Quiet,
+    PrintOptions,
     SearchOptions,
     SourceOptions,
     WaterOptions,
     fan_angles,
-    quantity,
-    with_options,
 )
-from pymantaray.cli.printing import printer
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
 from pymantaray.cli.rays_plot import plot
 
@@ -48,27 +45,28 @@ app.command("write-bellhop")(write_bellhop)
 
 _MIN_LINKS_FOR_BAR = 4096  # fewer links have no progress bar
 
-In = Annotated[Path, LINKS]
-Out = Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
+
+@dataclass(frozen=True, kw_only=True)
+class TaskOptions:
+    """Links, water and output of a command."""
+
+    links: Annotated[Path, LINKS]
+    out: Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
+    source: SourceOptions
+    water: WaterOptions
+    search: SearchOptions
+    printing: PrintOptions
+    force: Force = False
 
 
 @app.command()
 @with_options
-def times(
-    links: In,
-    out: Out,
-    source: SourceOptions,
-    water: WaterOptions,
-    search: SearchOptions,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+def times(task: TaskOptions) -> None:
     """Compute the travel time of the earliest arrival of each link, or the reason for its absence."""
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
     from pymantaray.cli.rays_tables import times_table
 
-    job = _begin("times", links, out, (source, water, search), force=force, as_json=as_json, quiet=quiet)
+    job = _begin("times", task)
     cutoff, near = job.water.reception.spreading_cutoff_db, None
     if cutoff is None:
         arrivals = job.solve()
@@ -76,39 +74,26 @@ def times(
         wide = job.solve(cutoff + NEAR_DB)
         near, arrivals = is_near_cutoff(wide, cutoff, "first"), within_cutoff(wide, cutoff)
     table = times_table(job.table.frame, job.source, job.receiver, arrivals, near, medium=job.medium)
-    job.finish(arrivals.first().to_dataset() if out.suffix == ".nc" else table, arrivals.status)
+    job.finish(arrivals.first().to_dataset() if task.out.suffix == ".nc" else table, arrivals.status)
 
 
 @app.command()
 @with_options
-def eigen(
-    links: In,
-    out: Out,
-    source: SourceOptions,
-    water: WaterOptions,
-    search: SearchOptions,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+def eigen(task: TaskOptions) -> None:
     """Compute every arrival of each link: time, bounces, angles, spreading and slowness."""
     from pymantaray.cli.rays_tables import arrivals_table
 
-    job = _begin("eigen", links, out, (source, water, search), force=force, as_json=as_json, quiet=quiet)
+    job = _begin("eigen", task)
     arrivals = job.solve()
-    result = arrivals.to_dataset() if out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
+    result = arrivals.to_dataset() if task.out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
     job.finish(result, arrivals.status, arrivals=arrivals.link.size)
 
 
-@app.command()
-@with_options
-def trace(
-    links: In,
-    out: Out,
-    source: SourceOptions,
-    water: WaterOptions,
-    search: SearchOptions,
-    fan: Fan = None,
+@dataclass(frozen=True)
+class FanOptions:
+    """Fan of rays instead of eigenrays."""
+
+    fan: Fan = None
     azimuth: Annotated[
         float | None,
         typer.Option(
@@ -116,7 +101,7 @@ def trace(
             metavar="DEG",
             help="Direction of the fan, clockwise from north. Default: to the receiver.",
         ),
-    ] = None,
+    ] = None
     distance: Annotated[
         float | None,
         typer.Option(
@@ -124,49 +109,46 @@ def trace(
             metavar="M",
             help="Horizontal length of the fan in metres. Default: to the receiver.",
         ),
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = None
+
+    @property
+    def aimed(self) -> bool:
+        """True if the rays need receivers."""
+        return self.fan is None or self.azimuth is None or self.distance is None
+
+
+@app.command()
+@with_options
+def trace(task: TaskOptions, rays: FanOptions) -> None:
     """Compute the path of each eigenray, or of a fan of rays from each source, node by node."""
     from pymantaray.cli.rays_tables import paths_dataset, paths_table
     from pymantaray.errors import AcousticsError
 
-    if fan is None and (azimuth is not None or distance is not None):
+    if rays.fan is None and (rays.azimuth is not None or rays.distance is not None):
         raise AcousticsError("--azimuth and --distance need --fan FROM TO COUNT")
-    if fan is not None and search.cutoff_db is not None:
+    if rays.fan is not None and task.search.cutoff_db is not None:
         raise AcousticsError("--cutoff-db does not apply to --fan; remove one of them")
-    angles = None if fan is None else fan_angles(*fan)
-    aimed = fan is None or azimuth is None or distance is None
-    job = _begin(
-        "trace",
-        links,
-        out,
-        (source, water, search),
-        force=force,
-        as_json=as_json,
-        quiet=quiet,
-        receivers=aimed,
-    )
+    angles = None if rays.fan is None else fan_angles(*rays.fan)
+    job = _begin("trace", task, receivers=rays.aimed)
     status = None
     if angles is None:
-        rays, status = job.trace()
+        traced, status = job.trace()
     else:
-        job.record["fan"] = {"from_to_count": fan, "azimuth_deg": azimuth, "distance_m": distance}
-        rays = job.trace_fans(angles, azimuth, distance)
-    result = paths_dataset(rays) if out.suffix == ".nc" else paths_table(rays)
-    job.finish(result, status, rays=rays.row.size, nodes=rays.paths.arrival.size)
+        job.record["fan"] = {
+            "from_to_count": rays.fan,
+            "azimuth_deg": rays.azimuth,
+            "distance_m": rays.distance,
+        }
+        traced = job.trace_fans(angles, rays.azimuth, rays.distance)
+    result = paths_dataset(traced) if task.out.suffix == ".nc" else paths_table(traced)
+    job.finish(result, status, rays=traced.row.size, nodes=traced.paths.arrival.size)
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
     """One call of a command: its checked input, computation and output."""
 
-    out: Path
-    as_json: bool
-    quiet: bool
-    search: SearchOptions
+    task: TaskOptions
     water: "Water"
     table: "TextTable"
     source: "Array"
@@ -192,7 +174,7 @@ class Job:
         from pymantaray.cli.output import progress_bars
 
         heard = self.water.reception
-        with progress_bars(quiet=self.quiet or len(self.source) < _MIN_LINKS_FOR_BAR) as report:
+        with progress_bars(quiet=self.task.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR) as report:
             arrivals = find_eigenrays(
                 self.medium,
                 self.source,
@@ -200,14 +182,14 @@ class Job:
                 heard.max_surface_bounces,
                 heard.max_bottom_bounces,
                 heard.spreading_cutoff_db if cutoff_db is None else cutoff_db,
-                tolerance=self.search.tolerance,
+                tolerance=self.task.search.tolerance,
                 progress=None if report is None else lambda done, total: report("links", done, total),
             )
         currents = self.water.at_start[1]
         if currents is None:
             return arrivals
         return carried(
-            self.medium, self.source, self.receiver, arrivals, currents, tolerance=self.search.tolerance
+            self.medium, self.source, self.receiver, arrivals, currents, tolerance=self.task.search.tolerance
         )
 
     def trace(self) -> "tuple[TracedRays, Status]":
@@ -215,7 +197,7 @@ class Job:
         from pymantaray.acoustics import trace_paths
         from pymantaray.cli.rays_tables import TracedRays, number_within
 
-        arrivals, tolerance = self.solve(), self.search.tolerance
+        arrivals, tolerance = self.solve(), self.task.search.tolerance
         paths = trace_paths(self.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
         return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals.status
 
@@ -241,7 +223,7 @@ class Job:
                         math.hypot(north, east) if distance is None else distance,
                         max_surface_bounces=self.water.reception.max_surface_bounces,
                         max_bottom_bounces=self.water.reception.max_bottom_bounces,
-                        tolerance=self.search.tolerance,
+                        tolerance=self.task.search.tolerance,
                     )
                 )
             except AcousticsError as error:
@@ -256,8 +238,10 @@ class Job:
         from pymantaray.cli.rays_tables import status_words, write_result
 
         outcomes = Counter([] if status is None else status_words(status))
-        write_result(result, self.out, self.record | ({} if status is None else {"outcomes": dict(outcomes)}))
-        with printer(as_json=self.as_json, quiet=self.quiet) as printed:
+        write_result(
+            result, self.task.out, self.record | ({} if status is None else {"outcomes": dict(outcomes)})
+        )
+        with self.task.printing.printer() as printed:
             counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
             more = ", ".join(f"{count} {noun}" for noun, count in also.items())
             ends = "sources" if status is None else "links"
@@ -267,20 +251,10 @@ class Job:
             )
             for note in self.notes:
                 printed.line(note)
-            printed.paths(file=self.out)
+            printed.paths(file=self.task.out)
 
 
-def _begin(
-    command: str,
-    links: Path,
-    out: Path,
-    options: tuple[SourceOptions, WaterOptions, SearchOptions],
-    *,
-    force: bool,
-    as_json: bool,
-    quiet: bool,
-    receivers: bool = True,
-) -> Job:
+def _begin(command: str, task: TaskOptions, *, receivers: bool = True) -> Job:
     """Read and check all input of a command before its computation."""
     import numpy as np
 
@@ -290,21 +264,21 @@ def _begin(
     from pymantaray.cli.water import load_water, search_record
 
     check_output(
-        out,
+        task.out,
         (".csv", ".nc"),
-        inputs=[links, *options[0].files, *options[1].files],
-        beside=[sidecar(out)] if out.suffix == ".csv" else [],
-        force=force,
+        inputs=[task.links, *task.source.files, *task.water.files],
+        beside=[sidecar(task.out)] if task.out.suffix == ".csv" else [],
+        force=task.force,
     )
-    content, search = read_links(links, receivers=receivers), options[2]
-    water = load_water(*options)
+    content = read_links(task.links, receivers=receivers)
+    water = load_water(task.source, task.water, task.search)
     start, *others = content.places(water.frame)
     end = others[0] if others else np.full_like(start, np.nan)
     record = {
         "mantaray": pymantaray.__version__,
         "command": command,
-        "links": str(links),
+        "links": str(task.links),
         "medium": water.record,
-        "search": {**search_record(water), "tolerance": search.tolerance},
+        "search": {**search_record(water), "tolerance": task.search.tolerance},
     }
-    return Job(out, as_json, quiet, search, water, content.table, start, end, record)
+    return Job(task, water, content.table, start, end, record)

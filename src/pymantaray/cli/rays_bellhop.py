@@ -1,22 +1,22 @@
 """Commands `mantaray rays compare-bellhop` and `write-bellhop`."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pymantaray.acoustics.bellhop.options import BellhopOptions
+from pymantaray.cli.groups import Fields, with_options
 from pymantaray.cli.options import (
     LINKS,
     Force,
-    Json,
-    Quiet,
+    PrintOptions,
     SourceOptions,
     WaterOptions,
     parse_duration,
-    quantity,
-    with_options,
 )
-from pymantaray.cli.printing import Printer, printer
+from pymantaray.cli.printing import Printer
 from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
@@ -29,94 +29,77 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-Refine = Annotated[int, typer.Option("--refine", min=1, help="Subdivision of each cell of a smooth ocean.")]
-StepLength = Annotated[
-    float,
-    typer.Option(
-        "--step",
-        parser=quantity("m"),
-        help="Step along Bellhop's rays in metres; 0 for Bellhop's default.",
-    ),
-]
+Refine = Annotated[int, typer.Option(min=1, help="Subdivision of each cell of a smooth ocean.")]
+
+
+@dataclass(frozen=True)
+class ProgramOptions:
+    """Program of Bellhop and its input."""
+
+    refine: Refine = 4
+    program: Annotated[
+        str | None,
+        typer.Option(help="bellhopcxx or bellhop3d, on PATH or as a path. Default: the first on PATH."),
+    ] = None
+    timeout: Annotated[
+        str,
+        typer.Option(
+            metavar="DURATION",
+            help="Time limit of one run of Bellhop: seconds, or text such as '5 min'.",
+        ),
+    ] = "10 min"
 
 
 @with_options
 def compare_bellhop(
     links: Annotated[Path, LINKS],
-    out: Annotated[Path, typer.Option("--out", help="Table to write.")],
+    out: Annotated[Path, typer.Option(help="Table to write.")],
     source: SourceOptions,
     water: WaterOptions,
-    refine: Refine = 4,
-    program: Annotated[
-        str | None,
-        typer.Option(
-            "--program",
-            help="bellhopcxx or bellhop3d, on PATH or as a path. Default: the first on PATH.",
-        ),
-    ] = None,
-    step: StepLength = 50.0,
-    timeout: Annotated[
-        str,
-        typer.Option(
-            "--timeout",
-            metavar="DURATION",
-            help="Time limit of one run of Bellhop: seconds, or text such as '5 min'.",
-        ),
-    ] = "10 min",
+    bellhop: ProgramOptions,
+    options: Annotated[BellhopOptions, Fields("step")],
+    printing: PrintOptions,
     force: Force = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
 ) -> None:
     """Run Bellhop on every link and compare its first direct travel times with those of MantaRay."""
-    from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop
+    from pymantaray.acoustics.bellhop import compare_with_bellhop
     from pymantaray.cli.output import check_output, progress_bars
     from pymantaray.cli.rays_tables import read_links, write_table
 
     check_output(out, (".csv",), inputs=[links, *source.files, *water.files], force=force)
-    content, options = read_links(links), BellhopOptions(step=step)
-    straight, frame = _straight_medium(source, water, refine)
+    content = read_links(links)
+    straight, frame = _straight_medium(source, water, bellhop.refine)
     start, receiver = content.places(frame)
-    with progress_bars(quiet=quiet) as progress:
+    with progress_bars(quiet=printing.quiet) as progress:
         table = compare_with_bellhop(
             straight,
             start,
             receiver,
             options,
-            program=program,
-            timeout=parse_duration("--timeout", timeout),
+            program=bellhop.program,
+            timeout=parse_duration("--timeout", bellhop.timeout),
             progress=progress,
         )
     write_table(table, out)
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printing.printer() as printed:
         _summarize(printed, table)
         printed.paths(file=out)
 
 
 @with_options
 def write_bellhop(
-    out: Annotated[Path, typer.Option("--out", help="Folder for the files.")],
+    out: Annotated[Path, typer.Option(help="Folder for the files.")],
     source: SourceOptions,
     water: WaterOptions,
+    options: Annotated[BellhopOptions, Fields("beams", "step", run="--write", bottom="--sea-bed")],
     links: Annotated[Path | None, LINKS] = None,
     link: Annotated[
-        list[int] | None, typer.Option("--link", help="Row of the run's links.nc. May be repeated.")
+        list[int] | None, typer.Option(help="Row of the run's links.nc. May be repeated.")
     ] = None,
     refine: Refine = 4,
-    output: Annotated[
-        Literal["arrivals", "arrivals-binary", "rays", "eigenrays"],
-        typer.Option("--write", help="Output of Bellhop."),
-    ] = "arrivals",
-    beams: Annotated[
-        int, typer.Option("--beams", min=2, help="Number of beams in declination, and in bearing.")
-    ] = 100,
-    sea_bed: Annotated[
-        Literal["rigid", "vacuum", "matching"], typer.Option("--sea-bed", help="Type of the sea bed.")
-    ] = "rigid",
-    step: StepLength = 50.0,
     force: Force = False,
 ) -> None:
     """Write links and their ocean as BELLHOP3D input files: .env, .ssp and .bty."""
-    from pymantaray.acoustics.bellhop import BellhopOptions
     from pymantaray.acoustics.bellhop import write_bellhop as write_files
     from pymantaray.cli.rays_tables import read_links
 
@@ -125,7 +108,6 @@ def write_bellhop(
     there = sorted(out.glob("link*.env"))
     if there and not force:
         raise AcousticsError(f"{there[0]}: already exists; give another folder or --force")
-    options = BellhopOptions(run=output, beams=beams, bottom=sea_bed, step=step)
     straight, frame = _straight_medium(source, water, refine)
     if links is not None:
         start, receiver = read_links(links).places(frame)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import (
     Fan,
     Force,
@@ -15,7 +16,6 @@ from pymantaray.cli.options import (
     WaterOptions,
     fan_angles,
     parse_place,
-    with_options,
 )
 from pymantaray.errors import AcousticsError
 

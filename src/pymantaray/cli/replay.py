@@ -1,33 +1,88 @@
 """Command `mantaray replay`: compare measured with predicted travel times."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.cli.groups import quantity, with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     Formats,
-    Json,
-    Quiet,
     Set,
     SourceOptions,
-    To,
+    TableOptions,
     WaterOptions,
     changes_of,
     format_names,
     parse_duration,
-    quantity,
-    with_options,
 )
-from pymantaray.cli.printing import Printer, printer
+from pymantaray.cli.printing import Printer
 from pymantaray.replay.rules import DEFAULT_RULE
 
 if TYPE_CHECKING:
     from pymantaray.replay import Replay
 
 _MOST_NODES = 12
+
+
+@dataclass(frozen=True)
+class ComparisonOptions:
+    """Detection, clocks and nodes of a comparison."""
+
+    rule: Annotated[
+        str,
+        typer.Option(metavar="RULE", help="Rule of detection: first, strongest, within:DB or threshold."),
+    ] = DEFAULT_RULE
+    detection: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="TOML file with a study's section detection, for levels, and losses in its section acoustics.",
+        ),
+    ] = None
+    window: Annotated[
+        str,
+        typer.Option(
+            metavar="DURATION",
+            help="Maximum time between paired events (both directions, and successive ones): seconds, or text such as"
+            " '5 min'.",
+        ),
+    ] = "60 s"
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."),
+    ] = None
+    nodes: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV", help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate."
+        ),
+    ] = None
+    smooth_positions: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("m"),
+            metavar="SIGMA",
+            help="Smooth the horizontal positions of all nodes as random walks with drift; SIGMA is the error of a measured"
+            " position in metres.",
+        ),
+    ] = None
+    clock_drift: Annotated[
+        bool, typer.Option("--clock-drift", help="Fit a constant rate of each clock besides its offset.")
+    ] = False
+
+
+@dataclass(frozen=True)
+class FolderOptions:
+    """Folder of the results, and formats of its figures and tables."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="New or empty folder for the results. Default: runs/replay-..."),
+    ] = None
+    formats: Formats = ""
 
 
 @with_options
@@ -44,57 +99,10 @@ def replay(
     source: SourceOptions,
     water: WaterOptions,
     search: ArrivalOptions,
-    rule: Annotated[
-        str,
-        typer.Option(metavar="RULE", help="Rule of detection: first, strongest, within:DB or threshold."),
-    ] = DEFAULT_RULE,
-    detection: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml",
-            help="TOML file with a study's section detection, for levels, and losses in its section acoustics.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="New or empty folder for the results. Default: runs/replay-..."),
-    ] = None,
-    window: Annotated[
-        str,
-        typer.Option(
-            metavar="DURATION",
-            help="Maximum time between paired events (both directions, and successive ones): seconds, or text such as"
-            " '5 min'.",
-        ),
-    ] = "60 s",
-    reference: Annotated[
-        str | None,
-        typer.Option(metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."),
-    ] = None,
-    nodes: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="CSV",
-            help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate.",
-        ),
-    ] = None,
-    smooth_positions: Annotated[
-        float | None,
-        typer.Option(
-            parser=quantity("m"),
-            metavar="SIGMA",
-            help="Smooth the horizontal positions of all nodes as random walks with drift; SIGMA is the error of a measured"
-            " position in metres.",
-        ),
-    ] = None,
-    clock_drift: Annotated[
-        bool, typer.Option("--clock-drift", help="Fit a constant rate of each clock besides its offset.")
-    ] = False,
+    comparing: ComparisonOptions,
+    folder: FolderOptions,
+    printing: TableOptions,
     changes: Set = None,
-    formats: Formats = "",
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
 ) -> None:
     """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
     import pymantaray
@@ -105,34 +113,38 @@ def replay(
     from pymantaray.replay import smooth_positions as smooth
     from pymantaray.report import write_replay
 
-    window_s = parse_duration("--window", window, positive=False)
-    measured, kind = read_events(events, nodes), DetectionRule.parse(rule)
+    window_s = parse_duration("--window", comparing.window, positive=False)
+    measured, kind = read_events(events, comparing.nodes), DetectionRule.parse(comparing.rule)
     smoothed = None
-    if smooth_positions is not None:
-        measured, smoothed = smooth(measured, smooth_positions)
-    sections = {} if detection is None else sound_sections(detection)
+    if comparing.smooth_positions is not None:
+        measured, smoothed = smooth(measured, comparing.smooth_positions)
+    sections = {} if comparing.detection is None else sound_sections(comparing.detection)
     waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
     sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]
     notes = list(dict.fromkeys(note for one in waters for note in water_notes(one)))
-    with progress_bars(quiet=quiet) as report:
+    with progress_bars(quiet=printing.quiet) as report:
         result = replay_events(
             measured,
             waters,
             kind,
             window=window_s,
-            reference=reference,
+            reference=comparing.reference,
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
-        result = replace(result, notes=(*notes, *result.notes), clock_drift=clock_drift, positions=smoothed)
+        result = replace(
+            result, notes=(*notes, *result.notes), clock_drift=comparing.clock_drift, positions=smoothed
+        )
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),
-            "detection": None if detection is None else str(detection),
-            "smooth_positions_m": smooth_positions,
-            "clock_drift": clock_drift,
+            "detection": None if comparing.detection is None else str(comparing.detection),
+            "smooth_positions_m": comparing.smooth_positions,
+            "clock_drift": comparing.clock_drift,
         }
-        page = write_replay(result, out, made_by=record, formats=format_names(formats), progress=report)
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+        page = write_replay(
+            result, folder.out, made_by=record, formats=format_names(folder.formats), progress=report
+        )
+    with printing.printer() as printed:
         _tell(printed, result)
         printed.paths(page=page)
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.options import ArrivalOptions, Set, WaterOptions, changes_of, parse_duration, with_options
+from pymantaray.cli.groups import with_options
+from pymantaray.cli.options import ArrivalOptions, Set, WaterOptions, changes_of, parse_duration
 from pymantaray.cli.printing import LOG
 
 if TYPE_CHECKING:

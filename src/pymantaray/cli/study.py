@@ -1,14 +1,15 @@
-"""Commands of `mantaray study`; what they need is imported when they run, so that help is quick."""
+"""Commands of `mantaray study`; they import modules when they run, which keeps the help fast."""
 
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     Commands,
@@ -18,11 +19,11 @@ from pymantaray.cli.options import (
     Quiet,
     RunGroup,
     Set,
+    TableOptions,
     To,
     WaterOptions,
     changes_of,
     format_names,
-    with_options,
 )
 from pymantaray.cli.output import duration, progress_bars
 from pymantaray.cli.printing import LOG, Printer, printer
@@ -33,17 +34,17 @@ if TYPE_CHECKING:
 
     from pymantaray.study import Run, StudyConfig
 
-app = Commands(cls=RunGroup, help="Run the paper's study, or one of your own.")
+app = Commands(cls=RunGroup, help="Run, show and compare studies.")
 
 _WIDE_DB = 60.0  # cut-off that keeps rays far into shadows
 _MAX_NAMED_RUNS = 2  # runs whose names fit above the columns of a table
 
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; must be new or empty.")]
+Out = Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 
 
 def _presets(incomplete: str) -> list[str]:
-    """Presets that begin so, for completion; where none does shells complete files."""
+    """Return the presets that begin with a text, for shell completion; without any, shells complete files."""
     from pymantaray.config.load import preset_names
 
     return [name for name in preset_names() if name.startswith(incomplete)]
@@ -58,7 +59,7 @@ NameOrFile = Annotated[
 
 @app.command("list")
 def list_command(as_json: Json = False) -> None:
-    """Names of the presets."""
+    """List the presets."""
     from pymantaray.study import list_presets
 
     presets = list_presets()
@@ -71,7 +72,7 @@ def list_command(as_json: Json = False) -> None:
 
 @app.command()
 def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
-    """Print all keys of a preset or a file, its base included, and what they mean; keys at their defaults are commented out."""
+    """Print all keys of a preset or a file with their descriptions; keys at their defaults are commented out."""
     from pymantaray.config.text import commented_toml
     from pymantaray.study import load_study
     from pymantaray.study.tracks import with_tracks
@@ -84,24 +85,24 @@ def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
 @app.command()
 def init(
     name: Name = "quick",
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The file to make.")] = Path("study.toml"),
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")] = Path("study.toml"),
     changes: Set = None,
 ) -> None:
-    """Write a preset into a file to edit, with every key that it leaves at its default."""
+    """Write a preset with all its keys to a file for editing."""
     from pymantaray.study import starter_text
 
     _write_new(file, starter_text(name, **changes_of(changes)))
-    typer.echo(f"{file}: made of preset {name}; edit it, then: mantaray study run {file}")
+    typer.echo(f"{file}: written from preset {name}; edit it, then: mantaray study run {file}")
 
 
 @app.command()
 def convert(
     old: Annotated[Path, typer.Argument(metavar="OLD", help="A study file of an earlier version.")],
     new: Annotated[
-        Path | None, typer.Argument(metavar="NEW", help="The file to make; printed unless given.")
+        Path | None, typer.Argument(metavar="NEW", help="File to write. Default: print the text.")
     ] = None,
 ) -> None:
-    """Rewrite a study file of an earlier version with today's keys; its comments are lost."""
+    """Convert a study file of an earlier version to the current keys, without its comments."""
     from pymantaray.config import convert_study
 
     text = convert_study(old)
@@ -137,6 +138,26 @@ def cite(
     typer.echo(references.bibtex if bibtex else references, nl=not bibtex)
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """Folder, realizations and figures of a run."""
+
+    out: Out = None
+    realizations: Annotated[int | None, typer.Option(help="Number of noise realizations.")] = None
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes that solve realizations.")] = None
+    no_figures: Annotated[bool, typer.Option("--no-figures", help="Data only: no tables and figures.")] = (
+        False
+    )
+    formats: Formats = ""
+    open_page: Open = False
+
+    def __post_init__(self) -> None:
+        if self.open_page and self.no_figures:
+            raise typer.BadParameter(
+                "there is no page with --no-figures; leave one of them out", param_hint="--open"
+            )
+
+
 @app.command()
 @with_options
 def run(
@@ -144,38 +165,27 @@ def run(
     source: OceanOptions,
     water: WaterOptions,
     arrivals: ArrivalOptions,
-    out: Out = None,
-    realizations: Annotated[
-        int | None, typer.Option("--realizations", help="Number of noise realizations.")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes that solve realizations.")
-    ] = None,
+    how: RunOptions,
+    printing: TableOptions,
     changes: Set = None,
-    no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
-    ] = False,
-    formats: Formats = "",
-    open_page: Open = False,
-    as_json: Json = False,
-    to: To = "text",
-    quiet: Quiet = False,
 ) -> None:
     """Run a study: data, tables and figures go into one folder."""
     from pymantaray.config.options import dotted_keys
     from pymantaray.study import load_study
 
-    if open_page and no_figures:
-        raise typer.BadParameter(
-            "there is no page with --no-figures; leave one of them out", param_hint="--open"
-        )
     keys = dotted_keys(water.keys | arrivals.keys) | changes_of(changes)
-    config = load_study(study, realizations=realizations, ocean=source.words or None, **keys)
-    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+    config = load_study(study, realizations=how.realizations, ocean=source.words or None, **keys)
+    with printing.printer() as printed:
         folder = run_and_report(
-            config, out, printed, workers=workers, figures=not no_figures, formats=formats, quiet=quiet
+            config,
+            how.out,
+            printed,
+            workers=how.workers,
+            figures=not how.no_figures,
+            formats=how.formats,
+            quiet=printing.quiet,
         )
-    if open_page:
+    if how.open_page:
         _open(folder / PAGE)
 
 
@@ -185,11 +195,11 @@ def run_and_report(
     printed: Printer,
     *,
     workers: int | None,
-    figures: bool,
+    figures: bool = True,
     formats: str,
     quiet: bool,
 ) -> Path:
-    """Run a study, draw what its mission shows meanwhile, and say what came out and where; that folder."""
+    """Run a study, draw figures of its mission meanwhile, print a summary, and return the folder."""
     from pymantaray.report.folder import ReportProcess
 
     # it starts beside what takes seconds to import here, and not before the file is read
@@ -273,7 +283,7 @@ def tables(
 
 @app.command()
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of two runs or more.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of at least two runs.")],
     out: Out = None,
     formats: Formats = "",
     open_page: Open = False,
@@ -281,7 +291,7 @@ def compare(
     to: To = "text",
     quiet: Quiet = False,
 ) -> None:
-    """Set runs side by side: what differs in their configurations, tables, figures and a page in a folder of their own."""
+    """Compare runs: differences of their configurations, tables, figures and a page in one folder."""
     from pymantaray.report import write_comparison
 
     with progress_bars(quiet=quiet) as progress:
@@ -294,15 +304,15 @@ def compare(
 
 
 def _open(page: Path) -> None:
-    """Open a page in the user's browser, or say that there is none."""
+    """Open a page in the browser; log a warning without a browser."""
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):
-        LOG.warning("no browser is there to open %s", page)
+        LOG.warning("no browser to open %s", page)
 
 
 def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
-    """Time of each stage, of those after the data were complete, too, and peak memory, in a line."""
+    """Print the time of each stage and the peak memory."""
     seconds, memory = {**run.manifest["seconds"], **after}, run.manifest["peak_memory_mib"]
     stages = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
     workers = run.manifest["machine"]["workers"]
@@ -315,7 +325,7 @@ def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
 
 
 def _print_summary(out: Printer, run: "Run") -> None:
-    """Dropouts, range errors and trajectory errors, and warnings of solves and vehicles that did not end well."""
+    """Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped vehicles."""
     study, hours, vehicles = run.config.study, run.config.mission.duration_h, run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
@@ -335,7 +345,7 @@ def _print_summary(out: Printer, run: "Run") -> None:
 
 
 def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | None) -> None:
-    """Print why ranges are lost, the commonest cause first, in the words of the page, and what to do about weak ones."""
+    """Print the causes of lost ranges, most frequent first, and a remedy for weak ones."""
     from pymantaray.evaluation import ALL_LINKS
     from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS, RayStatus
 
@@ -358,7 +368,7 @@ def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | Non
 
 
 def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
-    """Tables of a comparison, whose last columns are the runs; many runs have numbers instead of names."""
+    """Print the tables of a comparison; the columns of many runs have numbers instead of names."""
     from pymantaray.report.compare import SUMMARY, read_comparison
 
     tables = read_comparison(folder)

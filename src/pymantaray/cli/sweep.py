@@ -1,11 +1,13 @@
-"""Commands of `mantaray sweep`; what they need is imported when they run, so that help is quick."""
+"""Commands of `mantaray sweep`; they import modules when they run, which keeps the help fast."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.options import Commands, Json, Quiet, RunGroup, Scheduler, Set, Workers, changes_of
+from pymantaray.cli.groups import with_options
+from pymantaray.cli.options import Commands, Json, PrintOptions, ProcessOptions, RunGroup, Set, changes_of
 from pymantaray.cli.output import check_output, counted_progress, duration
 from pymantaray.cli.printing import LOG, Printer, printer
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from pymantaray.sweep.plan import Plan
     from pymantaray.sweep.results import Status
 
-app = Commands(cls=RunGroup, help="Run many studies: fields of one, crossed or zipped.")
+app = Commands(cls=RunGroup, help="Run many studies that differ in some keys.")
 
 EXIT_POINTS_FAILED = 1
 _LINES = 5  # of reasons why points failed
@@ -27,16 +29,18 @@ Place = Annotated[str, typer.Argument(metavar="FOLDER", help="Folder or URL of a
 def show(
     file: SweepFile,
     out: Annotated[
-        str | None, typer.Option("--out", help="Results: what is done there is not counted.")
+        str | None, typer.Option("--out", help="Folder or URL of results; finished points are not counted.")
     ] = None,
     measure: Annotated[
         bool, typer.Option("--measure", help="Run the first point to estimate the time.")
     ] = False,
-    workers: Annotated[int, typer.Option("--workers", min=1, help="Workers that the time is for.")] = 1,
+    workers: Annotated[
+        int, typer.Option("--workers", min=1, help="Number of workers for the estimated time.")
+    ] = 1,
     changes: Set = None,
     as_json: Json = False,
 ) -> None:
-    """Print the plan: points, what they share, time and room. Nothing is run."""
+    """Show points, shared stages, and estimated time and disk space."""
     from pymantaray.jobs.store import open_store
     from pymantaray.sweep import load_sweep, open_sweep
     from pymantaray.sweep.estimate import cost_of, estimate, known_cost, measured_cost
@@ -92,42 +96,44 @@ def _print_estimate(out: Printer, plan: "Plan", points: set[str], what: "Estimat
     )
 
 
+@dataclass(frozen=True)
+class PointOptions:
+    """Points to compute, and stages and folders to keep."""
+
+    studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False
+    keep_stages: Annotated[
+        bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for later sweeps.")
+    ] = False
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed points again.")] = False
+
+
 @app.command()
+@with_options
 def run(
     file: SweepFile,
-    out: Annotated[
-        str, typer.Option("--out", help="Folder or URL of the results; what is done there is not done again.")
-    ],
+    out: Annotated[str, typer.Option(help="Folder or URL of the results. Finished points are skipped.")],
+    points: PointOptions,
+    processes: ProcessOptions,
+    printing: PrintOptions,
     changes: Set = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
-    studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False,
-    keep_stages: Annotated[
-        bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for sweeps to come.")
-    ] = False,
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Do failed points again.")] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
 ) -> None:
-    """Do the points that are not done; exit with 1 if some fail."""
+    """Compute the points that are not finished; exit with 1 if some fail."""
     from pymantaray.sweep import load_sweep
 
     sweep = load_sweep(file, **changes_of(changes))
     from pymantaray.sweep import run_sweep  # takes seconds, and not before the file is read
 
-    with counted_progress("points", quiet=quiet) as progress:
+    with counted_progress("points", quiet=printing.quiet) as progress:
         results = run_sweep(
             sweep,
             out,
-            client=scheduler,
-            workers=workers,
-            studies=studies,
-            keep_stages=keep_stages,
-            retry_failed=retry_failed,
+            client=processes.scheduler,
+            workers=processes.workers,
             progress=progress,
+            **asdict(points),
         )
     status = results.status()
-    with printer(as_json=as_json, quiet=quiet) as printed:
+    with printing.printer() as printed:
         _print_status(printed, out, status)
         printed.paths(folder=out)
     if status.failed:
@@ -136,7 +142,7 @@ def run(
 
 @app.command()
 def status(folder: Place, as_json: Json = False) -> None:
-    """Count points that are done, have failed and are open; exit with 1 if some have failed."""
+    """Count finished, failed and open points; exit with 1 if some failed."""
     from pymantaray.sweep import open_sweep
 
     counts = open_sweep(folder).status()
@@ -151,11 +157,11 @@ def collect(
     folder: Place,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Table to write, .csv or .nc; by default both, and a page, in FOLDER."),
+        typer.Option("--out", help="Table to write, .csv or .nc. Default: both, and a page, in FOLDER."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace a table that is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
 ) -> None:
-    """Write one table of all points: CSV, NetCDF over the swept fields, and a page to look at it."""
+    """Write one table of all points as CSV and NetCDF, and an interactive page."""
     from pymantaray.records import whole_file, write_netcdf
     from pymantaray.records.csv_text import csv_text
     from pymantaray.sweep import open_sweep

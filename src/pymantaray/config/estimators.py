@@ -33,12 +33,12 @@ KindAlone = BeforeValidator(_kind_alone)
 
 
 class ExactBelief(Section):
-    """The true ocean; where it varies, its first snapshot, or with ``time_varying`` that of each ping."""
+    """The true ocean; if it varies, its first snapshot, or with ``time_varying`` the ocean at each ping."""
 
     kind: Literal["exact"]
     """The true ocean."""
     time_varying: bool = False
-    """Whether each ping's water is believed, not the first snapshot."""
+    """Whether the assumed ocean varies with time instead of being the first snapshot."""
 
 
 class PerturbedBelief(Section):
@@ -52,17 +52,17 @@ class PerturbedBelief(Section):
     kind: Literal["perturbed"]
     """The true ocean with random errors."""
     rms: MetresPerSecond[PositiveFloat]
-    """Size of the errors of sound speed, root mean square. [m/s]"""
+    """Root mean square of the errors of sound speed. [m/s]"""
     horizontal_scale: Metres[PositiveFloat]
     """Correlation length of the errors. [m]"""
     down_to: Metres[PositiveFloat] | None = None
-    """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
+    """Depth limit of the water for ``rms``. Default: the sea bed. [m]"""
     n_modes: int | None = Field(default=None, ge=1)
-    """How many vertical modes err; those that carry 99.99 % of the variance unless given."""
+    """Number of vertical modes with errors. Default: modes with 99.99 % of the variance."""
 
 
 class MeanBelief(Section):
-    """The horizontal mean of each level, as a climatology has it."""
+    """Horizontal mean of each level, as in a climatology."""
 
     kind: Literal["mean"]
     """The region's mean profile."""
@@ -79,15 +79,15 @@ class CastBelief(Section):
     kind: Literal["cast"]
     """One cast of the true ocean."""
     north: Metres[float] | None = None
-    """Where it is taken; with ``east``; or ``lat``, in degrees. [m]"""
+    """North of the cast, with ``east``; or ``lat``, in degrees. [m]"""
     east: Metres[float] | None = None
-    """Where it is taken; with ``north``; or ``lon``, in degrees. [m]"""
+    """East of the cast, with ``north``; or ``lon``, in degrees. [m]"""
     bias_sigma: MetresPerSecond[NonNegativeFloat] = 0.0
     """Standard deviation of the instrument's bias of sound speed. [m/s]"""
     noise_sigma: MetresPerSecond[NonNegativeFloat] = 0.0
     """Standard deviation of sound speed at each level. [m/s]"""
     down_to: Metres[PositiveFloat] | None = None
-    """How deep it reaches; to the bed unless given. [m]"""
+    """Greatest depth of the cast. Default: the sea bed. [m]"""
 
     @model_validator(mode="after")
     def _both_or_none(self) -> Self:
@@ -118,45 +118,45 @@ class OffsetBelief(Section):
 
 
 class NumericsBelief(Section):
-    """The true ocean by other numerics: every so many levels, another equation of sound speed, another interpolation."""
+    """The true ocean with other numerical options: fewer levels, another equation of sound speed, another interpolation."""
 
     kind: Literal["numerics"]
-    """The true ocean by other numerics."""
+    """The true ocean with other numerical options."""
     every_level: int = Field(default=1, ge=1)
-    """Every how many levels of the ocean one is taken."""
+    """Step through the levels of the ocean; 2 uses every second level."""
     equation: Literal["teos-10", "del-grosso", "unesco"] | None = None
-    """Equation of sound speed; the study's unless given."""
+    """Equation of sound speed. Default: that of the study."""
     interpolation: Literal["smooth", "linear"] | None = None
-    """What lies between grid points; the study's unless given."""
+    """Interpolation of the sound speed. Default: that of the study."""
 
 
 class InternalTideSection(Section):
-    """A first-mode internal tide that lifts and lowers water as it runs east."""
+    """First-mode internal tide that propagates to the east."""
 
     amplitude: Metres[PositiveFloat]
-    """Greatest displacement of water, up and down. [m]"""
+    """Amplitude of the vertical displacement. [m]"""
     period_h: Hours[PositiveFloat] = 12.42
-    """From crest to crest. [h]"""
+    """Period. [h]"""
     wavelength: Metres[PositiveFloat] = 1e5
-    """From crest to crest, along east. [m]"""
+    """Wavelength. [m]"""
 
 
 class InternalTideBelief(InternalTideSection):
-    """The true ocean's first snapshot with an internal tide through it, in place of its own if it has one."""
+    """The first snapshot of the true ocean with an internal tide, which replaces that of the true ocean."""
 
     kind: Literal["internal-tide"]
-    """The true ocean with an internal tide through it."""
+    """The true ocean with an internal tide."""
 
 
 class OtherDayBelief(Section):
-    """The same source some days earlier: as it was then, or with ``time_varying`` as it changed from then on."""
+    """The same source at an earlier time: a snapshot, or with ``time_varying`` the ocean from that time on."""
 
     kind: Literal["other-day"]
     """The source at another time."""
     days_earlier: Days[float]
-    """How much earlier than the study's. [days]"""
+    """Time before the start of the study. [days]"""
     time_varying: bool = False
-    """Whether it changes from then on."""
+    """Whether the ocean varies from that time on."""
 
 
 class FileBelief(Section):
@@ -170,11 +170,11 @@ class FileBelief(Section):
     kind: Literal["file"]
     """An ocean of its own."""
     source: OceanSource
-    """What ``ocean.source`` takes, or a file of casts; relative to this file."""
+    """Source as in ``ocean.source``, or a file of casts; relative to this file."""
     time: Instant | None = None
-    """Which of several instants, UTC; the start of the mission unless given."""
+    """Time of the ocean (UTC). Default: the start of the mission."""
     cast: str | None = None
-    """Name of one of several casts."""
+    """Name of the cast, if the file contains several."""
 
 
 AnyBelief = Annotated[
@@ -202,13 +202,13 @@ class ModesSection(Section):
     """
 
     count: int = Field(ge=1)
-    """How many, from the one that varies most."""
+    """Number of modes, largest variance first."""
     rms: MetresPerSecond[PositiveFloat] | None = None
-    """Standard deviation of sound speed beforehand; what the region varies by unless given. [m/s]"""
+    """Prior standard deviation of sound speed. Default: that of the region. [m/s]"""
     down_to: Metres[PositiveFloat] | None = None
-    """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
+    """Depth limit of the water for ``rms``. Default: the sea bed. [m]"""
     casts: tuple[InputFile, ...] = Field(default=(), strict=False)
-    """Files whose modes are taken in place of the ocean's; relative to this file."""
+    """Files of casts for the modes, instead of the ocean; relative to this file."""
 
     @model_validator(mode="after")
     def _depth_of_something(self) -> Self:
@@ -218,12 +218,12 @@ class ModesSection(Section):
 
 
 class ClocksSection(Section):
-    """Offset and skew of all clocks, estimated with the poses; priors are the study's unless given."""
+    """Offsets and rate errors of all clocks, estimated with the poses. Default priors: those of the study."""
 
     offset_sigma: Seconds[NonNegativeFloat] | None = None
-    """Standard deviation of each clock's error beforehand; ``noise.clock_offset_sigma`` unless given. [s]"""
+    """Prior standard deviation of clock offsets. Default: ``noise.clock_offset_sigma``. [s]"""
     skew_sigma: NonNegativeFloat | None = None
-    """Standard deviation of each clock's rate beforehand; ``noise.clock_skew_sigma`` unless given. [-]"""
+    """Prior standard deviation of clock rate errors. Default: ``noise.clock_skew_sigma``. [-]"""
 
     def priors(self, offset_sigma: float, skew_sigma: float) -> tuple[float, float]:
         """Standard deviations of offset and skew, where those given are the study's. [s, -]."""
@@ -331,23 +331,23 @@ def varies(belief: AnyBelief | None) -> bool:
 
 
 class FixedVariance(Section):
-    """Variance of a range as the study has it."""
+    """Variance of a range as in the study."""
 
     kind: Literal["fixed"]
     """The study's."""
 
 
 class RayVariance(Section):
-    """Variance of a range with the travel time's own by the uncertain ocean added; sizes as a perturbed belief says unless given."""
+    """Variance of a range plus the variance of travel times by errors of the ocean. Default: the errors of a perturbed belief."""
 
     kind: Literal["per-link", "correlated"]
-    """Alone, or with covariances between the links of a ping."""
+    """Variances alone, or with covariances between the links of a ping."""
     rms: MetresPerSecond[PositiveFloat] | None = None
-    """How wrong the ocean is; with ``horizontal_scale``. [m/s]"""
+    """Root mean square of the ocean's errors of sound speed; with ``horizontal_scale``. [m/s]"""
     horizontal_scale: Metres[PositiveFloat] | None = None
     """Correlation length of these errors; with ``rms``. [m]"""
     down_to: Metres[PositiveFloat] | None = None
-    """Depth over which ``rms`` is meant; all of the water column unless given. [m]"""
+    """Depth limit of the water for ``rms``. Default: the sea bed. [m]"""
 
     @model_validator(mode="after")
     def _both_or_none(self) -> Self:
@@ -359,26 +359,26 @@ class RayVariance(Section):
 
 
 class BatchSolver(Section):
-    """All at once."""
+    """Batch estimation."""
 
     kind: Literal["batch"]
-    """All at once."""
+    """Batch estimation."""
 
 
 class IncrementalSolver(Section):
-    """Epoch by epoch."""
+    """Incremental estimation."""
 
     kind: Literal["incremental"]
-    """Epoch by epoch."""
+    """Incremental estimation."""
 
 
 class FixedLagSolver(Section):
-    """With a lag after which poses are let go."""
+    """Fixed-lag smoothing."""
 
     kind: Literal["fixed-lag"]
-    """With a lag after which poses are let go."""
+    """Fixed-lag smoothing."""
     lag_h: Hours[PositiveFloat]
-    """How long a pose is kept. [h]"""
+    """Lag: time after which poses are marginalized. [h]"""
 
 
 class DeadReckoning(Section):
@@ -415,29 +415,29 @@ class ConditionSection(Section):
     name: str = Field(pattern=NAME)
     """Unique; letters, digits, dot, _ and -."""
     ranges: Literal["none", "straight", "refracted"] = "refracted"
-    """Ranges that are used."""
+    """Ranges to use."""
     links: Literal["refracted", "all"] = "refracted"
-    """Links whose ranges are used: those that refracted ranges have, or all."""
+    """Links whose ranges are used: those with refracted ranges, or all."""
     range_model: AnyRangeModel = TransmitterRangeModel(kind="transmitter")
-    """How travel times are predicted, by its ``kind``; text is the kind alone."""
+    """Prediction of travel times, by its ``kind``; text is the kind alone."""
     variance: AnyVariance = FixedVariance(kind="fixed")
     """Variance of a range, by its ``kind``; text is the kind alone."""
     loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
     """Robust loss of ranges; ``"none"`` is least squares."""
     solver: AnySolver = BatchSolver(kind="batch")
-    """How the estimate is computed, by its ``kind``; text is the kind alone."""
+    """Solver, by its ``kind``; text is the kind alone."""
     start: Start | None = None
-    """Where the optimizer starts; ``estimator.start`` unless given."""
+    """Start of the optimizer. Default: ``estimator.start``."""
     clocks: ClocksSection | None = None
-    """Clocks that are estimated with the poses."""
+    """Estimation of clocks with the poses."""
     range_sigma: Metres[PositiveFloat] | Literal["fitted"] | None = None
-    """Assumed standard deviation of ranges in place of the study's; ``"fitted"``: the one at which the cost equals its expected value. [m]"""
+    """Assumed standard deviation of ranges. Default: that of the study. ``"fitted"``: the value at which the cost equals its expectation. [m]"""
     directions: Literal["each", "mean"] = "each"
-    """Whether each range of a pair is used, or the mean of both for both."""
+    """Whether each range of a pair is used, or the mean of both directions."""
     scale_sigma: PositiveFloat | None = None
-    """Prior standard deviation of a factor on all travel times, which is then estimated. [-]"""
+    """Prior standard deviation of a common scale of all travel times; if given, the scale is estimated. [-]"""
     bias_sigma: Metres[PositiveFloat] | None = None
-    """Prior standard deviation of a bias of each ordered pair, which is then estimated. [m]"""
+    """Prior standard deviation of a bias of each ordered pair; if given, the biases are estimated. [m]"""
 
     @model_validator(mode="before")
     @classmethod

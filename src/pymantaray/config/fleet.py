@@ -38,11 +38,11 @@ class FloatSection(Section):
     vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
     """Limit of the vertical speed, up and down. [m/s]"""
     surface_depth: Depth = 0.5
-    """Depth that counts as surfaced. Not in the paper, record 0001. [m]"""
+    """Depth above which a float is at the surface. Not in the paper, record 0001. [m]"""
     depth_gain: PositiveFloat = 0.1
-    """Vertical speed that is commanded per metre of depth error. Not in the paper, record 0001. [1/s]"""
+    """Commanded vertical speed per metre of depth error. Not in the paper, record 0001. [1/s]"""
     arrival_tolerance: Metres[PositiveFloat] = 0.1
-    """A vehicle begins to hold its depth when it is this close to it. Not in the paper, record 0001. [m]"""
+    """Depth error at which a vehicle begins to hold its depth. Not in the paper, record 0001. [m]"""
 
 
 class _Placed(Section):
@@ -55,7 +55,7 @@ class _Placed(Section):
     east: Metres[float]
     """East of the frame's centre, at the start; or ``lon``, in degrees. [m]"""
     heading_deg: Degrees[float] = 0.0
-    """Where its bow points at the start, clockwise from north. [degrees]"""
+    """Heading at the start, clockwise from north. [degrees]"""
 
     def start_depth(self, _floats: FloatSection) -> float:
         """Depth at the start. [m]"""
@@ -72,21 +72,21 @@ class FloatVehicle(_Placed):
     kind: Literal["float"]
     """An Argo-style float."""
     target_depth: Depth
-    """Depth of the hold below; deeper than the surface's. [m]"""
+    """Depth of the lower hold; it must exceed the surface depth. [m]"""
     start_delay_h: Hours[NonNegativeFloat] = 0.0
     """Time of its first descent. [h]"""
     hold_depth_h: Hours[NonNegativeFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [h]"""
+    """Value of this float instead of that of ``[fleet.floats]``. [h]"""
     hold_surface_h: Hours[NonNegativeFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [h]"""
+    """Value of this float instead of that of ``[fleet.floats]``. [h]"""
     vertical_speed: MetresPerSecond[PositiveFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [m/s]"""
+    """Value of this float instead of that of ``[fleet.floats]``. [m/s]"""
     surface_depth: Depth | None = None
-    """Its own, in place of ``[fleet.floats]``. [m]"""
+    """Value of this float instead of that of ``[fleet.floats]``. [m]"""
     depth_gain: PositiveFloat | None = None
-    """Its own, in place of ``[fleet.floats]``. [1/s]"""
+    """Value of this float instead of that of ``[fleet.floats]``. [1/s]"""
     arrival_tolerance: Metres[PositiveFloat] | None = None
-    """Its own, in place of ``[fleet.floats]``. [m]"""
+    """Value of this float instead of that of ``[fleet.floats]``. [m]"""
 
     def start_depth(self, floats: FloatSection) -> float:
         """Depth at the surface. [m]"""
@@ -115,10 +115,10 @@ class FloatVehicle(_Placed):
 
 
 class StationVehicle(_Placed):
-    """Station-keeping vehicle: stays where it is put."""
+    """Vehicle that keeps its initial position."""
 
     kind: Literal["station"]
-    """A vehicle that keeps its station."""
+    """A vehicle that keeps its position."""
     depth: Depth = 0.5
     """Depth that it keeps. [m]"""
 
@@ -137,7 +137,7 @@ class DriftingVehicle(_Placed):
     depth: Depth = 0.5
     """Depth that it keeps. [m]"""
     drogue_depth: Depth | None = None
-    """Depth of the water that carries it; its own unless given. [m]"""
+    """Depth of the current that moves it. Default: its own depth. [m]"""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
         """Drift with the current."""
@@ -152,7 +152,7 @@ class TwistVehicle(_Placed):
     """Vehicle under one constant body twist, over ground, or with ``current`` through water that carries it."""
 
     kind: Literal["twist"]
-    """A vehicle that moves with one twist for ever."""
+    """A vehicle with a constant twist."""
     depth: Depth
     """Depth at the start. [m]"""
     twist: tuple[
@@ -165,7 +165,7 @@ class TwistVehicle(_Placed):
     ] = Field(strict=False)
     """Angular velocity about, and velocity along, forward, right and down. [rad/s, m/s]"""
     current: bool = False
-    """Whether the current carries it besides."""
+    """Whether the current moves the vehicle in addition."""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
         """Motion with the twist."""
@@ -175,26 +175,26 @@ class TwistVehicle(_Placed):
 
 
 class WaypointVehicle(_Placed):
-    """Vehicle that steers for points at one speed and a limited turn rate."""
+    """Vehicle that steers to waypoints with constant speed and a limited turn rate."""
 
     kind: Literal["waypoints"]
-    """A vehicle that steers for points."""
+    """A vehicle that steers to waypoints."""
     depth: Depth
     """Depth at the start. [m]"""
     points: tuple[Annotated[tuple[Metres[float], Metres[float], Depth], Field(strict=False)], ...] = Field(
         min_length=1, strict=False
     )
-    """North, east and depth of each; latitude, longitude and depth where its place is ``lat`` and ``lon``. [m]"""
+    """North, east and depth of each waypoint; latitude, longitude and depth if the vehicle has ``lat`` and ``lon``. [m]"""
     speed: MetresPerSecond[PositiveFloat]
-    """Over ground, or through water with ``current``. [m/s]"""
+    """Speed over ground, or with ``current`` through the water. [m/s]"""
     turn_rate_deg: DegreesPerSecond[PositiveFloat] = 5.0
     """Limit of the angular speed. [degrees/s]"""
     capture_radius: Metres[PositiveFloat] = 20.0
-    """Distance at which a point counts as reached; at least the turning radius. [m]"""
+    """Distance at which a waypoint is reached; at least the turning radius. [m]"""
     loop: bool = False
-    """Whether it goes on from the last point to the first; else it stops there."""
+    """Whether the vehicle continues from the last waypoint to the first; otherwise it stops."""
     current: bool = False
-    """Whether the current carries it."""
+    """Whether the current moves the vehicle."""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
         """Motion from point to point."""
@@ -221,16 +221,16 @@ AnyVehicle = Annotated[
 
 
 class FleetSection(Section):
-    """The vehicles, and what the floats among them share; or files with trajectories of vehicles that moved elsewhere."""
+    """Vehicles with defaults of all floats, or files with existing trajectories."""
 
     floats: FloatSection = FloatSection()
-    """What all floats share."""
+    """Defaults of all floats."""
     vehicles: tuple[AnyVehicle, ...] = Field(default=(), strict=False)
     """Each with its ``kind``; a table ``[[fleet.vehicles]]`` for each."""
     trajectories: InputFiles = ()
-    """Files of vehicles that moved elsewhere, in place of ``vehicles``; relative to this file."""
+    """Files with existing trajectories, instead of ``vehicles``; relative to this file."""
     enu: bool = False
-    """Whether TUM files among them have east, north, up and bodies forward, left, up."""
+    """Whether TUM files use ROS's axes: world east, north, up; body forward, left, up."""
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
@@ -264,7 +264,7 @@ class FleetSection(Section):
 
 
 class LandmarkSection(Section):
-    """Fixed point whose surveyed place is known; takes part in ranging."""
+    """Fixed point with a surveyed position; takes part in ranging."""
 
     name: ParticipantName
     """Unique; letters, digits, _ and -, 64 at most."""
@@ -275,7 +275,7 @@ class LandmarkSection(Section):
     depth: Depth
     """Positive down. [m]"""
     sigma: Metres[PositiveFloat] | None = None
-    """Standard deviation of each axis of its survey, ``noise.landmark_sigma`` unless given; large for one that the fleet has to locate. [m]"""
+    """Standard deviation of each axis of the survey; large if the fleet has to locate the landmark. Default: ``noise.landmark_sigma``. [m]"""
 
     @property
     def position(self) -> "NDArray[np.float64]":

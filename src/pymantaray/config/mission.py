@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 class SlotsSection(Section):
-    """Vehicles ping in turn, one a slot, over and over: TDMA."""
+    """Vehicles ping in turn, one per slot (TDMA); slots repeat after the last."""
 
     kind: Literal["slots"]
     """Vehicles ping in turn."""
     slots: tuple[str, ...] = Field(min_length=1, strict=False)
-    """Names of who pings, in order."""
+    """Names of the vehicles, in the order of their slots."""
     slot_s: Seconds[PositiveFloat]
-    """Time from one slot to the next. [s]"""
+    """Length of a slot. [s]"""
     start_s: Seconds[NonNegativeFloat] = 0.0
     """Time of the first slot. [s]"""
 
@@ -40,12 +40,12 @@ class SlotsSection(Section):
 
 
 class PingsSection(Section):
-    """Pings one by one, from a table of times, transmitters and, if not everybody listens, receivers."""
+    """Pings from a table of times, transmitters and optional receivers."""
 
     kind: Literal["pings"]
-    """Pings are listed."""
+    """Pings from a table."""
     file: InputFile
-    """CSV with columns ``time`` [s], ``transmitter`` and, if not all listen, ``receivers``; relative to this file."""
+    """CSV file with columns ``time`` [s], ``transmitter`` and optional ``receivers``; relative to this file."""
 
     def build(self, start: np.datetime64 | None) -> "Schedule":
         """Pings of the file, by a mission's start if it has dates."""
@@ -66,19 +66,19 @@ class MissionSection(Section):
     """
 
     duration_h: Hours[PositiveFloat] = 168.0
-    """Time from the first sample to the last; with trajectories, their own unless given. [h]"""
+    """Time from the first sample to the last. Default with trajectories: their duration. [h]"""
     physics_step_s: Seconds[PositiveFloat] = 0.125
     """Step of the vehicles' motion. [s]"""
     sampling_period_s: Seconds[PositiveFloat] = 200.0
-    """Time between samples of poses and sensors. both ends are samples: not in the paper, record 0001. [s]"""
+    """Time between samples of poses and sensors. Samples at both ends of the mission: not in the paper, record 0001. [s]"""
     ping_interval_h: Hours[PositiveFloat] = 4.0
-    """All vehicles ping at every multiple. Not at 0: not in the paper, record 0001. [h]"""
+    """Interval of pings of all vehicles. No ping at time 0: not in the paper, record 0001. [h]"""
     ping_start_h: Hours[NonNegativeFloat] | None = None
-    """First ping; ``ping_interval_h`` unless given. [h]"""
+    """Time of the first ping. Default: ``ping_interval_h``. [h]"""
     schedule: AnySchedule | None = None
-    """Who pings when, in place of ``ping_interval_h``."""
+    """Schedule of pings, instead of ``ping_interval_h``."""
     gnss_depth: Metres[PositiveFloat] = 1.0
-    """A vehicle has a GNSS fix while it is shallower. Not in the paper, record 0001. [m]"""
+    """Depth above which vehicles have GNSS fixes. Not in the paper, record 0001. [m]"""
 
     def pings(self, start: np.datetime64 | None = None) -> "Schedule":
         """Schedule of the pings; the start is that of the mission, for lists of pings with dates."""

@@ -39,6 +39,10 @@ from pymantaray.geometry.sphere import Earth
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 
+if TYPE_CHECKING:
+    from pymantaray.acoustics import Absorption, IceCover, Leakage, SeaSurface, Sonar
+    from pymantaray.sensing import Picker, Reception, Timing
+
 Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 
 
@@ -46,23 +50,23 @@ class AcousticsSection(Section):
     """Search for eigenrays, selection of the ranged arrival, and the effect of currents on sound."""
 
     spreading_cutoff_db: PositiveFloat | Literal["none"] = 15.0
-    """Eigenrays weaker than spherical spreading by more than this are left out; ``"none"`` keeps all. Not in the paper, record 0001. [dB]"""
+    """Eigenrays weaker than spherical spreading by more than this are discarded; ``"none"`` keeps all. Not in the paper, record 0001. [dB]"""
     interpolation: Literal["smooth", "linear"] = "smooth"
-    """What lies between grid points of sound speed: cubic splines, or straight lines as in Bellhop. Not in the paper, record 0001."""
+    """Interpolation of the sound speed: cubic splines, or linear as in Bellhop. Not in the paper, record 0001."""
     max_surface_bounces: Bounces = 0
-    """Reflections at the surface, or under ice, that an eigenray may have."""
+    """Maximum number of reflections at the surface or under ice."""
     surface_loss: Literal["none", "bubbles", "coherent"] = "none"
-    """Loss at reflections by a sea under wind: what bubbles take, or what is not coherent any more; with ``[detection]``."""
+    """Loss of a reflection at a rough sea surface: absorption by bubbles, or loss of coherence; needs ``[detection]``."""
     ice_loss_db: NonNegativeFloat | None = None
-    """Lost at each reflection under ice, which ``ocean.ice`` gives; with ``[detection]``. [dB]"""
+    """Loss of each reflection under ice; needs ``ocean.ice`` and ``[detection]``. [dB]"""
     max_bottom_bounces: Bounces = 0
-    """Reflections at the sea bed that an eigenray may have."""
+    """Maximum number of reflections at the sea bed."""
     sediment: Sediment = "none"
-    """What the sea bed is made of, for loss at reflections; ``"none"`` reflects everything; with ``[detection]``."""
+    """Sediment of the sea bed, for the loss of reflections; ``"none"`` has no loss; needs ``[detection]``."""
     arrival: Literal["direct", "first", "strongest"] = "direct"
-    """Which arrival is ranged on: the earliest that met no boundary, the earliest of all, or the one of least loss."""
+    """Arrival that is the range: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
     currents: bool = False
-    """Whether the current carries sound along the rays."""
+    """Whether currents change travel times along the rays."""
     cone_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
     """Width of the transmitter's fan about the chord, half of it on either side; rays launched outside are lost. None without a limit. [degrees]"""
     earth: Earth = "flat"
@@ -72,6 +76,14 @@ class AcousticsSection(Section):
     def cutoff_db(self) -> float | None:
         """The spreading cut-off as `find_eigenrays` takes it, None for none. [dB]."""
         return None if self.spreading_cutoff_db == "none" else float(self.spreading_cutoff_db)
+
+    def build_surface(self, wind_speed: float) -> "SeaSurface | IceCover | None":
+        """Build the loss at the surface, or under ice; None without loss."""
+        from pymantaray.acoustics import IceCover, SeaSurface
+
+        if self.ice_loss_db is not None:
+            return IceCover(self.ice_loss_db)
+        return None if self.surface_loss == "none" else SeaSurface(wind_speed, self.surface_loss)
 
 
 class RangingSection(Section):
@@ -84,15 +96,29 @@ class RangingSection(Section):
     """
 
     timing: Literal["one-way", "two-way"] = "one-way"
-    """One way by synchronous clocks, or two ways with an answer."""
+    """One-way travel times between synchronous clocks, or two-way travel times with an answer."""
     turn_around_s: Seconds[NonNegativeFloat] = 0.0
-    """Time from hearing a ping to answering it; two-way only. [s]"""
+    """Time from the reception of a ping to the answer; for two-way times. [s]"""
     mistaken: Literal["none", "first-detected", "strongest-detected"] = "none"
-    """What a receiver takes for the direct arrival: that itself, or the first or strongest that it detects."""
+    """Errors of receivers: none (they find the direct arrival), or they take the first or the strongest arrival that they detect."""
     below_strongest_db: NonNegativeFloat | None = None
-    """An arrival is detected if it is at most so much weaker than the link's strongest; without ``[detection]`` only. [dB]"""
+    """Arrivals are detected if they are at most this much weaker than the strongest of their link; only without ``[detection]``. [dB]"""
     mistaken_correlation_s: Seconds[NonNegativeFloat] = 0.0
-    """How long a receiver stays with an arrival that it has taken, as a correlation time. [s]"""
+    """Correlation time of the choice of an arrival by a receiver. [s]"""
+
+    def build_timing(self) -> "Timing":
+        """Build the timing scheme."""
+        from pymantaray.sensing import OneWay, TwoWay
+
+        return OneWay() if self.timing == "one-way" else TwoWay(turn_around=self.turn_around_s)
+
+    def build_picker(self, sonar: "Sonar | None") -> "Picker | None":
+        """Build the rule by which receivers select the direct arrival; None if they never err."""
+        from pymantaray.sensing import Picker
+
+        if self.mistaken == "none":
+            return None
+        return Picker(rule=self.mistaken, sonar=sonar, below_strongest_db=self.below_strongest_db)
 
     @model_validator(mode="after")
     def _only_two_way_turns_around(self) -> Self:
@@ -124,7 +150,7 @@ class RangingSection(Section):
 
 class DetectionSection(Section):
     """
-    The modems' sonar equation; without this section every arrival is heard, as in the paper.
+    Sonar equation of the modems; without this section every arrival is detected, as in the paper.
 
     Noise is Wenz's, by wind and shipping, unless its spectral level is given.
     """
@@ -136,25 +162,51 @@ class DetectionSection(Section):
     bandwidth_hz: Hertz[PositiveFloat]
     """Width of the band. [Hz]"""
     wind_speed: MetresPerSecond[NonNegativeFloat] = 5.0
-    """Wind, for noise and for ``acoustics.surface_loss``. [m/s]"""
+    """Wind speed, for noise and for ``acoustics.surface_loss``. [m/s]"""
     shipping: float | None = Field(default=None, ge=0.0, le=1.0)
-    """Activity of ships for noise, from 0 (none near) to 1 (heavy); 0.5 unless given. [-]"""
+    """Shipping activity for noise, from 0 (no ships near) to 1 (heavy traffic). Default: 0.5. [-]"""
     noise_spectral_level_db: float | None = None
-    """Noise at the receiver in place of wind's and ships', flat in the band. [dB re 1 µPa²/Hz]"""
+    """Spectral level of the noise at the receiver, constant in the band; replaces noise of wind and ships. [dB re 1 µPa²/Hz]"""
     processing_gain_db: float = 0.0
-    """What pulse compression and directivity add to the signal-to-noise ratio. [dB]"""
+    """Gain in signal-to-noise ratio by pulse compression and directivity. [dB]"""
     threshold_db: float = 10.0
-    """Signal-to-noise ratio at which half the pings are heard. [dB]"""
+    """Signal-to-noise ratio at which half of the pings are detected. [dB]"""
     spread_db: NonNegativeFloat = 6.0
-    """Standard deviation of the level about the predicted one; with 0 a ping is heard or not. [dB]"""
+    """Standard deviation of the level around its prediction; with 0, detection is certain or impossible. [dB]"""
     absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
     """Formula of absorption by sea water."""
     leakage: bool = False
-    """Whether sound leaks past the nearest ray to where no ray arrives."""
+    """Whether sound reaches receivers in shadow zones by leakage from the nearest ray."""
     leakage_reach_m: Metres[PositiveFloat] = 200.0
-    """How far a receiver may be from the nearest ray that leaks. [m]"""
+    """Maximum distance of leakage from the nearest ray. [m]"""
     scatter_db: NonNegativeFloat | None = None
-    """Scattered sound in shadows is so much weaker than spherical spreading; none unless given. [dB]"""
+    """Level of scattered sound in shadow zones below spherical spreading. Default: no scattered sound. [dB]"""
+
+    def build_sonar(self) -> "Sonar":
+        """Build the modems."""
+        from pymantaray.acoustics import Sonar, WenzNoise
+
+        noise: WenzNoise | float
+        if self.noise_spectral_level_db is None:
+            shipping = 0.5 if self.shipping is None else self.shipping
+            noise = WenzNoise(wind_speed=self.wind_speed, shipping=shipping)
+        else:
+            noise = self.noise_spectral_level_db
+        return Sonar(
+            source_level_db=self.source_level_db,
+            frequency_hz=self.frequency_hz,
+            bandwidth_hz=self.bandwidth_hz,
+            noise=noise,
+            processing_gain_db=self.processing_gain_db,
+            threshold_db=self.threshold_db,
+            spread_db=self.spread_db,
+        )
+
+    def build_leakage(self) -> "Leakage | None":
+        """Build the model of sound that arrives without a ray; None without such sound."""
+        from pymantaray.acoustics import Leakage
+
+        return Leakage(self.leakage_reach_m, self.scatter_db) if self.leakage else None
 
     @model_validator(mode="after")
     def _scatter_is_part_of_leakage(self) -> Self:
@@ -187,9 +239,9 @@ class StudySection(Section):
     description: str = ""
     """One line for lists and reports."""
     seed: int = Field(default=20140715, ge=0)
-    """Root of all random numbers. Not in the paper, record 0001."""
+    """Seed of all random numbers. Not in the paper, record 0001."""
     realizations: int = Field(default=25, ge=1, le=10**9)
-    """How many times noise is drawn."""
+    """Number of realizations of the noise."""
 
 
 def _as_texts(value: object) -> object:
@@ -214,35 +266,35 @@ class OceanSection(Section):
     names: StandardNames = ()
     """CF standard names of the files' variables that lack one, such as ``temp=sea_water_potential_temperature``."""
     thin: MetresPerSecond[PositiveFloat] | None = None
-    """Leave out levels of a profile that interpolation meets within this. [m/s]"""
+    """Remove levels of a profile if interpolation stays within this error. [m/s]"""
     smooth: Metres[PositiveFloat] | None = None
-    """Average a profile over this. [m]"""
+    """Length of the average that smooths a profile. [m]"""
     time: Instant | None = None
-    """Instant of the water, UTC; the start of the mission where it varies. The files' only one unless given."""
+    """Time of the ocean (UTC), and start of the mission if it varies. Default: the only time of the files."""
     time_varying: bool = False
-    """Whether the water changes while the mission lasts."""
+    """Whether the ocean varies during the mission."""
     currents: Literal["required", "rest"] = "required"
-    """Whether files must have currents, or water without them is at rest."""
+    """Whether files must have currents, or an ocean without currents is at rest."""
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
-    """Equation of sound speed by temperature, salinity and pressure."""
+    """Equation of sound speed from temperature, salinity and pressure."""
     bathymetry: Metres[PositiveFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
-    """Sea floor: its depth everywhere, or a file that is finer than the ocean; a profile needs one. [m]"""
+    """Depth of a flat sea floor, or a file with a finer sea floor than the ocean has; required for a profile. [m]"""
     bathymetry_crs: str | None = None
-    """Projection of a sea floor's file that names none, such as ``"EPSG:3996"`` of IBCAO."""
+    """Projection of a sea floor's file that does not name it, such as ``"EPSG:3996"`` of IBCAO."""
     ice: Metres[NonNegativeFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
-    """Draft of an ice cover: the same everywhere, or a file's. [m]"""
+    """Draft of a uniform ice cover, or a file with drafts. [m]"""
     repair_freezing: bool = False
     """Raise the salinity of casts below the freezing point to the freezing line, instead of a note only."""
     internal_tide: InternalTideSection | None = None
-    """A wave through the true water; none unless given."""
+    """Internal tide in the true ocean. Default: none."""
     centre_lat: Degrees[float] | None = Field(default=None, ge=-90.0, le=90.0)
-    """Latitude of the local frame's centre; the middle of the data unless given. [degrees]"""
+    """Latitude of the local frame's centre. Default: the middle of the data. [degrees]"""
     centre_lon: Degrees[float] | None = Field(default=None, ge=-180.0, le=360.0)
-    """Longitude of the local frame's centre; the middle of the data unless given. [degrees]"""
+    """Longitude of the local frame's centre. Default: the middle of the data. [degrees]"""
     half_extent_north: Metres[PositiveFloat] | None = None
-    """Half of the domain's side from south to north; the largest that fits unless given. [m]"""
+    """Half of the domain's side from south to north. Default: the largest that fits. [m]"""
     half_extent_east: Metres[PositiveFloat] | None = None
-    """Half of the domain's side from west to east; the largest that fits unless given. [m]"""
+    """Half of the domain's side from west to east. Default: the largest that fits. [m]"""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -324,12 +376,12 @@ else:
 
 
 class NoiseSection(_Levels):
-    """Levels of all noise, the paper's table; those it leaves open are in record 0001."""
+    """Levels of all noise, from the paper's table; record 0001 lists those that the paper does not specify."""
 
     clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
-    """Standard deviation of each clock's error when the mission starts. [s]"""
+    """Standard deviation of the clocks' offsets at the start of the mission. [s]"""
     clock_skew_sigma: NonNegativeFloat = 0.0
-    """Standard deviation of each clock's rate, as a share of time. [-]"""
+    """Standard deviation of the clocks' rate errors. [-]"""
 
     @property
     def model(self) -> NoiseModel:
@@ -348,9 +400,9 @@ class EstimatorSection(Section):
     """Defaults of all conditions: the start of the optimizer, and the interval of stored covariances, the end included."""
 
     start: Start = "truth"
-    """Where the optimizer starts, unless a condition has a ``start`` of its own. Not in the paper, record 0001."""
+    """Start of the optimizer, if the condition has no ``start``. Not in the paper, record 0001."""
     covariance_interval_h: Hours[PositiveFloat] = 24.0
-    """How often covariances of poses are kept. [h]"""
+    """Interval of stored covariances of poses. [h]"""
 
 
 class SoundConfig(Section):
@@ -363,11 +415,38 @@ class SoundConfig(Section):
     mission: MissionSection = MissionSection()
     """Durations and periods."""
     acoustics: AcousticsSection = AcousticsSection()
-    """Eigenrays."""
+    """Search for eigenrays."""
     ranging: RangingSection = RangingSection()
-    """How travel times are measured."""
+    """Measurement of travel times."""
     detection: DetectionSection | None = None
-    """Who is heard; everybody unless given."""
+    """Sonar equation of the modems. Default: every arrival is detected."""
+
+    def build_sonar(self) -> "Sonar | None":
+        """Build the modems; None if every arrival is detected."""
+        return None if self.detection is None else self.detection.build_sonar()
+
+    def build_reception(self, absorption: "Absorption | None") -> "Reception":
+        """Build search, losses and detection of arrivals, with the absorption of the water."""
+        from pymantaray.acoustics.reflection import bed_reflection
+        from pymantaray.sensing import Detector, Reception
+
+        search, detection, detector = self.acoustics, self.detection, None
+        if detection is not None:
+            detector = Detector(
+                sonar=detection.build_sonar(),
+                absorption=absorption,
+                bottom=bed_reflection(search.sediment),
+                surface=search.build_surface(detection.wind_speed),
+            )
+        return Reception(
+            spreading_cutoff_db=search.cutoff_db,
+            max_surface_bounces=search.max_surface_bounces,
+            max_bottom_bounces=search.max_bottom_bounces,
+            arrival=search.arrival,
+            cone=None if search.cone_deg is None else math.radians(search.cone_deg),
+            detector=detector,
+            leakage=None if detection is None else detection.build_leakage(),
+        )
 
     def with_(self, **changes: Any) -> Self:
         """
@@ -453,7 +532,7 @@ class SoundConfig(Section):
 
 
 class StudyConfig(SoundConfig):
-    """A whole study: everything that its results depend on, apart from the input files' content."""
+    """A whole study: everything that determines its results, except the content of input files."""
 
     study: StudySection
     """Name, seed and size."""
@@ -468,7 +547,7 @@ class StudyConfig(SoundConfig):
     conditions: tuple[ConditionSection, ...] = Field(
         default=tuple(ConditionSection(name=name) for name in DEFAULT), strict=False
     )
-    """What is estimated, and how; a table ``[[conditions]]`` for each, or ``[conditions.NAME]`` to change or add one. ``"none"`` computes ranges only."""
+    """Estimators to compare; a table ``[[conditions]]`` for each, or ``[conditions.NAME]`` to change or add one. ``"none"`` computes ranges only."""
 
     @model_validator(mode="before")
     @classmethod

@@ -29,6 +29,11 @@ _WORDS = {
 _NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 
 
+def has_units(unit: str) -> bool:
+    """Return True if `quantity_of` converts to a unit."""
+    return any(unit in units for units in _UNITS.values())
+
+
 def quantity_of(text: str, unit: str) -> float:
     """
     Convert text with units of a quantity to a number in one unit of that quantity.

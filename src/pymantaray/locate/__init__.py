@@ -7,14 +7,14 @@ from pymantaray.lazy import lazy_exports
 if TYPE_CHECKING:
     from pymantaray.locate.location import Location as Location
     from pymantaray.locate.location import locate as locate
+    from pymantaray.locate.options import LocateOptions as LocateOptions
+    from pymantaray.locate.options import PlanOptions as PlanOptions
+    from pymantaray.locate.options import SpeedPrior as SpeedPrior
     from pymantaray.locate.plan import Pattern as Pattern
     from pymantaray.locate.plan import Plan as Plan
-    from pymantaray.locate.plan import PlanOptions as PlanOptions
     from pymantaray.locate.plan import plan_survey as plan_survey
     from pymantaray.locate.read import read_survey as read_survey
     from pymantaray.locate.read_options import ReadOptions as ReadOptions
-    from pymantaray.locate.solve import LocateOptions as LocateOptions
-    from pymantaray.locate.sound_speed import SpeedPrior as SpeedPrior
     from pymantaray.locate.survey import Direction as Direction
     from pymantaray.locate.survey import LeverArm as LeverArm
     from pymantaray.locate.survey import Node as Node

@@ -16,8 +16,9 @@ from pymantaray.locate.budget import error_budget
 from pymantaray.locate.checks import check_solution, check_survey
 from pymantaray.locate.gross import reasons
 from pymantaray.locate.mirror import Mirror, mirrors
+from pymantaray.locate.options import LocateOptions
 from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table, whitened_residuals
-from pymantaray.locate.solve import CORRELATED, LocateOptions, Solution, candidate_table, solve
+from pymantaray.locate.solve import CORRELATED, Solution, candidate_table, solve
 from pymantaray.locate.survey import Direction, Survey
 from pymantaray.locate.travel_times import transducers
 from pymantaray.records.result_table import ResultTable

@@ -1,6 +1,6 @@
 """Plans of surveys: expected standard deviations for patterns of pings, from the Jacobians of the solver."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -13,8 +13,9 @@ from pymantaray.errors import LocateError
 from pymantaray.locate.evidence import posterior
 from pymantaray.locate.linear import Linearization
 from pymantaray.locate.noise import Correlation
-from pymantaray.locate.sound_speed import Kind, SpeedPrior, sound_speed_terms
-from pymantaray.locate.survey import LeverArm, Node, PlatformError, Survey
+from pymantaray.locate.options import PlanOptions
+from pymantaray.locate.sound_speed import sound_speed_terms
+from pymantaray.locate.survey import Node, Survey
 from pymantaray.locate.travel_times import predict
 from pymantaray.locate.unknowns import Unknowns
 
@@ -75,61 +76,6 @@ def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
             (which == 0)[:, None], np.column_stack([along, 0.0 * s]), np.column_stack([0.0 * s, along])
         )
     return np.column_stack([along, 2.0 * which / (count - 1) - 1.0])
-
-
-@dataclass(frozen=True)
-class PlanOptions:
-    """
-    Assumptions of a plan.
-
-    Parameters
-    ----------
-    depth : float
-        Depth of the node. [m]
-    sigma : float
-        Standard deviation of two-way times. [s]
-    speed_model : {"known", "scale", "time", "gradient"}
-        Model of the sound speed in the solver.
-    node_sigma : tuple of float
-        Prior standard deviations of the node: north, east, depth. [m]
-    transducer_depth : float
-        Depth of the transducer. [m]
-    turn_around_sigma : float
-        Prior standard deviation of the turn-around time. [s]
-    lever : LeverArm
-        Lever arm with standard deviations; the platform heads along its course.
-    platform_error : PlatformError
-        Errors of the platform's positions.
-    speed_prior : SpeedPrior
-        Prior of the sound speed.
-    ping_interval : float
-        Time between two pings. [s]
-    """
-
-    depth: float
-    sigma: float = 1e-3
-    speed_model: Kind = "scale"
-    node_sigma: tuple[float, float, float] = (500.0, 500.0, 100.0)
-    transducer_depth: float = 5.0
-    turn_around_sigma: float = 0.0
-    lever: LeverArm = field(default_factory=LeverArm)
-    platform_error: PlatformError = field(default_factory=PlatformError)
-    speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
-    ping_interval: float = 15.0
-
-    def __post_init__(self) -> None:
-        """Check."""
-        if not (self.depth > self.transducer_depth >= 0.0):
-            raise LocateError(
-                f"plan: depth of the node is {self.depth:g} m, of the transducer {self.transducer_depth:g} m; the node must be"
-                " deeper"
-            )
-        if not (self.sigma > 0.0 and self.ping_interval > 0.0):
-            raise LocateError(
-                f"plan: sigma is {self.sigma:g} s, ping_interval {self.ping_interval:g} s; both must be positive"
-            )
-        if self.speed_model == "modes":
-            raise LocateError("plan: speed_model is 'modes'; allowed: known, scale, time, gradient")
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,9 +21,9 @@ class ReadOptions:
     Parameters
     ----------
     nodes : str or pathlib.Path, optional
-        Table of nodes with prior positions.
+        Table of prior positions: name, lat, lon (or north_m, east_m), depth_m, standard deviations.
     track : tuple of str or pathlib.Path
-        Trajectory of the platform, in any format of `pymantaray.read_trajectories`.
+        Trajectory of the platform, in any format that `pymantaray.read_trajectories` and ``mantaray ranges`` read.
     platform : str, optional
         Name of the platform in the track; required if the track has several.
     position_at : {"both", "transmission", "reception"}
@@ -32,18 +32,25 @@ class ReadOptions:
     transducer_depth : float
         Depth of positions without depth. [m]
     depth : float, optional
-        Prior depth of nodes without depth. [m]
-    depth_sigma, horizontal_sigma : float, optional
-        Prior standard deviations that replace those of the file. [m]
-    turn_around, turn_around_sigma : float, optional
-        Turn-around time of all nodes and its standard deviation, which replace those of the file. [s]
-    offset_sigma, drift_sigma : float, optional
-        Standard deviations of all clocks, which replace those of the file. [s], [s/s]
+        Prior depth of nodes without one. [m]
+    depth_sigma : float, optional
+        Standard deviation of prior depths. Default: from the file. [m]
+    horizontal_sigma : float, optional
+        Standard deviation of prior north and east positions. Default: from the file. [m]
+    turn_around : float, optional
+        Turn-around time of all nodes, such as 0.013 s. Default: from the file. [s]
+    turn_around_sigma : float, optional
+        Standard deviation of turn-around times, which the solver then estimates. Default: from the file. [s]
+    offset_sigma : float, optional
+        Standard deviation of clock offsets, for one-way times. Default: from the file. [s]
+    drift_sigma : float, optional
+        Standard deviation of clock drifts, for one-way times. Default: from the file. [s/s]
     sigma : float, optional
-        Standard deviation of times without one. [s]
-    lever, lever_sigma : tuple of float, optional
-        Vector from antenna to transducer (forward, starboard, down) and standard deviations, which replace those of the
-        file. [m]
+        Standard deviation of times without one, for a chi-square test. [s]
+    lever : tuple of float, optional
+        Vector from antenna to transducer: forward, starboard, down. Default: from the file. [m]
+    lever_sigma : tuple of float, optional
+        Standard deviations of the lever arm, which the solver then estimates. Default: from the file. [m]
     platform_error : PlatformError, optional
         Errors of positions, which replace those of the file.
     """

@@ -1,8 +1,8 @@
 """Solver for node positions: outer steps with exact rays, and selection of the model by its evidence."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,11 +15,12 @@ from pymantaray.locate.evidence import MIN_REDUNDANCY, Posterior, posterior
 from pymantaray.locate.graduated import graduated_change, robust_sigma
 from pymantaray.locate.linear import Linearization, Mask, Products
 from pymantaray.locate.noise import Correlation
-from pymantaray.locate.sound_speed import KINDS, Kind, SpeedPrior, sound_speed_terms
+from pymantaray.locate.options import KINDS, Arrangement, Kind, LocateOptions
+from pymantaray.locate.sound_speed import sound_speed_terms
 from pymantaray.locate.starts import start_positions
 from pymantaray.locate.survey import Survey
 from pymantaray.locate.travel_times import Legs, moved, predict
-from pymantaray.locate.unknowns import Arrangement, Unknowns
+from pymantaray.locate.unknowns import Unknowns
 from pymantaray.ocean.modes import VerticalModes
 
 Array = NDArray[np.float64]
@@ -35,51 +36,6 @@ _SHARES = (0.0, 1.0)
 CORRELATED = 3
 """Hyperparameters of correlated noise."""
 _MIN_FOR_CORRELATION = 200  # pings; fewer cannot separate correlation from errors of the model
-
-
-@dataclass(frozen=True, eq=False)
-class LocateOptions:
-    """
-    Options of the solver.
-
-    Parameters
-    ----------
-    speed_model : {"auto", "known", "scale", "time", "gradient", "modes"}
-        Model of the sound speed relative to the profile; ``auto`` selects it by the marginal likelihood.
-    correlation : {"auto", "none"}
-        Correlated noise of pings: ``auto`` selects it by the marginal likelihood, ``none`` excludes it.
-    gross : float
-        Limit for gross errors, in robust standard deviations of the residuals. [-]
-    arrangement : {"free", "rigid"}, optional
-        ``rigid`` moves all nodes together in their prior arrangement. Default: as in the survey's files, else ``free``.
-    speed_prior : SpeedPrior
-        Prior of the sound speed.
-    modes : VerticalModes, optional
-        Vertical modes for the model ``modes``.
-    """
-
-    speed_model: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
-    correlation: Literal["auto", "none"] = "auto"
-    gross: float = 5.0
-    arrangement: Arrangement | None = None
-    speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
-    modes: VerticalModes | None = None
-
-    def __post_init__(self) -> None:
-        """Check all values."""
-        if self.speed_model not in ("auto", *KINDS):
-            raise LocateError(f"speed_model is {self.speed_model!r}; allowed: auto, {', '.join(KINDS)}")
-        if self.correlation not in ("auto", "none"):
-            raise LocateError(f"correlation is {self.correlation!r}; allowed: auto, none")
-        if not self.gross > 2.0:
-            raise LocateError(f"gross is {self.gross:g}; it must be greater than 2 standard deviations")
-
-    @property
-    def kinds(self) -> tuple[Kind, ...]:
-        """Candidate models, simplest first, without ``known``: its evidence is high if the data cannot test it."""
-        if self.speed_model != "auto":
-            return (self.speed_model,)
-        return KINDS[1:] if self.modes is not None else KINDS[1:-1]
 
 
 @dataclass(frozen=True, eq=False)

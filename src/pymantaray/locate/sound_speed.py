@@ -7,52 +7,22 @@ platform or the node from the array's centre. Amplitudes of vertical modes use p
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from pymantaray.errors import LocateError
+from pymantaray.locate.options import Kind, SpeedPrior
 from pymantaray.locate.survey import Survey
 from pymantaray.ocean.modes import VerticalModes
 
 Array = NDArray[np.float64]
-Kind = Literal["known", "scale", "time", "gradient", "modes"]
-KINDS: tuple[Kind, ...] = ("known", "scale", "time", "gradient", "modes")
 KM = 1000.0
 _DEGREE = 3
 _FEWEST_KNOTS, _MOST_KNOTS, _MOST_GRADIENT_KNOTS = 4, 80, 40
 _MIN_KNOT_INTERVAL = 300.0  # s
 _MIN_NODE_SPREAD = 50.0  # m; distance of nodes from their centre that is required for a gradient
-
-
-@dataclass(frozen=True)
-class SpeedPrior:
-    """
-    Prior of the sound speed.
-
-    Parameters
-    ----------
-    scale : float
-        Standard deviation of the relative error of the whole profile. [-]
-    gradient : float
-        Standard deviation of the constant part of a horizontal gradient of this error. [1/km]
-    knot_interval : float
-        Spacing of the splines' knots; 0 for one eightieth of the survey, but at least 5 min. [s]
-    """
-
-    scale: float = 5e-3
-    gradient: float = 1e-4
-    knot_interval: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        if not (self.scale > 0.0 and self.gradient > 0.0 and self.knot_interval >= 0.0):
-            raise LocateError(
-                f"speed_prior: scale {self.scale:g}, gradient {self.gradient:g}, knot_interval {self.knot_interval:g} s;"
-                " all must be positive"
-            )
 
 
 class Term:

@@ -73,9 +73,14 @@ class Node:
 @dataclass(frozen=True)
 class LeverArm:
     """
-    Vector from the antenna, which defines the positions, to the transducer: forward, starboard, down.
+    Vector from the antenna, which defines the positions, to the transducer.
 
-    ``sigma`` are prior standard deviations; 0 for a known axis. [m]
+    Parameters
+    ----------
+    offset : tuple of float
+        Components forward, starboard and down. [m]
+    sigma : tuple of float
+        Prior standard deviations of the lever arm (forward, starboard, down); 0 for a known axis. [m]
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -2,17 +2,16 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.locate.options import Arrangement
 from pymantaray.locate.sound_speed import SoundSpeed
 from pymantaray.locate.survey import Direction, Survey
 from pymantaray.locate.travel_times import Legs
 
 Array = NDArray[np.float64]
-Arrangement = Literal["free", "rigid"]
 _ARRAY_SIGMA = (3.0, 3.0, 3.0, 0.05)  # m, m, m, rad; shift and rotation of a rigid array
 
 

@@ -19,7 +19,8 @@ from pymantaray.report import style
 from pymantaray.report.figures import register
 from pymantaray.sensing import assemble, perturb
 from pymantaray.study.mission import range_fleet, simulate_fleet
-from pymantaray.water.ocean import build_medium, mission_ocean
+from pymantaray.water.ocean import build_medium
+from pymantaray.water.water import mission_ocean
 
 STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
     ("ocean", "model, casts or synthetic", mission_ocean),

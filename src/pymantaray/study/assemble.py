@@ -4,28 +4,27 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Sonar
-from pymantaray.config.sections import RangingSection, StudyConfig
+from pymantaray.config.sections import StudyConfig
 from pymantaray.fleet.simulate import fleet_refusals
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.ocean.schema import Finding
 from pymantaray.records import Trajectories
-from pymantaray.sensing import Picker, Schedule
+from pymantaray.sensing import Schedule
 from pymantaray.study.tracks import read_fleet
 from pymantaray.water.instants import utc_instant
 from pymantaray.water.ocean import OceanFields, local_ocean
 
 
-def gnss_depth(config: StudyConfig, ocean: OceanFields, truth: Trajectories) -> float | NDArray[np.float64]:
-    """Depth above which vehicles have a GNSS fix: that of the mission, 0 under ice. [m]"""
+def gnss_depth(depth: float, ocean: OceanFields, truth: Trajectories) -> float | NDArray[np.float64]:
+    """Depth above which vehicles have a GNSS fix: the given one in open water, 0 under ice. [m]"""
     if "sea_ice_draft" not in ocean.local:
-        return config.mission.gnss_depth
+        return depth
     surface = BoundarySurface.from_dataset(ocean.local, "sea_ice_draft")
     if surface.depth.size == 1:
-        return 0.0 if surface.depth.any() else config.mission.gnss_depth
+        return 0.0 if surface.depth.any() else depth
     draft = surface.depth_at(truth.position.reshape(-1, 3)).reshape(truth.position.shape[:2])
-    return np.where(draft > 0.0, 0.0, config.mission.gnss_depth)
+    return np.where(draft > 0.0, 0.0, depth)
 
 
 def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
@@ -64,14 +63,3 @@ def build_schedule(config: StudyConfig) -> Schedule:
     if config.fleet.trajectories and config.mission.schedule is not None:
         start = read_fleet(config.fleet).start
     return config.mission.pings(start)
-
-
-def build_picker(section: RangingSection, sonar: Sonar | None) -> Picker | None:
-    """Rule by which a study's receivers take an arrival for the direct one; None if they never err."""
-    if section.mistaken == "none":
-        return None
-    return Picker(
-        rule=section.mistaken,
-        sonar=sonar,
-        below_strongest_db=section.below_strongest_db,
-    )

@@ -49,7 +49,6 @@ from pymantaray.sensing import Reception
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run
 from pymantaray.water.instants import utc_instant
-from pymantaray.water.listening import build_reception
 from pymantaray.water.ocean import (
     OceanFields,
     build_ocean,
@@ -58,6 +57,7 @@ from pymantaray.water.ocean import (
     mission_start,
     open_start,
 )
+from pymantaray.water.water import build_reception, mission_ocean
 
 Array = NDArray[np.float64]
 _DOMAIN = ("centre_lat", "centre_lon", "half_extent_north", "half_extent_east")
@@ -133,9 +133,7 @@ class Beliefs:
     @cached_property
     def reception(self) -> Reception:
         """Reception of the study, with the absorption in its ocean at the start."""
-        return build_reception(
-            self.config, build_ocean(self.config.ocean, self.config.mission.duration_h * 3600.0)
-        )
+        return build_reception(self.config, mission_ocean(self.config))
 
     def _read_casts(self, files: tuple[str, ...]) -> list[Cast]:
         repair = self.config.ocean.repair_freezing

@@ -31,21 +31,13 @@ from pymantaray.sensing import (
 )
 from pymantaray.study.assemble import (
     altitude,
-    build_picker,
     build_schedule,
     gnss_depth,
 )
 from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.tracks import follow, read_fleet
-from pymantaray.water.listening import build_reception, build_sonar, build_timing
-from pymantaray.water.ocean import (
-    OceanFields,
-    build_currents,
-    build_local_medium,
-    build_medium,
-    mission_ocean,
-    mission_start,
-)
+from pymantaray.study.tracks import read_fleet, sample_tracks
+from pymantaray.water.ocean import OceanFields, build_currents, build_medium, mission_start
+from pymantaray.water.water import build_reception, mission_ocean
 
 if TYPE_CHECKING:
     from pymantaray.study.store import Run
@@ -64,11 +56,11 @@ class Mission:
     measurements: Measurements
     ranging_truth: RangingTruth
     hearing: Hearing | None
-    """Probability of each attempt to be heard; None if every arrival is."""
+    """Detection probability of each attempt; None if every arrival is detected."""
     picture: xr.Dataset | None = None
     """Section through the water along one link, with its rays; None if no ray arrives anywhere."""
     candidates: Candidates | None = None
-    """What each attempt may take for its direct arrival; None if no receiver errs."""
+    """Arrivals that each attempt may take for the direct one; None if no receiver errs."""
 
 
 def simulate_mission(
@@ -81,7 +73,7 @@ def simulate_mission(
     data: xr.Dataset | None = None,
 ) -> Mission:
     """
-    Run a mission up to its measurements without noise; the watch gets the duration of each stage.
+    Run a mission up to its measurements without noise; the stopwatch records the duration of each stage.
 
     ``tracks``, ``schedule`` and ``data``, the ocean, are those of the configuration if they are in memory.
     """
@@ -98,7 +90,7 @@ def simulate_mission(
 
     progress("rays", 0, 1)
     with watch.stage("medium"):
-        medium = build_medium(config, ocean)
+        medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
     with watch.stage("rays"):
         ranging = range_fleet(
             config,
@@ -126,7 +118,7 @@ def earth_note(config: StudyConfig, truth: RangingTruth) -> str | None:
 
 
 def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
-    """Refuse a schedule of somebody who is not there, before there is anything to wait for."""
+    """Refuse a schedule with unknown names before the simulation."""
     if schedule is None and config.mission.schedule is None:
         return
     fleet, plan = config.fleet, schedule or build_schedule(config)
@@ -142,7 +134,7 @@ def simulate_fleet(
     if config.fleet.trajectories:
         pings = (schedule or build_schedule(config)).times(duration)
         own = tracks or read_fleet(config.fleet)
-        return follow(own, duration, mission.sampling_period_s, pings, ocean.local)
+        return sample_tracks(own, duration, mission.sampling_period_s, pings, ocean.local)
     start = None if config.ocean.time is None else mission_start(config.ocean)
     truth = simulate(
         config.fleet.build(),
@@ -173,8 +165,8 @@ def range_fleet(
         medium,
         schedule or build_schedule(config),
         build_reception(config, ocean),
-        currents=build_currents(config, ocean),
-        timing=build_timing(config.ranging),
+        currents=build_currents(ocean) if config.acoustics.currents else None,
+        timing=config.ranging.build_timing(),
         progress=progress,
     )
 
@@ -184,7 +176,7 @@ def assemble_mission(
 ) -> Mission:
     """Data that all realizations of a study share, from its ranges, without the ray picture."""
     noise = config.noise.model
-    picker = build_picker(config.ranging, build_sonar(config.detection))
+    picker = config.ranging.build_picker(config.build_sonar())
     return Mission(
         ocean=ocean,
         truth=truth,
@@ -195,14 +187,14 @@ def assemble_mission(
             [mark.build() for mark in config.landmarks],
             ranging,
             noise,
-            gnss_depth=gnss_depth(config, ocean, truth),
+            gnss_depth=gnss_depth(config.mission.gnss_depth, ocean, truth),
             altitude=altitude(ocean, truth),
         ),
         ranging_truth=ranging.truth,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
         candidates=None
         if picker is None
-        else find_candidates(ranging, truth, picker, timing=build_timing(config.ranging)),
+        else find_candidates(ranging, truth, picker, timing=config.ranging.build_timing()),
     )
 
 
@@ -221,12 +213,14 @@ def mission_picture(
 
 def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     """
-    Medium of a finished mission's rays by the time since its start [s].
+    Medium of a finished run as a function of the time since its start [s].
 
-    The folder of a run has the water of the start alone: what varies by files is read from these again. None if they are gone
-    or others.
+    A run stores the ocean at the start only, so an ocean that varies is read again from its files. None if these are missing or
+    have changed.
     """
     config, at_start = run.config, run.ocean
+    search = config.acoustics
+    medium_of = partial(Medium.from_dataset, interpolation=search.interpolation, earth=search.earth)
     if config.ocean.time_varying:
         try:
             ocean = mission_ocean(config)
@@ -239,9 +233,9 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     elif has_internal_tide(at_start):
         local_at = partial(displaced, at_start)
     else:
-        still = build_local_medium(config, at_start)
+        still = medium_of(at_start)
         return lambda _: still
-    return lru_cache(maxsize=1)(lambda time: build_local_medium(config, local_at(time)))
+    return lru_cache(maxsize=1)(lambda time: medium_of(local_at(time)))
 
 
 FAN = np.radians(np.linspace(-15.0, 15.0, 41))

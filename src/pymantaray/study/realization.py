@@ -88,8 +88,8 @@ def _section(values: Mapping[str, Any], prefix: str) -> dict[str, Any]:
     }
 
 
-class Results(NamedTuple):
-    """All realizations of a study, by condition."""
+class StudyEstimates(NamedTuple):
+    """Estimates of all realizations, by condition."""
 
     estimates: Estimates
     covariances: PoseCovariances
@@ -148,12 +148,12 @@ def start_solver(folder: Path) -> Callable[[int], RealizationResult]:
     return RealizationSolver(Run(folder)).solve
 
 
-def collect_results(run: Run, solved: Sequence[RealizationResult]) -> Results:
+def collect_results(run: Run, solved: Sequence[RealizationResult]) -> StudyEstimates:
     """Put all realizations of a run into its records."""
     solutions = [one.solutions for one in solved]
     epochs = fixed_epochs(run.truth.time, run.config.estimator.covariance_interval_h * 3600.0)
     covariances = [{name: s.covariances for name, s in one.items()} for one in solutions]
-    return Results(
+    return StudyEstimates(
         collect_estimates(run.measurements, solutions),
         collect_covariances(run.measurements, epochs, covariances),
         collect_unknowns(solutions, [one.true_unknowns for one in solved]),

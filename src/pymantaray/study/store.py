@@ -38,7 +38,6 @@ from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.study.manifest import FORMATS
 from pymantaray.study.tables import SUMMARY, RunTables
-from pymantaray.water.listening import build_timing
 
 if TYPE_CHECKING:
     from pymantaray.study.mission import Mission
@@ -231,7 +230,7 @@ class Run:
             self.measurements,
             root_seed=self.config.study.seed,
             realization=realization,
-            timing=build_timing(ranging),
+            timing=ranging.build_timing(),
             clocks=self.config.noise.clocks,
             ranging_truth=self.ranging_truth,
             detection=probability if candidates is None else candidates,

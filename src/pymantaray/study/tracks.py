@@ -44,11 +44,11 @@ class MissionSize(NamedTuple):
 
     vehicles: int
     samples: float
-    """Of each vehicle, those at pings between not counted."""
+    """Number of samples of each vehicle, without those at pings."""
     steps: float
-    """Of each vehicle; none where it moved elsewhere."""
+    """Integration steps of each vehicle; 0 for existing trajectories."""
     pings: float
-    """Of all vehicles; none where a table has them."""
+    """Number of pings of all vehicles; 0 for a table of pings."""
 
 
 def mission_size(config: StudyConfig) -> MissionSize:
@@ -107,7 +107,9 @@ def centre_note(config: StudyConfig, ocean: Mapping[Hashable, Any], tracks: Trac
     )
 
 
-def follow(tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset) -> Trajectories:
+def sample_tracks(
+    tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset
+) -> Trajectories:
     """Trajectories as a study samples them in a local ocean: every period [s] from the first pose on, at the end, at every ping."""
     # water without a place has tracks in its own frame, for which any centre will do
     frame = LocalFrame(*(local.attrs.get(f"centre_{axis}_deg", 0.0) for axis in ("latitude", "longitude")))

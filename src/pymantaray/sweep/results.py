@@ -30,7 +30,7 @@ class Status(NamedTuple):
     done: int
     failed: int
     failures: dict[str, int]
-    """How many points failed by each line."""
+    """Number of failed points by message."""
 
     @property
     def open(self) -> int:

@@ -22,7 +22,8 @@ from pymantaray.study import StudyConfig
 from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, stage_config
 from pymantaray.sweep.points import stage_name
-from pymantaray.water.ocean import OceanFields, build_medium, is_profile, mission_ocean
+from pymantaray.water.ocean import OceanFields, build_medium, is_profile
+from pymantaray.water.water import mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
@@ -69,7 +70,11 @@ class Stages:
         """Medium of the rays, which is in no store: it is made from the ocean in less time than it is read."""
         key = f"{self._keys[OCEAN]} {self._config.acoustics.interpolation}"
         if _LATEST.get("medium", ("",))[0] != key:
-            _LATEST["medium"] = key, build_medium(self._config, self.ocean), math.nan
+            _LATEST["medium"] = (
+                key,
+                build_medium(self.ocean, self._config.acoustics.interpolation, self._config.acoustics.earth),
+                math.nan,
+            )
         medium: Medium | Callable[[float], Medium] = _LATEST["medium"][1]
         return medium
 

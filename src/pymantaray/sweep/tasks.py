@@ -34,7 +34,7 @@ class SweepTask:
     shared: frozenset[str]
     """Stages that are left in the store."""
     studies: bool = False
-    """Whether points leave their runs in folders of their own."""
+    """True if each point keeps its run folder."""
     version: str = field(default_factory=code_version)
 
     @property

@@ -1,4 +1,4 @@
-"""Fields in the local frame from the section `[ocean]` of a configuration, and the medium and currents for rays."""
+"""Fields of an ocean in the local frame, and their medium, currents and absorption for rays."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -11,11 +11,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics import Absorption, Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.profiles import Profile
-from pymantaray.config.sections import OceanSection, SoundConfig
-from pymantaray.errors import OceanError
+from pymantaray.config.sections import OceanSection
+from pymantaray.errors import OceanError, StudyError
 from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean import (
     crop_around,
@@ -69,6 +69,22 @@ class OceanFields:
     def varies(self) -> bool:
         """True if the sound speed varies in time."""
         return self.series is not None or has_internal_tide(self.local)
+
+    def absorption(self, formula: str, centre: tuple[float, float] | None) -> Absorption | None:
+        """Absorption in the water by a formula, or ``none``; most formulas need temperature and salinity."""
+        if formula == "none":
+            return None
+        if formula == "thorp":
+            return Absorption.thorp()
+        known: Any = formula
+        if self.geographic is not None:
+            return Absorption.from_dataset(self.geographic, centre=centre, formula=known)
+        if self.cast is None or self.cast.water is None:
+            raise StudyError(
+                f"detection.absorption is {formula}, but {self.local.attrs.get('title', 'the water')} has no temperature or"
+                " salinity; set detection.absorption to thorp or none"
+            )
+        return Absorption.from_profile(self.cast.depth, *self.cast.water, formula=known)
 
     def local_at(self, time: float) -> xr.Dataset:
         """Local ocean at a time after the start of the mission. [s]"""
@@ -136,15 +152,6 @@ def profile_fields(section: OceanSection, profile: Profile, interpolation: Inter
     )
 
 
-def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
-    """Build the ocean of a configuration, or in memory, over the duration of its mission if it varies."""
-    section = config.ocean
-    duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
-    if data is None and is_profile(section):  # thinning depends on the interpolation
-        return build_ocean(section, duration, interpolation=config.acoustics.interpolation)
-    return build_ocean(section, duration, data=data)
-
-
 def _at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
     """Crop an ocean to the domain of a study; unchanged without a half extent."""
     if section.half_extent is None:
@@ -191,10 +198,10 @@ def open_start(section: OceanSection) -> xr.Dataset:
     return _open(section, 0.0, None)[0][0]
 
 
-def open_geographic(config: SoundConfig) -> tuple[xr.Dataset, xr.DataArray | None]:
-    """Open a configuration's geographic ocean at its start, and its sea floor if it has one. [m]"""
-    geographic = open_start(config.ocean)
-    return geographic, build_sea_floor(config.ocean, geographic)
+def open_geographic(section: OceanSection) -> tuple[xr.Dataset, xr.DataArray | None]:
+    """Open the geographic ocean at a study's start, and its sea floor if it has one. [m]"""
+    geographic = open_start(section)
+    return geographic, build_sea_floor(section, geographic)
 
 
 def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.datetime64:
@@ -224,17 +231,12 @@ def _open(
     return oceans, np.array([(ocean["time"].values - start) / second for ocean in oceans])
 
 
-def build_medium(config: SoundConfig, ocean: OceanFields) -> Medium | Callable[[float], Medium]:
+def build_medium(
+    ocean: OceanFields, interpolation: Interpolation, earth: Earth = "flat"
+) -> Medium | Callable[[float], Medium]:
     """Build the medium for rays; if the ocean varies, a function of the time after the start of the mission [s]."""
-    acoustics = config.acoustics
-    at = partial(_medium_at, ocean, acoustics.interpolation, acoustics.earth)  # a partial can be pickled
+    at = partial(_medium_at, ocean, interpolation, earth)  # a partial can be pickled
     return at if ocean.varies else at(0.0)
-
-
-def build_local_medium(config: SoundConfig, local: xr.Dataset) -> Medium:
-    """Build the medium of a configuration from a local ocean."""
-    acoustics = config.acoustics
-    return Medium.from_dataset(local, interpolation=acoustics.interpolation, earth=acoustics.earth)
 
 
 def _medium_at(ocean: OceanFields, interpolation: Interpolation, earth: Earth, time: float) -> Medium:
@@ -244,11 +246,8 @@ def _medium_at(ocean: OceanFields, interpolation: Interpolation, earth: Earth, t
     return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
 
 
-def build_currents(config: SoundConfig, ocean: OceanFields) -> Currents | Callable[[float], Currents] | None:
-    """Build the currents along rays, as in `build_medium`; None if rays do not use currents."""
-    if not config.acoustics.currents:
-        return None
-
+def build_currents(ocean: OceanFields) -> Currents | Callable[[float], Currents]:
+    """Build the currents along rays, as in `build_medium`."""
     at = partial(_currents_at, ocean)
     return at if ocean.varies else at(0.0)
 

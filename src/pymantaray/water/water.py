@@ -21,14 +21,12 @@ from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing import OneWay, Reception, Timing
-from pymantaray.water.listening import build_reception, build_timing
 from pymantaray.water.ocean import (
     OceanFields,
     build_currents,
-    build_local_medium,
     build_medium,
+    build_ocean,
     is_profile,
-    mission_ocean,
     mission_start,
     profile_fields,
 )
@@ -256,6 +254,22 @@ def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
     return _assembled(config, mission_ocean(config) if ocean is None else ocean)
 
 
+def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
+    """Build the ocean of a configuration, or in memory, over the duration of its mission if it varies."""
+    section = config.ocean
+    duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
+    if data is None and is_profile(section):  # thinning depends on the interpolation
+        return build_ocean(section, duration, interpolation=config.acoustics.interpolation)
+    return build_ocean(section, duration, data=data)
+
+
+def build_reception(config: SoundConfig, ocean: OceanFields) -> Reception:
+    """Build the reception of a configuration, with the absorption of the ocean's first snapshot."""
+    detection = config.detection
+    absorption = None if detection is None else ocean.absorption(detection.absorption, config.ocean.centre)
+    return config.build_reception(absorption)
+
+
 def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **options: Any) -> Water:
     """
     Build water from a local ocean without changing its grid, sea floor and ice.
@@ -279,12 +293,14 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
             f"{fixed[0]}: this option does not apply to a local ocean; remove it, or give the ocean before to_local"
         )
     config = configuration_of(IN_MEMORY, options)
-    medium = build_local_medium(config, local)
+    medium = Medium.from_dataset(
+        local, interpolation=config.acoustics.interpolation, earth=config.acoustics.earth
+    )
     return Water(
         medium,
         Currents.from_dataset(local) if config.acoustics.currents else None,
         build_reception(config, OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())),
-        build_timing(config.ranging),
+        config.ranging.build_timing(),
         local=local,
         start=local.attrs.get("time"),
         record=_record(config, medium, local),
@@ -339,15 +355,15 @@ def _assembled(config: SoundConfig, ocean: OceanFields, data: xr.Dataset | None 
         instants = ocean.series["time"].values
         span = (float(instants[0]), float(instants[-1]))
         start = str(np.datetime_as_string(mission_start(config.ocean, data), unit="s"))
-    medium = build_medium(config, ocean)
+    medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
     kind = "ocean" if ocean.cast is None else "profile"
     made = {kind: list(config.ocean.source) if data is None else [IN_MEMORY]}
     first = medium(max(span[0], 0.0)) if callable(medium) else medium
     return Water(
         medium,
-        build_currents(config, ocean),
+        build_currents(ocean) if config.acoustics.currents else None,
         build_reception(config, ocean),
-        build_timing(config.ranging),
+        config.ranging.build_timing(),
         ocean.local,
         span,
         start,

@@ -1,15 +1,16 @@
 """BELLHOP3D: its input files from a medium and links, what it writes, and its travel times beside ours."""
 
-from pymantaray.acoustics.bellhop.output import read_bellhop_arrivals, read_bellhop_rays
-from pymantaray.acoustics.bellhop.run import compare_with_bellhop
-from pymantaray.acoustics.bellhop.write import BellhopOptions, HalfSpace, linear_medium, write_bellhop
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "BellhopOptions",
-    "HalfSpace",
-    "compare_with_bellhop",
-    "linear_medium",
-    "read_bellhop_arrivals",
-    "read_bellhop_rays",
-    "write_bellhop",
-]
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.acoustics.bellhop.options import BellhopOptions as BellhopOptions
+    from pymantaray.acoustics.bellhop.options import HalfSpace as HalfSpace
+    from pymantaray.acoustics.bellhop.output import read_bellhop_arrivals as read_bellhop_arrivals
+    from pymantaray.acoustics.bellhop.output import read_bellhop_rays as read_bellhop_rays
+    from pymantaray.acoustics.bellhop.run import compare_with_bellhop as compare_with_bellhop
+    from pymantaray.acoustics.bellhop.write import linear_medium as linear_medium
+    from pymantaray.acoustics.bellhop.write import write_bellhop as write_bellhop
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -3,14 +3,13 @@
 import math
 import shutil
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.bellhop.options import BellhopOptions, HalfSpace, Run
 from pymantaray.acoustics.medium import Medium
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface
@@ -19,75 +18,8 @@ from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.records.writing import whole_file
 
 Array = NDArray[np.float64]
-BottomKind = Literal["rigid", "vacuum", "matching"]
-Run = Literal["arrivals", "arrivals-binary", "rays", "eigenrays"]
 _LETTER: dict[Run, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}
-_MOST_BEAMS = 10_000
 _MOST_POINTS = 100_000_000  # of a finer grid; 0.8 GB
-
-
-@dataclass(frozen=True)
-class HalfSpace:
-    """
-    Sea bed as an acousto-elastic half-space.
-
-    Speeds of compressional waves, and of shear waves, 0 in a fluid [m/s]; density in Bellhop's unit; attenuations of either
-    kind of waves.
-    """
-
-    sound_speed: float
-    density_g_per_cm3: float
-    attenuation_db_per_wavelength: float = 0.0
-    shear_speed: float = 0.0
-    shear_attenuation_db_per_wavelength: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            least = 1e-300 if name in ("sound_speed", "density_g_per_cm3") else 0.0
-            if not least <= value < math.inf:
-                raise AcousticsError(f"half-space: {name} is {value}; it must be finite and positive")
-
-
-@dataclass(frozen=True)
-class BellhopOptions:
-    """
-    Options of a run of Bellhop for a link.
-
-    Parameters
-    ----------
-    run : {"arrivals", "arrivals-binary", "rays", "eigenrays"}
-        What it writes: `.arr` as text or binary, or `.ray`.
-    beams : int
-        Beams in declination and again in bearing.
-    cone : float
-        Width of the fan to either side of the chord, in both. [rad]
-    frequency : float
-        Bellhop joins arrivals nearer than 0.05/(2 pi frequency) seconds. [Hz]
-    bottom : {"rigid", "vacuum", "matching"} or HalfSpace
-        Sea bed: lossless with or without a change of sign, without a contrast to the water, or given.
-    step : float
-        Step along the rays; 0 leaves it to Bellhop, a tenth of the last level, which can cost milliseconds. [m]
-    """
-
-    run: Run = "arrivals"
-    beams: int = 100
-    cone: float = math.radians(15.0)
-    frequency: float = 10_000.0
-    bottom: BottomKind | HalfSpace = "rigid"
-    step: float = 50.0
-
-    def __post_init__(self) -> None:
-        for name, value, allowed in (("run", self.run, Run), ("bottom", self.bottom, BottomKind)):
-            if value not in get_args(allowed) and not (name == "bottom" and isinstance(value, HalfSpace)):
-                raise AcousticsError(f"{name}: {value!r}; allowed are {', '.join(get_args(allowed))}")
-        if not 2 <= self.beams <= _MOST_BEAMS or not 0.0 < self.cone <= math.pi:
-            raise AcousticsError(
-                f"beams {self.beams}, cone {self.cone:g} rad; 2 to {_MOST_BEAMS} beams and up to pi are allowed"
-            )
-        if not (0.0 < self.frequency < math.inf and 0.0 <= self.step < math.inf):
-            raise AcousticsError(
-                f"frequency {self.frequency} Hz, step {self.step} m; the first must be positive, the second not less than 0"
-            )
 
 
 def write_bellhop(

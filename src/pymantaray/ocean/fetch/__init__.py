@@ -1,7 +1,13 @@
 """Download of oceans by place and time: HYCOM over OPeNDAP, GLORYS12 from Copernicus Marine."""
 
-from pymantaray.ocean.fetch.copernicus import fetch_copernicus
-from pymantaray.ocean.fetch.hycom import FetchResult, fetch_hycom
-from pymantaray.ocean.fetch.limits import Limits
+from typing import TYPE_CHECKING
 
-__all__ = ["FetchResult", "Limits", "fetch_copernicus", "fetch_hycom"]
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.ocean.fetch.copernicus import fetch_copernicus as fetch_copernicus
+    from pymantaray.ocean.fetch.hycom import FetchResult as FetchResult
+    from pymantaray.ocean.fetch.hycom import fetch_hycom as fetch_hycom
+    from pymantaray.ocean.fetch.limits import Limits as Limits
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

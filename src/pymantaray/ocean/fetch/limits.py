@@ -27,10 +27,12 @@ class Limits:
     ----------
     connect_s, idle_s : float
         Time limits for opening a connection, and between two bytes. [s]
-    request_s, total_s : float
-        Time limits for one request, and for the whole download. [s]
+    request_s : float
+        Time limit of one request. [s]
+    total_s : float
+        Time limit of the download. [s]
     attempts : int
-        Maximum number of attempts per request, including the first.
+        Maximum number of attempts per request.
     backoff_s, longest_backoff_s : float
         Delay before the second attempt, which doubles with each attempt, and its maximum, also if a server asks for a
         longer delay. [s]

@@ -12,10 +12,11 @@ def build(section: EigenrayRangeModel, beliefs: Beliefs, realization: int) -> Ra
     """Range model of the belief; estimators that share the belief share the rays."""
     config, belief = beliefs.config, section.belief
     if varies(belief):
-        ocean, cutoff = beliefs.varying(belief), config.acoustics.cutoff_db
-        medium_at, currents_at = build_medium(config, ocean), build_currents(config, ocean)
+        ocean, search = beliefs.varying(belief), config.acoustics
+        medium_at = build_medium(ocean, search.interpolation, search.earth)
+        currents_at = build_currents(ocean) if search.currents else None
         assert callable(medium_at)  # it varies
         assert currents_at is None or callable(currents_at)
-        return VaryingEigenrays(medium_at, currents_at, spreading_cutoff_db=cutoff)
+        return VaryingEigenrays(medium_at, currents_at, spreading_cutoff_db=search.cutoff_db)
     rays = beliefs.believed(belief, realization).rays
     return rays if section.modes is None else AdjustableEigenrays(rays, *beliefs.modes(section.modes))
