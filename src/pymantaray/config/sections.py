@@ -144,6 +144,8 @@ class DetectionSection(Section):
     """Standard deviation of the level about the predicted one; with 0 a ping is heard or not. [dB]"""
     absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
     """Formula of absorption by sea water."""
+    coherent: bool | Literal["auto"] = "auto"
+    """Whether arrivals of one ping interfere: ``"auto"`` as far as the band does not separate them, true as for a tone, false never."""
     leakage: bool = False
     """Whether sound leaks past the nearest ray to where no ray arrives."""
     leakage_reach_m: Metres[PositiveFloat] = 200.0

@@ -35,6 +35,7 @@ def detector_of(s: DetectionSection, losses: AcousticsSection, absorption: Absor
         absorption=absorption,
         bottom=bed_reflection(losses.sediment),
         surface=_surface(s, losses),
+        coherent=s.coherent,
     )
 
 
