@@ -14,7 +14,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 _PLACES = 0.5 * (1.0 + np.polynomial.legendre.leggauss(5)[0])  # along the link, whose mean column is used
 _BELOW, _ABOVE = 40.0, 16.0  # widths of the boundary layer in wavenumber on both sides of the grazing ray
 _TAPER = 0.8  # share of each side over which the integrand is turned on
-_DEEPER = 40.0  # thicknesses of the boundary layer that are solved below the deeper end
+_REAL = 24.0  # thicknesses of the boundary layer below the deeper end in which the water is the real one
+_DEEPER = 40.0  # thicknesses of the boundary layer that are solved below that
 _STEP = 0.15  # thicknesses of the boundary layer per step in depth
 _OVER = 2.0  # ranges of the link after which the sum over wavenumbers repeats
 _ROUNDS = 8
@@ -132,7 +133,8 @@ class _Solver(NamedTuple):
         """Ratio f' / f of a wave that travels down, to second order of the slow change with depth."""
         around = self.column.wavenumber(depth - np.array([0.0, 1.0]), self.frequency_hz) ** 2
         vertical = np.sqrt((around[0] - self.kappa**2).astype(complex))
-        return 1j * vertical - (around[0] - around[1]) / (4.0 * vertical**2)
+        slope: Field = 1j * vertical - (around[0] - around[1]) / (4.0 * vertical**2)
+        return slope
 
 
 def _smooth_step(x: Array) -> Array:
@@ -146,9 +148,9 @@ def _mean_column(
     medium: Medium, source: Array, receiver: Array, lower: float, frequency_hz: float
 ) -> Column | None:
     """
-    Mean of the water columns along a link down to its deeper end; None if sound speed does not decrease below the surface.
+    Mean of the water columns along a link to below its deeper end; None if sound speed does not decrease below the surface.
 
-    Below the deeper end sound speed goes on to decrease as below the surface, so that no sound comes back from there.
+    From its minimum there on, sound speed decreases as below the surface, so that no ray comes back from deeper water.
     """
     along = source + _PLACES[:, None] * (receiver - source)
     surface = medium.surface_depth(along)
@@ -165,14 +167,19 @@ def _mean_column(
             return None
         k, thick = 2.0 * math.pi * frequency_hz / speed, layer
         layer = (2.0 * k * k * (speed - below) / (layer * speed)) ** (-1.0 / 3.0)
-    depth = np.linspace(0.0, lower, max(math.ceil(4.0 * lower), 8))
+    room = float((medium.bottom_depth(along) - surface).min())
+    deepest = min(lower + _REAL * layer, max(lower, room - 1.0))
+    depth = np.linspace(0.0, deepest, max(math.ceil(4.0 * deepest), 8))
     water = mean_speed(depth)
+    least = np.flatnonzero(depth >= lower - 1e-9)
+    last = int(least[np.argmin(water[least])]) + 1
+    depth, water = depth[:last], water[:last]
     further = np.linspace(0.0, _DEEPER * layer, 401)
     gradient = _gradient_below(
         (water[-1] - water[-2]) / (depth[-1] - depth[-2]), (below - speed) / thick, further
     )
     drop = np.cumsum(0.5 * (gradient[1:] + gradient[:-1]) * np.diff(further))
-    return Column(np.append(depth, lower + further[1:]), np.append(water, water[-1] + drop), layer)
+    return Column(np.append(depth, depth[-1] + further[1:]), np.append(water, water[-1] + drop), layer)
 
 
 def _gradient_below(last: float, surface: float, further: Array) -> Array:
