@@ -9,9 +9,12 @@ from typing import NamedTuple
 import gtsam
 import numpy as np
 import pytest
+from numba import njit
 from numpy.typing import NDArray
+from scipy.fft import dst
 from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline, NdBSpline, RegularGridInterpolator, make_interp_spline
+from scipy.interpolate import AAA, CubicSpline, NdBSpline, RegularGridInterpolator, make_interp_spline
+from scipy.special import erfc
 
 from pymantaray.estimation import RangeLinks
 
@@ -390,3 +393,116 @@ def cf_errors(files):
     checked = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
     failed = checked.returncode or "exceptions occurred" in checked.stdout + checked.stderr
     return checked.stdout + checked.stderr if failed else ""
+
+
+class ParabolicEquation:
+    """
+    Field of a point source in water whose sound speed depends on depth, below a free surface: a split-step parabolic equation.
+
+    One step is exp(i k0 dr (sqrt(1 + X) - 1)), approximated by a rational function of X on the axis (AAA algorithm), whose poles need
+    one tridiagonal solution each. Second derivatives are compact differences of fourth order. The source is its plane-wave spectrum up
+    to 22 degrees from the horizontal, the image included; steeper sound is tapered. Below `deepest` a layer absorbs all sound.
+    """
+
+    def __init__(self, speed, hz, source_depth, deepest, spacing, *, cells=8.0, wavelengths=16.0):
+        """`speed` is a function of depth; ranges are multiples of `spacing`, depths go to `deepest`. [m]"""
+        self.hz, self.spacing = hz, spacing
+        c0 = float(speed(np.array([source_depth]))[0])
+        self.k0, wavelength = 2.0 * np.pi * hz / c0, c0 / hz
+        self.dz, layer = wavelength / cells, max(40.0, 150.0 * wavelength)
+        n = int(np.ceil((deepest + layer) / self.dz))
+        z = self.dz * np.arange(1, n + 1)
+        index = (c0 / speed(z)) ** 2 - 1.0 + 0.03j * np.maximum((z - deepest) / layer, 0.0) ** 2
+        self.steps = int(np.ceil(spacing / (wavelengths * wavelength)))
+        poles, self.weights, self.error = self._rational(self.k0 * spacing / self.steps)
+        self.factors = _tridiagonal_factors(poles, index, 1.0 / (self.dz * self.k0) ** 2)
+        self.start = self._spectrum_of_source(source_depth, (n + 1) * self.dz, n)
+
+    def _rational(self, phase):
+        """Poles of the step's rational function, its constant and residues, and its largest error."""
+        x = np.concatenate([np.linspace(-14.0, -1.2, 80), np.linspace(-1.2, 0.06, 700)])
+        root = np.sqrt(np.maximum(1.0 + x, 0.0)) + 1j * np.sqrt(np.maximum(-1.0 - x, 0.0))
+        step = np.exp(1j * phase * (root - 1.0)) * 0.5 * erfc((-0.5 - x) / 0.07)
+        poles = AAA(x, step, rtol=1e-9, max_terms=120).poles()
+        columns = np.column_stack([np.ones(x.size), 1.0 / (x[:, None] - poles)])
+        scale = np.abs(columns).max(axis=0)
+        weights = np.linalg.lstsq(columns / scale, step, rcond=1e-15)[0] / scale
+        return poles, weights, float(np.abs(columns @ weights - step).max())
+
+    def _spectrum_of_source(self, depth, height, n):
+        kz = np.pi * np.arange(1, n + 1) / height
+        angle = np.degrees(np.arcsin(np.minimum(kz / self.k0, 1.0)))
+        taper = 0.5 * (1.0 + np.cos(np.pi * np.clip((angle - 22.0) / 10.0, 0.0, 1.0)))
+        horizontal = np.sqrt(np.maximum(self.k0**2 - kz**2, (0.3 * self.k0) ** 2))
+        lines = taper * np.sin(kz * depth) / np.sqrt(horizontal) * 4.0 * np.pi / height
+        return 0.25j * np.sqrt(2.0 / np.pi) * np.exp(-0.25j * np.pi) * dst(lines, type=1)
+
+    def pressure(self, n_ranges, depths):
+        """Pressure re 1 m at `spacing` times 1 to n_ranges (first axis) and some depths, time as exp(-i omega t)."""
+        at = np.asarray(depths) / self.dz - 1.0
+        first = np.clip(np.floor(at).astype(int) - 2, 0, self.start.size - 6)
+        near = np.arange(6)
+        share = np.ones((at.size, 6))
+        for a in range(6):
+            for b in near[near != a]:
+                share[:, a] *= (at - first - b) / (a - b)
+        u, out = self.start.copy(), np.empty((n_ranges, at.size), complex)
+        for row in range(n_ranges):
+            _march(u, self.steps, self.weights, *self.factors)
+            r = self.spacing * (row + 1)
+            out[row] = (u[first[:, None] + near] * share).sum(axis=1) * np.exp(1j * self.k0 * r) / np.sqrt(r)
+        return out
+
+
+@njit(cache=True)
+def _tridiagonal_factors(poles, index, off):
+    """Factors of one matrix per pole: multipliers below the diagonal, inverse pivots, and what is above the diagonal."""
+    shape = index.size, poles.size
+    lower, pivot, upper = (
+        np.zeros(shape, np.complex128),
+        np.empty(shape, np.complex128),
+        np.zeros(shape, np.complex128),
+    )
+    for j in range(poles.size):
+        for i in range(index.size):
+            diagonal = 10.0 / 12.0 * (index[i] - poles[j]) - 2.0 * off
+            if i > 0:
+                lower[i, j] = ((index[i - 1] - poles[j]) / 12.0 + off) * pivot[i - 1, j]
+                diagonal -= lower[i, j] * upper[i - 1, j]
+            pivot[i, j] = 1.0 / diagonal
+            if i < index.size - 1:
+                upper[i, j] = (index[i + 1] - poles[j]) / 12.0 + off
+    return lower, pivot, upper
+
+
+@njit(cache=True, fastmath=True)
+def _march(u, steps, weights, lower, pivot, upper):
+    """Carry a field over some steps in range, in place."""
+    n, m = lower.shape
+    right, v = np.empty(n, np.complex128), np.empty((n, m), np.complex128)
+    for _ in range(steps):
+        for i in range(n):
+            above = u[i - 1] if i > 0 else 0.0
+            below = u[i + 1] if i < n - 1 else 0.0
+            right[i] = (above + 10.0 * u[i] + below) / 12.0
+        for j in range(m):
+            v[0, j] = right[0]
+        for i in range(1, n):
+            for j in range(m):
+                v[i, j] = right[i] - lower[i, j] * v[i - 1, j]
+        for j in range(m):
+            v[n - 1, j] *= pivot[n - 1, j]
+        for i in range(n - 2, -1, -1):
+            for j in range(m):
+                v[i, j] = (v[i, j] - upper[i, j] * v[i + 1, j]) * pivot[i, j]
+        for i in range(n):
+            total = weights[0] * u[i]
+            for j in range(m):
+                total += weights[j + 1] * v[i, j]
+            u[i] = total
+
+
+def image_source(source_depth, distance, depth, wavenumber):
+    """Pressure re 1 m of a source and its image below a free surface in water of one speed."""
+    straight, mirrored = np.hypot(distance, depth - source_depth), np.hypot(distance, depth + source_depth)
+    return np.exp(1j * wavenumber * straight) / straight - np.exp(1j * wavenumber * mirrored) / mirrored

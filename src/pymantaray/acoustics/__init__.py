@@ -1,8 +1,10 @@
 """Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives, loss and detection."""
 
 from pymantaray.acoustics.absorption import Absorption
+from pymantaray.acoustics.caustics import Tails, find_tails
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import find_eigenrays
+from pymantaray.acoustics.interference import Coherent, received_loss_db
 from pymantaray.acoustics.leakage import Leakage, Leaks, find_leaks
 from pymantaray.acoustics.loss import transmission_loss
 from pymantaray.acoustics.medium import Medium
@@ -24,6 +26,7 @@ from pymantaray.geometry.boundary import BoundarySurface
 __all__ = [
     "Absorption",
     "BoundarySurface",
+    "Coherent",
     "Currents",
     "FluidBottom",
     "GrainSizeBottom",
@@ -34,11 +37,13 @@ __all__ = [
     "Rule",
     "SeaSurface",
     "Sonar",
+    "Tails",
     "WenzNoise",
     "choose_arrivals",
     "current_delays",
     "find_eigenrays",
     "find_leaks",
+    "find_tails",
     "link_loss_db",
     "path_integrals",
     "probability_of_excess",
@@ -46,6 +51,7 @@ __all__ = [
     "ray_picture",
     "read_profile",
     "read_profiles",
+    "received_loss_db",
     "select",
     "smooth_profile",
     "thin_profile",

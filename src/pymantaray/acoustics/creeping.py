@@ -1,4 +1,4 @@
-"""Sound in the shadow of the sea surface: a wave that creeps along the surface and decays exponentially."""
+"""Sound in the shadow of the sea surface: the field of a point source as an integral over horizontal wavenumber."""
 
 import math
 from typing import NamedTuple
@@ -9,50 +9,183 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.medium import Medium
 
 Array = NDArray[np.float64]
-_ROOT, _SLOPE = (
-    2.338107410459767,
-    0.7012108227206914,
-)  # of Airy's function: where it is first 0, and how steep
+Field = NDArray[np.complex128]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
-_ROUNDS = 8  # between the gradient and the depth that it is meant over
+_PLACES = 0.5 * (1.0 + np.polynomial.legendre.leggauss(5)[0])  # along the link, whose mean column is used
+_BELOW, _ABOVE = 40.0, 16.0  # widths of the boundary layer in wavenumber on both sides of the grazing ray
+_TAPER = 0.8  # share of each side over which the integrand is turned on
+_REAL = 24.0  # thicknesses of the boundary layer below the deeper end in which the water is the real one
+_DEEPER = 40.0  # thicknesses of the boundary layer that are solved below that
+_STEP = 0.15  # thicknesses of the boundary layer per step in depth
+_OVER = 2.0  # ranges of the link after which the sum over wavenumbers repeats
+_ROUNDS = 8
+_APART = 0.03  # share of the frequency by which the phases that give the delay differ
 
 
 class Creep(NamedTuple):
-    """Creeping wave from one end of a link to the other."""
+    """Sound that reaches one end of a link from the other along the surface."""
 
     spreading_db: float
     """Relative to a metre's, less spherical spreading along the chord. [dB]"""
     travel_time: float
-    """[s]"""
+    """Delay of the group. [s]"""
+
+
+class Column(NamedTuple):
+    """Mean water column of a link: depths below the surface and the sound speed at them."""
+
+    depth: Array
+    speed: Array
+    layer: float
+    """Thickness of the boundary layer below the surface. [m]"""
+
+    def wavenumber(self, depth: Array, frequency_hz: float) -> Array:
+        """[1/m]"""
+        return 2.0 * math.pi * frequency_hz / np.interp(depth, self.depth, self.speed)
 
 
 def creep_along_surface(medium: Medium, source: Array, receiver: Array, frequency_hz: float) -> Creep | None:
     r"""
-    First mode of the field in the shadow of the surface; None where the ends are not parted by it.
+    Field in the shadow of the surface; None if the surface does not separate the ends.
 
-    In water whose sound speed falls by g with depth from c at a surface without pressure, :math:`\beta = (2 k^2 g / c)^{1/3}`. The
-    field is a sum of modes :math:`\mathrm{Ai}(e^{-i \pi / 3} (\beta z - a e^{i \pi / 3}))`, a the zeros of :math:`\mathrm{Ai}(-a)`; deep in the
-    shadow the first is left, which falls by :math:`\alpha = \tfrac{\sqrt 3}{2} a \beta^2 / 2k` nepers a metre. The rays that graze the surface take
-    sound up and down again without such loss: what creeps goes the distance between them, which comes, as their times, from the water at
-    both ends; the gradient is the mean over the depth :math:`a / \beta` in the middle of the link.
+    In water whose sound speed c(z) is that of the link's mean column, the field of a point source at horizontal distance r is
+
+    .. math:: p = \tfrac12 \int g(\kappa) H_0^{(1)}(\kappa r)\, \kappa\, d\kappa,
+
+    where g solves :math:`g'' + (\omega^2 / c^2 - \kappa^2) g = -2 \delta(z - z_s)`, is zero at the surface and travels down below both ends.
+    The integral contains all creeping modes (its poles) and holds at the border of the shadow too, where their sum does not
+    converge. It is taken over wavenumbers about that of the ray that grazes the surface: no other sound gets to the receiver.
+
+    The ordinary differential equation is solved by exponentials of matrices (Magnus, fourth order). The boundary layer below the
+    surface has the thickness :math:`1 / \beta`, :math:`\beta = (2 k^2 |c'| / c)^{1/3}`, and in wavenumber the width
+    :math:`\beta^2 / 2 k`.
     """
     legs = [_to_surface(medium, end) for end in (source, receiver)]
-    chord = float(np.linalg.norm(receiver - source))
-    way = math.hypot(*(receiver - source)[:2]) - sum(far for far, _ in legs)
-    speed, gradient, k = _at_surface(medium, 0.5 * (source + receiver), frequency_hz)
-    if not (way > 0.0 and gradient > 0.0):  # NaN is not
+    distance = math.hypot(*(receiver - source)[:2])
+    way = distance - sum(far for far, _ in legs)
+    if not way > 0.0:  # NaN is not
         return None
-    beta = (2.0 * k * k * gradient / speed) ** (1.0 / 3.0)
-    alpha = 0.5 * math.sqrt(3.0) * _ROOT * beta**2 / (2.0 * k)
-    below = (float(end[2]) - _surface(medium, end) for end in (source, receiver))
-    heights = sum(_log_height(depth, beta, alpha, speed / gradient) for depth in below)
-    norm = _SLOPE**2 / beta
-    pressure = math.log(math.pi * math.sqrt(2.0 / (math.pi * k * chord)) / norm) + heights - alpha * way
-    late = way * alpha / math.sqrt(3.0) / (3.0 * 2.0 * math.pi * frequency_hz)  # of the mode's group
-    return Creep(
-        -20.0 / math.log(10.0) * (math.log(chord) + pressure),
-        sum(time for _, time in legs) + way / speed + late,
+    depths = sorted(float(end[2]) - _surface(medium, end) for end in (source, receiver))
+    column = _mean_column(medium, source, receiver, depths[1], frequency_hz)
+    if column is None:
+        return None
+    early = sum(time for _, time in legs) + way / float(column.speed[0])
+    frequencies = frequency_hz * np.array([1.0 - _APART, 1.0, 1.0 + _APART])
+    before, pressure, after = (
+        field_below_surface(column, depths, distance, frequency) for frequency in frequencies.tolist()
     )
+    omega = 2.0 * math.pi * (frequencies[2] - frequencies[0])
+    late = float(np.angle(after / before * np.exp(-1j * omega * early))) / omega
+    chord = float(np.linalg.norm(receiver - source))
+    return Creep(-20.0 * math.log10(max(abs(pressure) * chord, 1e-30)), early + late)
+
+
+def field_below_surface(column: Column, depths: list[float], distance: float, frequency_hz: float) -> complex:
+    """Pressure re 1 m at a horizontal distance, time as exp(-i omega t), by the depths of the upper and the lower end. [m]"""
+    upper, lower = depths
+    bottom = float(column.depth[-1])
+    k = column.wavenumber(np.array([0.0, upper, bottom]), frequency_hz)
+    width = 0.5 / (k[0] * column.layer**2)
+    most = min(k[1] + _ABOVE * width, k[2] - 2.0 * width)
+    least = k[0] - _BELOW * width
+    step = 2.0 * math.pi / (_OVER * distance)
+    kappa = np.arange(least + 0.5 * step, max(most, k[0] + width), step)
+    solve = _Solver(column, kappa, frequency_hz, _STEP * column.layer)
+    at_upper = solve(0.0, upper, (np.zeros(kappa.size, complex), np.ones(kappa.size, complex)))
+    down = solve(upper, bottom, at_upper)
+    slope = solve.outgoing(bottom)
+    out = solve(bottom, lower, (np.ones(kappa.size, complex), slope))
+    green = -2.0 * at_upper[0] * out[0] / (down[0] * slope - down[1])
+    hankel = np.sqrt(2.0 * kappa / (math.pi * distance)) * np.exp(1j * (kappa * distance - 0.25 * math.pi))
+    window = _smooth_step((kappa - least) / (_TAPER * _BELOW * width))
+    window = window * _smooth_step((most - kappa) / (_TAPER * _ABOVE * width))
+    return complex(0.5 * step * np.sum(green * window * hankel))
+
+
+class _Solver(NamedTuple):
+    """Solutions of f'' + (k(z)^2 - kappa^2) f = 0 for many kappa at once."""
+
+    column: Column
+    kappa: Array
+    frequency_hz: float
+    step: float
+
+    def __call__(self, start: float, end: float, state: tuple[Field, Field]) -> tuple[Field, Field]:
+        """Carry f and f' from one depth to another, up or down."""
+        n = max(math.ceil(abs(end - start) / self.step), 1)
+        h = (end - start) / n
+        z = start + h * (np.arange(n)[:, None] + 0.5 + np.array([-1.0, 1.0]) * math.sqrt(3.0) / 6.0)
+        squared = self.column.wavenumber(z.ravel(), self.frequency_hz).reshape(n, 2) ** 2
+        f, slope = state
+        for q1, q2 in squared.tolist():
+            q = 0.5 * (q1 + q2) - self.kappa**2
+            skew = math.sqrt(3.0) / 12.0 * h * h * (q2 - q1)
+            root = np.sqrt((skew * skew - h * h * q).astype(complex))
+            cosh = np.cosh(root)
+            ratio = np.where(np.abs(root) > 1e-8, np.sinh(root) / np.where(root == 0.0, 1.0, root), 1.0)
+            f, slope = (
+                (cosh + skew * ratio) * f + h * ratio * slope,
+                (cosh - skew * ratio) * slope - h * q * ratio * f,
+            )
+        return f, slope
+
+    def outgoing(self, depth: float) -> Field:
+        """Ratio f' / f of a wave that travels down, to second order of the slow change with depth."""
+        around = self.column.wavenumber(depth - np.array([0.0, 1.0]), self.frequency_hz) ** 2
+        vertical = np.sqrt((around[0] - self.kappa**2).astype(complex))
+        slope: Field = 1j * vertical - (around[0] - around[1]) / (4.0 * vertical**2)
+        return slope
+
+
+def _smooth_step(x: Array) -> Array:
+    """Rise from 0 to 1 between 0 and 1 by the error function, whose spectrum decays fastest for its width."""
+    from scipy.special import erfc
+
+    return np.asarray(0.5 * erfc(3.5 * (1.0 - 2.0 * x)))
+
+
+def _mean_column(
+    medium: Medium, source: Array, receiver: Array, lower: float, frequency_hz: float
+) -> Column | None:
+    """
+    Mean of the water columns along a link to below its deeper end; None if sound speed does not decrease below the surface.
+
+    From its minimum there on, sound speed decreases as below the surface, so that no ray comes back from deeper water.
+    """
+    along = source + _PLACES[:, None] * (receiver - source)
+    surface = medium.surface_depth(along)
+
+    def mean_speed(depth: Array) -> Array:
+        place = np.empty((_PLACES.size, depth.size, 3))
+        place[..., :2], place[..., 2] = along[:, None, :2], surface[:, None] + depth
+        return np.asarray(medium.sound_speed_at(place.reshape(-1, 3)).reshape(_PLACES.size, -1).mean(axis=0))
+
+    layer = thick = 1.0
+    for _ in range(_ROUNDS):  # between the gradient and the depth over which it is the mean
+        speed, below = mean_speed(np.array([0.0, layer])).tolist()
+        if not below < speed:
+            return None
+        k, thick = 2.0 * math.pi * frequency_hz / speed, layer
+        layer = (2.0 * k * k * (speed - below) / (layer * speed)) ** (-1.0 / 3.0)
+    room = float((medium.bottom_depth(along) - surface).min())
+    deepest = min(lower + _REAL * layer, max(lower, room - 1.0))
+    depth = np.linspace(0.0, deepest, max(math.ceil(4.0 * deepest), 8))
+    water = mean_speed(depth)
+    least = np.flatnonzero(depth >= lower - 1e-9)
+    last = int(least[np.argmin(water[least])]) + 1
+    depth, water = depth[:last], water[:last]
+    further = np.linspace(0.0, _DEEPER * layer, 401)
+    gradient = _gradient_below(
+        (water[-1] - water[-2]) / (depth[-1] - depth[-2]), (below - speed) / thick, further
+    )
+    drop = np.cumsum(0.5 * (gradient[1:] + gradient[:-1]) * np.diff(further))
+    return Column(np.append(depth, depth[-1] + further[1:]), np.append(water, water[-1] + drop), layer)
+
+
+def _gradient_below(last: float, surface: float, further: Array) -> Array:
+    """Gradient below the deeper end: from the one there to that below the surface within a third of the depth. [1/s]"""
+    share = np.clip(3.0 * further / further[-1], 0.0, 1.0)
+    return np.asarray(last + (surface - last) * share**2 * (3.0 - 2.0 * share))
 
 
 def _to_surface(medium: Medium, end: Array) -> tuple[float, float]:
@@ -70,28 +203,6 @@ def _to_surface(medium: Medium, end: Array) -> tuple[float, float]:
     return float(step @ cosine), float(step @ (1.0 / speed[:-1]))
 
 
-def _at_surface(medium: Medium, place: Array, frequency_hz: float) -> tuple[float, float, float]:
-    """Sound speed, by how much a metre it falls over the depth of the first mode [1/s], and wavenumber."""
-    depth, speed, gradient, k, surface = 1.0, math.nan, math.nan, math.nan, _surface(medium, place)
-    for _ in range(_ROUNDS):
-        column = np.array([[place[0], place[1], surface], [place[0], place[1], surface + depth]])
-        speed, below = medium.sound_speed_at(column).tolist()
-        gradient, k = (speed - below) / depth, 2.0 * math.pi * frequency_hz / speed
-        if not gradient > 0.0:
-            break
-        depth = _ROOT * (2.0 * k * k * gradient / speed) ** (-1.0 / 3.0)
-    return speed, gradient, k
-
-
 def _surface(medium: Medium, place: Array) -> float:
     """Depth of the surface above a place, under ice that of its underside. [m]"""
     return float(medium.surface_depth(place[None])[0])
-
-
-def _log_height(depth: float, beta: float, alpha: float, radius: float) -> float:
-    """Logarithm of the first mode so far below the surface, less its growth along the grazing ray down to there."""
-    from scipy.special import airye
-
-    z = (beta * depth - _ROOT * np.exp(1j * math.pi / 3.0)) * np.exp(-1j * math.pi / 3.0)
-    log = math.log(abs(airye(z)[0])) - float((2.0 / 3.0 * z * np.sqrt(z)).real)
-    return log - alpha * math.sqrt(2.0 * radius * depth)

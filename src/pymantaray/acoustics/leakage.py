@@ -45,7 +45,7 @@ class Leakage:
     Notes
     -----
     The nearest ray is the one that arrives nearest above or below the receiver, at a distance m, at the edge of what is lit. Its travel
-    time is carried to the receiver by its slowness (Fermat); its level falls by one of two laws:
+    time is carried to the receiver by its slowness (Fermat); its level falls by one of three laws:
 
     - Where two rays meet and end at the edge, as on the dark side of a caustic, Airy's [1]_: with the time :math:`\Delta T` between the two at
       :math:`\delta` inside the edge and their mean intensity I there,
@@ -57,8 +57,8 @@ class Leakage:
     - Elsewhere, as behind a seamount or where rays part, that of a straight edge half-way along the distance d [2]_: :math:`J(\nu)` below
       the ray just inside, :math:`\nu = m \sqrt{2 / \lambda d}`, which is 6 dB at the edge, and a way longer by :math:`m^2 / d`. Behind a
       smooth boundary less is heard, so it is an upper bound.
-    - Where the surface makes the shadow, both ends lying below water that is faster all the way up, sound creeps along the surface, and
-      is taken by its first mode (`creeping.py`) if that is weaker than behind the edge.
+    - Where the surface makes the shadow, both ends lying below water that is faster all the way up, sound creeps along the surface. The
+      level is that of the wave equation in the mean column of the link (`creeping.py`).
 
     A ray that does reach the receiver, but beyond the cut-off and by 40 dB at most, is taken in its place where it is stronger.
 
@@ -177,14 +177,15 @@ def _beyond(
             apart = abs(float(np.diff(inside.travel_time[rays[:2]])[0]))
             phase = 2.0 * math.pi * frequency_hz * apart
             level[i] = airy_spreading_db(m, phase, inside.spreading_db[rays[:2]])
-        else:
-            speed = at_edge.receiver_sound_speed[i]
-            before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
-            level[i] = before + knife_edge_db(m * math.sqrt(2.0 * frequency_hz / (speed * d)))
-            delay[i] += m * m / (speed * d)  # the way by an edge half-way, as in Fresnel's parameter
-            creep = creep_along_surface(medium, ends[0][i], ends[1][i], frequency_hz)
-            if creep is not None and creep.spreading_db > level[i]:
-                level[i], delay[i] = creep.spreading_db, creep.travel_time - at_edge.travel_time[i]
+            continue
+        creep = creep_along_surface(medium, ends[0][i], ends[1][i], frequency_hz)
+        if creep is not None:
+            level[i], delay[i] = creep.spreading_db, creep.travel_time - at_edge.travel_time[i]
+            continue
+        speed = at_edge.receiver_sound_speed[i]
+        before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
+        level[i] = before + knife_edge_db(m * math.sqrt(2.0 * frequency_hz / (speed * d)))
+        delay[i] += m * m / (speed * d)  # the way by an edge half-way, as in Fresnel's parameter
     return level, delay
 
 

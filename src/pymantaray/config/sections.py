@@ -175,6 +175,8 @@ class DetectionSection(Section):
     """Standard deviation of the level around its prediction; with 0, detection is certain or impossible. [dB]"""
     absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
     """Formula of absorption by sea water."""
+    coherent: bool | Literal["auto"] = "auto"
+    """Whether arrivals of one ping interfere: ``"auto"`` as far as the band does not separate them, true as for a tone, false never."""
     leakage: bool = False
     """Whether sound reaches receivers in shadow zones by leakage from the nearest ray."""
     leakage_reach_m: Metres[PositiveFloat] = 200.0
@@ -437,6 +439,7 @@ class SoundConfig(Section):
                 absorption=absorption,
                 bottom=bed_reflection(search.sediment),
                 surface=search.build_surface(detection.wind_speed),
+                coherent=detection.coherent,
             )
         return Reception(
             spreading_cutoff_db=search.cutoff_db,

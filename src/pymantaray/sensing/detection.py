@@ -8,8 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics import (
     Absorption,
+    Coherent,
     Medium,
     Sonar,
+    Tails,
+    find_tails,
+    received_loss_db,
     transmission_loss,
 )
 from pymantaray.errors import SensingError
@@ -46,17 +50,31 @@ class Detector:
         Reflection at the sea bed; by default that of the medium's bed.
     surface : Reflection, optional
         Reflection at the surface; by default that of the medium's surface.
+    coherent : bool or "auto"
+        Whether arrivals of a link interfere, see `pymantaray.acoustics.received_loss_db`; by default as far as the sonar's band does
+        not separate them.
     """
 
     sonar: Sonar
     absorption: Absorption | None = None
     bottom: Reflection | None = None
     surface: Reflection | None = None
+    coherent: Coherent = "auto"
 
     def loss_db(
-        self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths
+        self,
+        medium: Medium,
+        source: Array,
+        receiver: Array,
+        arrivals: Arrivals,
+        paths: RayPaths,
+        tails: Tails | None = None,
     ) -> Array:
-        """Transmission loss of each arrival at the centre of the sonar's band; ``paths`` are from `trace_paths`. [dB]"""
+        """
+        Transmission loss at which each arrival is received, at the centre of the sonar's band. [dB]
+
+        ``paths`` are from `trace_paths`, ``tails`` from this detector's `tails`.
+        """
         loss = transmission_loss(
             medium,
             source,
@@ -68,8 +86,32 @@ class Detector:
             surface=self.surface,
             paths=paths,
         )
-        total: Array = loss.total_db
-        return total
+        band = self.sonar.frequency_hz, self.sonar.bandwidth_hz
+        return received_loss_db(arrivals, loss, *band, coherent=self.coherent, tails=tails)
+
+    def tails(
+        self,
+        medium: Medium,
+        source: Array,
+        receiver: Array,
+        arrivals: Arrivals,
+        bounces: tuple[int, int],
+        threads: int | None,
+    ) -> Tails | None:
+        """Sound behind caustics near the receivers; None if arrivals do not interfere."""
+        if self.coherent is False:
+            return None
+        return find_tails(
+            medium,
+            source,
+            receiver,
+            arrivals,
+            self.sonar.frequency_hz,
+            bounces=bounces,
+            bottom=self.bottom,
+            surface=self.surface,
+            threads=threads,
+        )
 
 
 def draw_unheard(

@@ -224,7 +224,7 @@ def _with_leaks(
         threads=reception.threads,
     )
     places = start[leaks.link], leaks.place
-    along = _along_rays(reception, medium, currents, places, leaks.arrivals, None)
+    along = _along_rays(reception, medium, currents, places, leaks.arrivals, None, tailed=False)
     more = with_leaks(receptions, dark[leaks.link], leaks, along, backwards[leaks.link, 0])
     return with_detection(more, detector.sonar)
 
@@ -250,8 +250,10 @@ def _along_rays(
     ends: Ends,
     arrivals: Arrivals,
     progress: CountProgress | None,
+    *,
+    tailed: bool = True,
 ) -> AlongRays:
-    """Delay by the current and transmission loss of each arrival, as far as they are needed."""
+    """Delay by the current and transmission loss of each arrival, as far as they are needed; ``tailed`` with sound behind caustics."""
     if currents is None and reception.detector is None:
         return AlongRays(None, None)
     delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)
@@ -264,7 +266,11 @@ def _along_rays(
         if currents is not None:
             delay[rows] = current_delays(quadrature(paths), currents, part.link.size)
         if reception.detector is not None:
-            loss[rows] = reception.detector.loss_db(medium, source, receiver, part, paths)
+            tails = None
+            if tailed and reception.leakage is not None:
+                most = reception.max_surface_bounces, reception.max_bottom_bounces
+                tails = reception.detector.tails(medium, source, receiver, part, most, reception.threads)
+            loss[rows] = reception.detector.loss_db(medium, source, receiver, part, paths, tails)
         if progress is not None:
             progress(stop, arrivals.status.size)
     return AlongRays(None if currents is None else delay, None if reception.detector is None else loss)
