@@ -4,7 +4,7 @@ from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.casts import cast_ocean, holds_casts, read_cast, read_casts
 from pymantaray.ocean.check import check_ocean
 from pymantaray.ocean.corrections import correct_with_casts
-from pymantaray.ocean.ice import with_ice
+from pymantaray.ocean.ice import with_ice, with_roughness
 from pymantaray.ocean.local import to_local
 from pymantaray.ocean.modes import SoundSpeedCovariance, VerticalModes, layer_weights, vertical_modes
 from pymantaray.ocean.open import ocean_times, open_ocean, open_ocean_series
@@ -51,4 +51,5 @@ __all__ = [
     "window_of",
     "with_history",
     "with_ice",
+    "with_roughness",
 ]

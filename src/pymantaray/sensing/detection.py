@@ -12,6 +12,7 @@ from pymantaray.acoustics import (
     Sonar,
     transmission_loss,
 )
+from pymantaray.acoustics.rough import Losses, loss_under_rough_surface
 from pymantaray.errors import SensingError
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
@@ -54,9 +55,14 @@ class Detector:
     surface: Reflection | None = None
 
     def loss_db(
-        self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths
+        self, medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, paths: RayPaths | None
     ) -> Array:
-        """Transmission loss of each arrival at the centre of the sonar's band; ``paths`` are from `trace_paths`. [dB]"""
+        """Transmission loss of each arrival at the centre of the sonar's band; ``paths`` are from `trace_paths`, None under a rough surface. [dB]"""
+        if paths is None:
+            losses = Losses(self.absorption, self.bottom, self.surface)
+            return loss_under_rough_surface(
+                medium, (source, receiver), arrivals, self.sonar.frequency_hz, losses
+            )
         loss = transmission_loss(
             medium,
             source,
