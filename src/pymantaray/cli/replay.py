@@ -1,6 +1,6 @@
 """Command `mantaray replay`: compare measured with predicted travel times."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,7 +45,10 @@ def replay(
     search: ArrivalOptions,
     rule: Annotated[
         str,
-        typer.Option(metavar="RULE", help="Rule of detection: first, strongest, within:DB or threshold."),
+        typer.Option(
+            metavar="RULE",
+            help="Rule of detection: first, strongest, within:DB, threshold or persist:MINUTES (the arrival of the previous reception).",
+        ),
     ] = DEFAULT_RULE,
     detection: Annotated[
         Path | None,
@@ -70,6 +73,21 @@ def replay(
         str | None,
         typer.Option(metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."),
     ] = None,
+    draws: Annotated[
+        int, typer.Option(metavar="N", help="Number of draws of rough ice, whose arrivals are merged.")
+    ] = 1,
+    position_sigma: Annotated[
+        float,
+        typer.Option(
+            metavar="M", help="Standard deviation of the position of each node, for the error of predictions."
+        ),
+    ] = 0.0,
+    sound_speed_sigma: Annotated[
+        float,
+        typer.Option(
+            metavar="M/S", help="Standard deviation of the mean sound speed, for the error of predictions."
+        ),
+    ] = 0.0,
     nodes: Annotated[
         Path | None,
         typer.Option(
@@ -88,9 +106,10 @@ def replay(
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import load_waters, search_record, water_notes
     from pymantaray.config.load import sound_sections
-    from pymantaray.replay import DetectionRule, read_events, replay_events
+    from pymantaray.replay import DetectionRule, PredictionOptions, read_events, replay_events
     from pymantaray.report import write_replay
 
+    options = PredictionOptions(draws, position_sigma, sound_speed_sigma)
     window_s = parse_duration("--window", window, positive=False)
     measured, kind = read_events(events, nodes), DetectionRule.parse(rule)
     sections = {} if detection is None else sound_sections(detection)
@@ -102,14 +121,16 @@ def replay(
             measured,
             waters,
             kind,
+            options=options,
             window=window_s,
             reference=reference,
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
-        result = replace(result, notes=tuple(notes))
+        result = replace(result, notes=(*notes, *result.notes))
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),
+            "prediction": asdict(options),
             "detection": None if detection is None else str(detection),
         }
         page = write_replay(result, out, made_by=record, formats=format_names(formats), progress=report)
@@ -131,6 +152,8 @@ def _tell(out: Printer, result: "Replay") -> None:
         switching=result.switching,
     )
     out.table(result.brief_summary)
+    if "coverage" in result.more:
+        out.table(result.tables["coverage"])
     known = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = known[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]
