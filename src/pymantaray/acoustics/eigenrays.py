@@ -122,7 +122,7 @@ def find_eigenrays(
             (max_surface_bounces, max_bottom_bounces),
             math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db),
         )
-        options = {
+        options: dict[str, Any] = {
             "tolerance": tolerance,
             "canonical": canonical,
             "threads": threads,

@@ -265,7 +265,7 @@ def loss_under_rough_surface(
     if losses.absorption is not None:
         middle = 0.5 * (source + receiver)[link]
         speed = 0.5 * (arrivals.source_sound_speed + arrivals.receiver_sound_speed)[link]
-        per_km = losses.absorption.db_per_km(middle, frequency_hz)
+        per_km: Array = losses.absorption.db_per_km(middle, frequency_hz)
         loss = loss + per_km * speed * arrivals.travel_time / 1000.0
     p = [np.hypot(*slowness[:, :2].T) for slowness in (arrivals.source_slowness, arrivals.receiver_slowness)]
     parameter = 0.5 * (p[0] + p[1])

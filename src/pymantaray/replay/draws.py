@@ -56,10 +56,14 @@ def predict_draws(
     source, receiver = ends_of(events, rows, water)
     if rough is not None and events.geographic and (water.frame is None or water.uniform):
         source, receiver = _on_ice(events, rows, source, receiver, rough.length)
+    links, of = np.unique(
+        np.hstack([source, receiver]), axis=0, return_inverse=True
+    )  # nodes at rest repeat theirs
+    source, receiver = links[:, :3], links[:, 3:]
     distance = np.linalg.norm(receiver - source, axis=-1)
     cutoff = np.inf if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db
     wide = reception._replace(arrival="first")
-    parts, status = [], np.full(rows.size, RayStatus.SHADOW, dtype=np.int8)
+    parts, status = [], np.full(len(links), RayStatus.SHADOW, dtype=np.int8)
     for draw in range(draws):
         one = medium
         if rough is not None:
@@ -85,8 +89,11 @@ def predict_draws(
         draws,
     )
     frame = _frame(merged, status, distance, sound.arrivals.source_sound_speed, rule, choice)
-    merged["event"] = rows[merged["event"].to_numpy()]
-    return frame.assign(cast=water.name).set_index(rows), merged
+    at = merged["event"].to_numpy()
+    start, stop = np.searchsorted(at, of), np.searchsorted(at, of, side="right")
+    candidates = merged.iloc[np.concatenate([np.arange(i, j) for i, j in zip(start, stop, strict=True)])]
+    candidates = candidates.assign(event=np.repeat(rows, stop - start))
+    return frame.iloc[of].assign(cast=water.name).set_index(rows), candidates
 
 
 def _on_ice(events: Events, rows: Rows, source: Array, receiver: Array, length: float) -> tuple[Array, Array]:

@@ -18,8 +18,10 @@ _CLUTTER_WIDTH = 0.1  # s
 _MOST_DRAWS = 1000
 _MATCH = 1e-3  # s; candidates of successive events are the same arrival if their delays differ by about this
 _OTHER_BOUNCES = 0.1  # weight of a match with other bounces
-_UNEXPLAINED = np.geomspace(2e-4, 2e-2, 13)  # s; values tried for the error that nothing explains
-_TAILS = (0.025, 0.975)
+_UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error that nothing explains
+_COVERED = 0.95  # of the events of even hours, by their intervals
+_FEW = 40  # events; with fewer, intervals are those of the mixture
+_WIDEST = 0.9998
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
 HOUR = 3600.0
 
@@ -48,7 +50,7 @@ class PredictionOptions:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not (isinstance(self.draws, int) and 1 <= self.draws <= _MOST_DRAWS):
+        if self.draws not in range(1, _MOST_DRAWS + 1):
             raise ReplayError(f"draws is {self.draws}; allowed are whole numbers from 1 to {_MOST_DRAWS}")
         for name, unit in {"position_sigma": "m", "sound_speed_sigma": "m/s"}.items():
             check_number(ReplayError, name, getattr(self, name), unit)
@@ -139,7 +141,8 @@ def predict_mixture(
     the same bounces. A prediction uses only earlier receptions of the same source and receiver. The standard deviation of a candidate
     consists of its spread over the draws, the errors of sound speed and position, the event's own sigma, and an
     error that these do not explain: the value with the largest likelihood on even hours. Of all receptions, 2 % are assumed to fit no
-    candidate.
+    candidate. Intervals are the central ones of the mixture with the probability that covers 95 % of the events of even hours; with fewer
+    than 40 such events, that is 95 %.
     """
     prior = first_detected(candidates, merit_db)
     known = _known_sigma(events, candidates, options)
@@ -153,7 +156,7 @@ def predict_mixture(
     unexplained = float(_UNEXPLAINED[int(np.argmax(scores))])
     sigma = np.hypot(known, unexplained)
     probability, log_likelihood = _follow(links, candidates, prior, sigma, persistence)
-    table = _intervals(len(events), candidates, probability, sigma)
+    table = _intervals(events, candidates, probability, sigma, even)
     return Mixture(table.assign(log_likelihood=log_likelihood), probability, sigma, unexplained)
 
 
@@ -237,15 +240,24 @@ def _passed(before: tuple[float, Array, Array, Array], delay: Array, bounces: Ar
     return np.asarray(weight[kept] @ passed / weight[kept].sum())
 
 
-def _intervals(n: int, candidates: pd.DataFrame, probability: Array, sigma: Array) -> pd.DataFrame:
+def _intervals(
+    events: pd.DataFrame,
+    candidates: pd.DataFrame,
+    probability: Array,
+    sigma: Array,
+    even: NDArray[np.bool_],
+) -> pd.DataFrame:
     """Median, standard deviation and 95 % interval of the mixture of each event."""
     from scipy.special import ndtr
 
-    at = candidates["event"].to_numpy(dtype=np.int64)
-    time = candidates["travel_time_s"].to_numpy()
+    n, at = len(events), candidates["event"].to_numpy(dtype=np.int64)
+    time, measured = candidates["travel_time_s"].to_numpy(), events["measured_s"].to_numpy()
     mean = np.bincount(at, probability * time, minlength=n)
     has = np.bincount(at, minlength=n) > 0
     spread = np.bincount(at, probability * (sigma**2 + (time - mean[at]) ** 2), minlength=n)
+
+    def below(place: Array) -> Array:
+        return np.asarray(np.bincount(at, probability * ndtr((place[at] - time) / sigma), minlength=n))
 
     def quantile(level: float) -> Array:
         low, high = np.full(n, np.inf), np.full(n, -np.inf)
@@ -253,16 +265,18 @@ def _intervals(n: int, candidates: pd.DataFrame, probability: Array, sigma: Arra
         np.maximum.at(high, at, time + 10.0 * sigma)
         for _ in range(50):
             middle = 0.5 * (low + high)
-            below = np.bincount(at, probability * ndtr((middle[at] - time) / sigma), minlength=n)
-            low, high = np.where(below < level, middle, low), np.where(below < level, high, middle)
+            under = below(np.where(has, middle, 0.0)) < level
+            low, high = np.where(under, middle, low), np.where(under, high, middle)
         return np.where(has, 0.5 * (low + high), np.nan)
 
     with np.errstate(invalid="ignore"):
+        far = np.abs(2.0 * below(measured) - 1.0)[has & even]
+        width = _COVERED if far.size < _FEW else min(float(np.quantile(far, _COVERED)), _WIDEST)
         columns = {
             "sigma_s": np.where(has, np.sqrt(spread), np.nan),
-            "low_s": quantile(_TAILS[0]),
+            "low_s": quantile(0.5 - 0.5 * width),
             "mixture_s": quantile(0.5),
-            "high_s": quantile(_TAILS[1]),
+            "high_s": quantile(0.5 + 0.5 * width),
         }
     return pd.DataFrame(columns)
 
