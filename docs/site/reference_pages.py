@@ -235,8 +235,7 @@ _WATER_COMMANDS = (
 _WATER_OPTIONS = {
     "sea floor": ("--sea-floor",),
     "ice": ("--ice",),
-    "ice_slope_deg": ("--ice-slope",),
-    "ice_length": ("--ice-length",),
+    "rough ice": ("--ice-slope", "--ice-length"),
     "currents": ("--currents",),
     "equation": ("--equation",),
     "interpolation": ("--interpolation",),

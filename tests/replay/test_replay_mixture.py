@@ -115,6 +115,19 @@ def test_sigma_and_intervals_come_back_from_drawn_errors():
     assert np.sqrt(own.sigma[0] ** 2 - own.unexplained**2) == pytest.approx(known, rel=1e-6)
 
 
+def test_waves_spread_the_times_of_surface_reflections():
+    """Pierson and Moskowitz: 0.0053 U^2 is the rms height for the wind at 19.5 m."""
+    events, candidates = two_arrivals([1.01] * 3)
+    calm, windy = (
+        predict_mixture(events, candidates, PredictionOptions(1, 0.0, 0.0, u)) for u in (0.0, 10.0)
+    )
+    extra = np.sqrt((windy.sigma**2 - windy.unexplained**2) - (calm.sigma**2 - calm.unexplained**2))
+    height = 0.00534 * (1.026 * 10.0) ** 2
+    sine = np.sqrt(1.0 - 1.0 / 1.01**2)
+    np.testing.assert_allclose(extra[1::2], 2.0 * height * sine / 1450.0, rtol=0.02)
+    np.testing.assert_allclose(extra[::2], 0.0, atol=1e-9)
+
+
 def test_words_of_the_rule_and_options_that_are_none_are_refused():
     assert str(DetectionRule.parse("persist")) == "persist:10"
     assert DetectionRule.parse("persist:2.5").persist_min == 2.5

@@ -88,6 +88,13 @@ def replay(
             metavar="M/S", help="Standard deviation of the mean sound speed, for the error of predictions."
         ),
     ] = 0.0,
+    wind: Annotated[
+        float,
+        typer.Option(
+            metavar="M/S",
+            help="Wind over open water, whose waves spread the times of surface reflections, for the error of predictions.",
+        ),
+    ] = 0.0,
     nodes: Annotated[
         Path | None,
         typer.Option(
@@ -109,7 +116,7 @@ def replay(
     from pymantaray.replay import DetectionRule, PredictionOptions, read_events, replay_events
     from pymantaray.report import write_replay
 
-    options = PredictionOptions(draws, position_sigma, sound_speed_sigma)
+    options = PredictionOptions(draws, position_sigma, sound_speed_sigma, wind)
     window_s = parse_duration("--window", window, positive=False)
     measured, kind = read_events(events, nodes), DetectionRule.parse(rule)
     sections = {} if detection is None else sound_sections(detection)

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.acoustics.reflection import wave_height_rms
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.checks import check_number
 
@@ -39,6 +40,8 @@ class PredictionOptions:
         Standard deviation of the position of each end, along the path. [m]
     sound_speed_sigma : float
         Standard deviation of the mean sound speed along the path. [m/s]
+    wind_speed : float
+        Wind at 10 m over open water, whose waves spread the times of reflections at the surface. [m/s]
     water_interval : float
         Water that varies in time is evaluated at the multiple of this interval that is nearest to an event. [s]
     """
@@ -46,13 +49,15 @@ class PredictionOptions:
     draws: int = 1
     position_sigma: float = 0.0
     sound_speed_sigma: float = 0.0
+    wind_speed: float = 0.0
     water_interval: float = 600.0
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         if self.draws not in range(1, _MOST_DRAWS + 1):
             raise ReplayError(f"draws is {self.draws}; allowed are whole numbers from 1 to {_MOST_DRAWS}")
-        for name, unit in {"position_sigma": "m", "sound_speed_sigma": "m/s"}.items():
+        units = {"position_sigma": "m", "sound_speed_sigma": "m/s", "wind_speed": "m/s"}
+        for name, unit in units.items():
             check_number(ReplayError, name, getattr(self, name), unit)
         check_number(ReplayError, "water_interval", self.water_interval, "s", positive=True)
 
@@ -168,8 +173,21 @@ def _known_sigma(events: pd.DataFrame, candidates: pd.DataFrame, options: Predic
     ocean = time * options.sound_speed_sigma / speed
     position = _ONE_WAY * options.position_sigma / speed
     own = np.nan_to_num(events["sigma_s"].to_numpy()[at])
+    waves = _wave_sigma(candidates, events["sound_speed_m_s"].to_numpy()[at], speed, options.wind_speed)
     spread = candidates["spread_s"].to_numpy()
-    return np.asarray(np.sqrt(spread**2 + ocean**2 + position**2 + own**2))
+    return np.asarray(np.sqrt(spread**2 + ocean**2 + position**2 + own**2 + waves**2))
+
+
+def _wave_sigma(candidates: pd.DataFrame, sound_speed: Array, speed: Array, wind_speed: float) -> Array:
+    r"""
+    Spread of times by waves: :math:`2 \sqrt n\, h \sin\gamma / c` for n reflections and the rms height h of `wave_height_rms`. [s]
+
+    The grazing angle is that of a straight path with the candidate's travel time: its cosine is the speed along the distance over that of sound.
+    """
+    cosine = np.clip(speed / sound_speed, 0.0, 1.0)
+    height = float(wave_height_rms(wind_speed))
+    bounces = np.sqrt(candidates["surface_bounces"].to_numpy(dtype=float))
+    return np.asarray(2.0 * bounces * height * np.sqrt(1.0 - cosine**2) / sound_speed)
 
 
 def _links(events: pd.DataFrame, candidates: pd.DataFrame) -> list[list[tuple[int, _Event]]]:
