@@ -55,7 +55,9 @@ def test_rays_with_one_reflection_at_a_wave_are_the_stationary_paths():
     )
 
 
-@pytest.mark.parametrize(("interpolation", "time", "slowness"), [("smooth", 5e-6, 2e-7), ("linear", 1e-7, 2e-9)])
+@pytest.mark.parametrize(
+    ("interpolation", "time", "slowness"), [("smooth", 5e-6, 2e-7), ("linear", 1e-7, 2e-9)]
+)
 def test_without_a_slope_the_arrivals_are_those_under_flat_ice(interpolation, time, slowness):
     flat = Medium.from_profile(
         DEPTH, PROFILE, bottom_depth=2680.0, interpolation=interpolation, ice_draft=1.5

@@ -126,7 +126,7 @@ def _joined(
     unit = (b - a)[:, :2] / np.maximum(np.hypot(*(b - a)[:, :2].T), 1e-300)[:, None]
 
     def slowness(angle: Array, depth: Array) -> Array:
-        speed = np.interp(depth, water.depth, water.speed)[link]
+        speed: Array = np.interp(depth, water.depth, water.speed)[link]
         along = np.cos(angle)[:, None] * unit[link]
         return np.concatenate([along, np.sin(angle)[:, None]], axis=1) / speed[:, None]
 
