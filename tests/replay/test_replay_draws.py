@@ -1,5 +1,7 @@
 """Predictions from draws of rough ice: the same ice in both directions, what is refused, and the suggestion to allow reflections."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arctic import BOTTOM, DEPTH, cast
@@ -54,21 +56,13 @@ def test_draws_of_smooth_ice_are_refused():
 
 
 def test_without_reflections_and_few_predictions_some_are_suggested():
-    events = both_ways()
-    shallow = ENDS * [1.0, 1.0, 0.0] + [0.0, 0.0, 5.0]
-    far = Events(
-        time=[0.0],
-        source=["A"],
-        receiver=["B"],
-        source_position=shallow[:1],
-        receiver_position=[[72.0435, -145.0, 90.0]],
-        travel_time=[3.4],
-        geographic=True,
+    shadowed = replace(
+        both_ways(), source_position=ENDS - [0.0, 0.0, 70.0], receiver_position=ENDS[::-1] - [0.0, 0.0, 60.0]
     )
-    known = replay_events(far, water(None, 7)).events["predicted_s"].notna().all()
-    hint = replay_events(far, water(None, 0)).notes
+    known = replay_events(shadowed, water(None, 7)).events["predicted_s"].notna().all()
+    hint = replay_events(shadowed, water(None, 0)).notes
     assert known
     assert len(hint) == 1
     assert "0 % of the events are predicted" in hint[0]
-    assert "with --max-surface-bounces 7, 1 of 1 of the other events have an arrival" in hint[0]
-    assert replay_events(events, water(None, 0)).notes == ()
+    assert "with --max-surface-bounces 7, 2 of 2 of the other events have an arrival" in hint[0]
+    assert replay_events(shadowed, water(None, 7)).notes == ()
