@@ -235,6 +235,7 @@ _WATER_COMMANDS = (
 _WATER_OPTIONS = {
     "sea floor": ("--sea-floor",),
     "ice": ("--ice",),
+    "rough ice": ("--ice-slope", "--ice-length"),
     "currents": ("--currents",),
     "equation": ("--equation",),
     "interpolation": ("--interpolation",),

@@ -13,12 +13,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Medium
+from pymantaray.acoustics.rough import Ends, realized, with_rough_rays
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.installation import gpu
@@ -120,6 +121,10 @@ def find_eigenrays(
         if number not in range(MOST_BOUNCES + 1):
             raise AcousticsError(f"{name}: {number!r}; a whole number from 0 to {MOST_BOUNCES} is needed")
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
+    if medium.surface.roughness is not None:
+        rough = Ends(a, b, (max_surface_bounces, max_bottom_bounces), cutoff)
+        options: dict[str, Any] = {"tolerance": tolerance, "canonical": canonical, "device": device}
+        return _under_rough_surface(medium, rough, threads=threads, progress=progress, **options)
     most = (int(max_surface_bounces), int(max_bottom_bounces))
     from pymantaray.acoustics._kernels.layout import Settings
 
@@ -150,6 +155,19 @@ def _on_sphere(arrivals: Arrivals, earth: EarthSphere, source: Array, receiver: 
         values[f"{end}_slowness"] = slowness
         values[f"{end}_sound_speed"] = getattr(arrivals, f"{end}_sound_speed") / stretch
     return replace(arrivals, **values)
+
+
+def _under_rough_surface(medium: Medium, ends: Ends, *, threads: int | None, **options: Any) -> Arrivals:
+    """Find the eigenrays of links under a rough surface; rays that do not meet the surface are those under its mean depth."""
+    flat = replace(medium, surface=medium.surface.with_roughness(None))
+    if ends.bounces[0] == 0 or not len(ends.source):
+        return find_eigenrays(flat, *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options)
+    if medium.earth is not None or not (medium.uniform and medium.bed.depth.size == 1):
+        return find_eigenrays(
+            realized(medium, ends), *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options
+        )
+    direct = find_eigenrays(flat, *ends[:2], 0, ends.bounces[1], ends.cutoff_db, threads=threads, **options)
+    return with_rough_rays(medium, ends, direct, threads)
 
 
 def _arrivals(results: Results) -> Arrivals:

@@ -262,7 +262,12 @@ class Medium:
 
             ocean = to_local(ocean)
         require_local(ocean, "sound_speed", "sea_floor_depth", "north", "east", "depth")
-        draft = "sea_ice_draft"
+        from pymantaray.ocean.ice import roughness_of
+
+        ice: BoundarySurface | float = 0.0
+        if "sea_ice_draft" in ocean:
+            smooth = BoundarySurface.from_dataset(ocean, "sea_ice_draft", AcousticsError)
+            ice = smooth.with_roughness(roughness_of(ocean))
         return cls.from_grid(
             ocean["north"].values,
             ocean["east"].values,
@@ -270,7 +275,7 @@ class Medium:
             ocean["sound_speed"].transpose("north", "east", "depth").values,
             bathymetry=BoundarySurface.from_dataset(ocean, "sea_floor_depth", AcousticsError),
             interpolation=interpolation,
-            ice_draft=BoundarySurface.from_dataset(ocean, draft, AcousticsError) if draft in ocean else 0.0,
+            ice_draft=ice,
             earth=_sphere_of(ocean, earth),
         )
 

@@ -70,6 +70,10 @@ def trace_paths(
         raise AcousticsError(
             f"source has shape {a.shape}, receiver {b.shape}; the arrivals are of {arrivals.status.size} links"
         )
+    if medium.surface.roughness is not None and np.any(arrivals.surface_bounces):
+        raise AcousticsError(
+            "paths of rays under rough ice are not available, only their arrivals; leave out the roughness (--ice-slope)"
+        )
     domain = medium.domain()
     backwards = solved_backwards(a, b)[arrivals.link, None]
     flat = (a, b) if medium.earth is None else medium.earth.flattened_ends(a, b)

@@ -13,9 +13,10 @@ from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.config.sections import OceanSection
 from pymantaray.estimation.range_models import ConstantSpeed, TransmitterSpeed
 from pymantaray.evaluation.ranging_error import range_errors
-from pymantaray.ocean import to_local, with_ice
+from pymantaray.ocean import to_local
 from pymantaray.ocean.window import Window, rectangle
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus
+from pymantaray.water.uniform import with_section_ice
 
 Array = NDArray[np.float64]
 SPLINE = 8  # grid points beyond the domain for interpolation
@@ -64,7 +65,7 @@ def water_at(
     if section is None:
         return to_local(part, place, (half, half), sea_floor=sea_floor)
     local = to_local(part, place, (half, half), sea_floor=sea_floor, equation=section.equation)
-    return local if section.ice is None else with_ice(local, section.ice)
+    return with_section_ice(section, local)
 
 
 def medium_at(ocean: xr.Dataset, place: tuple[float, float], links: AtlasLinks) -> Medium | None:

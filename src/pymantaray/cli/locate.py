@@ -297,6 +297,10 @@ def _water(
         given = options.keys
         bottom = given.get("bathymetry", max(float(depth[-1]), _BED_FACTOR * deepest))
         interpolation = given.get("interpolation", "linear")
+        if "ice_slope_deg" in given:
+            raise LocateError(
+                "--ice-slope: rough ice needs --profile or --ocean; add one, or leave out --ice-slope"
+            )
         medium = Medium.from_profile(
             depth,
             speed,

@@ -298,6 +298,19 @@ class WaterOptions:
         str | None,
         typer.Option(metavar="M|FILE", help="Draft of an ice cover: metres everywhere, or a NetCDF file."),
     ] = None
+    ice_slope: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Standard deviation of the slope of the underside of the ice, which is then rough for rays.",
+        ),
+    ] = None
+    ice_length: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("m"), metavar="M", help="Correlation length of the rough ice. Default: 20 m."
+        ),
+    ] = None
     currents: Annotated[
         Literal["required", "rest", "carry"] | None,
         typer.Option(
@@ -381,6 +394,8 @@ class WaterOptions:
             "bathymetry": _metres_or_file("--sea-floor", self.sea_floor),
             "bathymetry_crs": self.crs,
             "ice": _metres_or_file("--ice", self.ice),
+            "ice_slope_deg": self.ice_slope,
+            "ice_length": self.ice_length,
             "currents": self.currents,
             "equation": self.equation,
             "interpolation": self.interpolation,

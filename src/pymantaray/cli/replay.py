@@ -1,6 +1,6 @@
 """Command `mantaray replay`: compare measured with predicted travel times."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,7 +33,10 @@ class ComparisonOptions:
 
     rule: Annotated[
         str,
-        typer.Option(metavar="RULE", help="Rule of detection: first, strongest, within:DB or threshold."),
+        typer.Option(
+            metavar="RULE",
+            help="Rule of detection: first, strongest, within:DB, threshold or persist:MINUTES (the arrival of the previous reception).",
+        ),
     ] = DEFAULT_RULE
     detection: Annotated[
         Path | None,
@@ -75,6 +78,40 @@ class ComparisonOptions:
 
 
 @dataclass(frozen=True)
+class ErrorOptions:
+    """Draws of rough ice, and errors of predictions."""
+
+    draws: Annotated[
+        int,
+        typer.Option(metavar="N", min=1, help="Number of draws of rough ice, whose arrivals are merged."),
+    ] = 1
+    position_sigma: Annotated[
+        float,
+        typer.Option(
+            parser=quantity("m"),
+            metavar="M",
+            help="Standard deviation of the position of each node, for the error of predictions.",
+        ),
+    ] = 0.0
+    sound_speed_sigma: Annotated[
+        float,
+        typer.Option(
+            parser=quantity("m/s"),
+            metavar="M/S",
+            help="Standard deviation of the mean sound speed, for the error of predictions.",
+        ),
+    ] = 0.0
+    wind: Annotated[
+        float,
+        typer.Option(
+            parser=quantity("m/s"),
+            metavar="M/S",
+            help="Wind over open water, whose waves spread the times of surface reflections, for the error of predictions.",
+        ),
+    ] = 0.0
+
+
+@dataclass(frozen=True)
 class FolderOptions:
     """Folder of the results, and formats of its figures and tables."""
 
@@ -100,6 +137,7 @@ def replay(
     water: WaterOptions,
     search: ArrivalOptions,
     comparing: ComparisonOptions,
+    errors: ErrorOptions,
     folder: FolderOptions,
     printing: TableOptions,
     changes: Set = None,
@@ -109,10 +147,11 @@ def replay(
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import load_waters, search_record, water_notes
     from pymantaray.config.load import sound_sections
-    from pymantaray.replay import DetectionRule, read_events, replay_events
+    from pymantaray.replay import DetectionRule, PredictionOptions, read_events, replay_events
     from pymantaray.replay import smooth_positions as smooth
     from pymantaray.report import write_replay
 
+    options = PredictionOptions(errors.draws, errors.position_sigma, errors.sound_speed_sigma, errors.wind)
     window_s = parse_duration("--window", comparing.window, positive=False)
     measured, kind = read_events(events, comparing.nodes), DetectionRule.parse(comparing.rule)
     smoothed = None
@@ -127,6 +166,7 @@ def replay(
             measured,
             waters,
             kind,
+            options=options,
             window=window_s,
             reference=comparing.reference,
             progress=None if report is None else lambda done, total: report("events", done, total),
@@ -137,6 +177,7 @@ def replay(
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),
+            "prediction": asdict(options),
             "detection": None if comparing.detection is None else str(comparing.detection),
             "smooth_positions_m": comparing.smooth_positions,
             "clock_drift": comparing.clock_drift,
@@ -163,6 +204,8 @@ def _tell(out: Printer, result: "Replay") -> None:
         switching=result.switching,
     )
     out.table(result.brief_summary)
+    if "coverage" in result.more:
+        out.table(result.tables["coverage"])
     known = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = known[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]

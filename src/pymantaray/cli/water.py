@@ -17,6 +17,8 @@ OF_THE_SOURCE = {
     "smooth": "--smooth",
     "names": "--name",
     "half_extent": "--half-extent",
+    "ice_slope_deg": "--ice-slope",
+    "ice_length": "--ice-length",
     **{name: f"--{name}" for name in ("ice", "equation", "centre", "time")},
 }
 """Options of water that a run's ocean defines already, with their names on the command line."""

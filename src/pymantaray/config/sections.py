@@ -285,6 +285,12 @@ class OceanSection(Section):
     """Projection of a sea floor's file that does not name it, such as ``"EPSG:3996"`` of IBCAO."""
     ice: Metres[NonNegativeFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
     """Draft of a uniform ice cover, or a file with drafts. [m]"""
+    ice_slope_deg: Degrees[NonNegativeFloat] | None = Field(default=None, lt=25.0)
+    """Standard deviation of the slope of the ice's underside along any line, for rays. Default: smooth ice. [degrees]"""
+    ice_length: Metres[PositiveFloat] = 20.0
+    """Correlation length of the roughness of the ice. [m]"""
+    ice_draw: int = Field(default=0, ge=0)
+    """Number of the draw of the rough ice; the same number always gives the same ice."""
     repair_freezing: bool = False
     """Raise the salinity of casts below the freezing point to the freezing line, instead of a note only."""
     internal_tide: InternalTideSection | None = None
@@ -310,6 +316,10 @@ class OceanSection(Section):
                 raise ValueError(f"{one} and {other} must be given together")
         if self.thin is not None and self.smooth is not None:
             raise ValueError("thin and smooth exclude each other; leave one out")
+        if self.ice_slope_deg is not None and self.ice is None:
+            raise ValueError(
+                "ice_slope_deg is given, but there is no ice; give ice, or leave out ice_slope_deg"
+            )
         if self.internal_tide is not None and self.time_varying:
             raise ValueError(
                 "internal_tide runs through one snapshot; set time_varying = false or leave it out"

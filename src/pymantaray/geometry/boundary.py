@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import GeometryError
 from pymantaray.geometry.checks import Error, checked_array, distinct_digits
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.geometry.roughness import Roughness
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,6 +53,8 @@ class BoundarySurface:
     reflection : Reflection, optional
         Loss and phase of a reflection, such as `pymantaray.acoustics.FluidBottom`. Without one, the boundary reflects all
         sound: the sea bed without a change of phase, the surface with phase pi.
+    roughness : Roughness, optional
+        Random elevation about the depth, for rays only. Positions and vehicles are limited by the depth itself.
 
     Raises
     ------
@@ -63,6 +66,7 @@ class BoundarySurface:
     north: Array
     east: Array
     reflection: Reflection | None
+    roughness: Roughness | None
 
     def __init__(
         self,
@@ -70,6 +74,7 @@ class BoundarySurface:
         north: ArrayLike = (0.0,),
         east: ArrayLike = (0.0,),
         reflection: Reflection | None = None,
+        roughness: Roughness | None = None,
     ) -> None:
         n, e = (
             checked_array(GeometryError, f"boundary: {name}", axis, (None,), rising=True)
@@ -77,13 +82,15 @@ class BoundarySurface:
         )
         values = np.full((1, 1), depth) if np.ndim(depth) == 0 else depth
         z = checked_array(GeometryError, "boundary: depth", values, (n.size, e.size))
-        for name, value in (("depth", z), ("north", n), ("east", e), ("reflection", reflection)):
+        both = ("reflection", reflection), ("roughness", roughness)
+        for name, value in (("depth", z), ("north", n), ("east", e), *both):
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         size = " x ".join(str(n) for n in self.depth.shape)
         loss = "" if self.reflection is None else f", {self.reflection!r}"
-        return f"<BoundarySurface {size}, {self.depth.min():g} to {self.depth.max():g} m{loss}>"
+        rough = "" if self.roughness is None else f", rough by {self.roughness.height:.3g} m"
+        return f"<BoundarySurface {size}, {self.depth.min():g} to {self.depth.max():g} m{rough}{loss}>"
 
     @classmethod
     def from_dataset(cls, ocean: xr.Dataset, name: str, error: Error = GeometryError) -> Self:
@@ -107,6 +114,10 @@ class BoundarySurface:
             for dim in dims
         )
         return cls(depth, north, east)
+
+    def with_roughness(self, roughness: Roughness | None) -> Self:
+        """Return the same boundary with another roughness; None makes it smooth."""
+        return type(self)(self.depth, self.north, self.east, self.reflection, roughness)
 
     def check_extent(self, north: Array, east: Array, *, name: str, error: Error) -> None:
         """Refuse a boundary that does not extend over water with these axes."""

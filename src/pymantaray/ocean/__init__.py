@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pymantaray.ocean.check import check_ocean as check_ocean
     from pymantaray.ocean.corrections import correct_with_casts as correct_with_casts
     from pymantaray.ocean.ice import with_ice as with_ice
+    from pymantaray.ocean.ice import with_roughness as with_roughness
     from pymantaray.ocean.local import to_local as to_local
     from pymantaray.ocean.modes import SoundSpeedCovariance as SoundSpeedCovariance
     from pymantaray.ocean.modes import VerticalModes as VerticalModes

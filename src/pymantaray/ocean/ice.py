@@ -10,6 +10,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean.convert import is_our_unit
 from pymantaray.ocean.files import file_name, open_file, text
 from pymantaray.ocean.sea_floor import HorizontalField, horizontal_axes
@@ -17,6 +18,7 @@ from pymantaray.ocean.sea_floor import HorizontalField, horizontal_axes
 Array = NDArray[np.float64]
 _DRAFT_PER_THICKNESS = 917.0 / 1026.0  # densities of ice and of sea water [kg/m3]; Archimedes, without snow
 _SHARE = {"sea_ice_draft": 1.0, "sea_ice_thickness": _DRAFT_PER_THICKNESS}
+_ROUGHNESS = ("slope", "length", "seed", "draw")
 _MAX_DRAFT = 100.0  # m; a larger value means a wrong fill value or unit
 
 
@@ -64,6 +66,34 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
     places = np.stack([lat.ravel(), lon.ravel()], axis=-1)
     on_nodes = linear_interpolator((at_lat, at_lon), draft)(places).reshape(lat.shape)
     return local.assign(sea_ice_draft=(("north", "east"), on_nodes, {**attrs, "source": source}))
+
+
+def with_roughness(local: xr.Dataset, roughness: Roughness) -> xr.Dataset:
+    """
+    Make the underside of the ice of a local ocean rough.
+
+    Parameters
+    ----------
+    local : xarray.Dataset
+        Ocean from `with_ice`.
+    roughness : Roughness
+
+    Returns
+    -------
+    xarray.Dataset
+        The ocean with the roughness in attributes of ``sea_ice_draft``. Rays see it; vehicles do not.
+    """
+    attrs = {f"roughness_{name}": getattr(roughness, name) for name in _ROUGHNESS}
+    return local.assign(sea_ice_draft=local["sea_ice_draft"].assign_attrs(attrs))
+
+
+def roughness_of(local: xr.Dataset) -> Roughness | None:
+    """Return the roughness of the ice of a local ocean; None if it is smooth."""
+    attrs = local["sea_ice_draft"].attrs if "sea_ice_draft" in local else {}
+    if "roughness_slope" not in attrs:
+        return None
+    slope, length, seed, draw = (attrs[f"roughness_{name}"] for name in _ROUGHNESS)
+    return Roughness(float(slope), float(length), int(seed), int(draw))
 
 
 def _ice_of(data: xr.Dataset) -> tuple[HorizontalField, float]:

@@ -25,19 +25,21 @@ from pymantaray.replay.clocks import (
     unknown_clocks_note,
 )
 from pymantaray.replay.consistency import node_note, node_table
+from pymantaray.replay.draws import bounce_hint, choice_of, predict_draws, with_median_candidate
 from pymantaray.replay.events import Events
-from pymantaray.replay.rules import DEFAULT_RULE, Choice, DetectionRule
+from pymantaray.replay.mixture import DEFAULT_OPTIONS, PredictionOptions, coverage_table, predict_mixture
+from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule
 from pymantaray.replay.summary import summary_table
 from pymantaray.replay.switching import fit_clocks, switching_table
 from pymantaray.replay.water import choose_water, ends_of, instants_in
-from pymantaray.sensing import Detector, Transmission, find_receptions
-from pymantaray.sensing.receptions import Direction, receptions_at, values_at
+from pymantaray.sensing import Detector, find_receptions
+from pymantaray.sensing.receptions import values_at
 from pymantaray.water import Source, Water, open_waters
 
 Array = NDArray[np.float64]
 SEED = 20140715
 """Default seed, that of studies."""
-_CAPTIONS = {
+CAPTIONS = {
     "summary": "Coverage and residuals of groups of events. Intervals (95 %) resample pairs, not events; a single pair has none",
     "clocks": "Clock offset of each node by least squares, positive if ahead; the mean of each connected group is 0 unless a"
     " reference is given. Standard errors as if events were independent, and by pairs",
@@ -46,6 +48,9 @@ _CAPTIONS = {
     " counts as an infinite error; clocks are not corrected",
     "nodes": "Offset of each node from its stated position that the ranges of its pairs suggest, and the scatter of ranges due to it",
     "positions": "Smoothed positions: assumed error of a reading, estimated random walk and drift, and changes of the positions",
+    "coverage": "Residuals and coverage of the predictions. Even hours determine the error that nothing else explains; odd hours test"
+    " it. Sizes count events without a prediction as infinite",
+    "candidates": "Arrivals that a receiver could have taken; events are numbered from 1",
     "switching": "How often a receiver changes its candidate from one event to the next, and how often independent picks would",
 }
 _BRIEF = {
@@ -86,6 +91,8 @@ class Replay:
         True to fit a constant rate of each clock.
     positions : pandas.DataFrame, optional
         Nodes whose positions were smoothed, from `smooth_positions`.
+    more : dict of pandas.DataFrame
+        Further tables by name, which follow the others on the page and in files; their captions are in ``CAPTIONS``.
     """
 
     events: pd.DataFrame
@@ -97,6 +104,7 @@ class Replay:
     notes: tuple[str, ...] = ()
     clock_drift: bool = False
     positions: pd.DataFrame | None = None
+    more: dict[str, pd.DataFrame] = field(default_factory=dict)
 
     def _repr_html_(self) -> str:
         """Notebook view: status counts, and residuals of all events and by depth and range."""
@@ -160,10 +168,12 @@ class Replay:
             "baselines": self.baselines,
             "nodes": self.nodes,
             **({} if self.positions is None else {"positions": self.positions}),
+            **self.more,
+            "candidates": self.candidates.assign(event=self.candidates["event"] + 1),
             "events": pd.concat([self.events, self.taken], axis=1),
         }
         return {
-            name: ResultTable(name, frame, _CAPTIONS.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS)
+            name: ResultTable(name, frame, CAPTIONS.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS)
             for name, frame in frames.items()
         }
 
@@ -179,8 +189,8 @@ def replay_events(
     waters: Water | Source | Sequence[Water],
     rule: DetectionRule | str = DEFAULT_RULE,
     *,
+    options: PredictionOptions = DEFAULT_OPTIONS,
     window: float = 60.0,
-    water_interval: float = 600.0,
     reference: str | None = None,
     seed: int = SEED,
     progress: CountProgress | None = None,
@@ -195,10 +205,10 @@ def replay_events(
         Water of the events. If there are several, an event uses the one that it names, else the nearest in time.
     rule : DetectionRule or str
         Rule that predicts the detected arrival. Fix it before you look at residuals.
+    options : PredictionOptions
+        Draws of rough ice and errors of predictions.
     window : float
         Maximum time between paired events, for reciprocity and switching. [s]
-    water_interval : float
-        Water that varies in time is evaluated at the multiple of this interval that is nearest to an event. [s]
     reference : str, optional
         Node with the reference clock. By default the mean of all clocks.
     seed : int
@@ -213,7 +223,8 @@ def replay_events(
         re 1 m (of spreading alone without a detector), ``level_db`` at the receiver with one, ``next_s`` and ``next_db`` (how much
         later and louder the next candidate is), ``near_limit`` (a limit 1 dB higher or lower changes the pick),
         ``residual_s`` (measured minus predicted) and ``residual_m`` (times the sound speed at the source). An event without a
-        predicted arrival keeps its row, with a status that gives the reason.
+        predicted arrival keeps its row, with a status that gives the reason. With draws or the rule ``persist``, it also has
+        ``prediction_sigma_s``, ``low_s`` and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`.
 
     Raises
     ------
@@ -233,31 +244,67 @@ def replay_events(
             f"reference {reference!r}: no such node; allowed are {', '.join(sorted(nodes)[:12])}"
         )
     predicted, candidates, done = [], [], 0
-    for water, time, rows in _parts(events, waters, water_interval):
+    merged = options.draws > 1 or rule.kind == "persist"
+    for water, time, rows in _parts(events, waters, options.water_interval):
 
         def tell(part: int, parts: int, done: int = done, here: int = rows.size) -> None:
             if progress is not None:
                 progress(done + part * here // max(parts, 1), events.time.size)
 
-        frame, others = _predict(events, rows, water, time, rule, tell)
+        if merged:
+            frame, others = predict_draws(events, rows, water.at(time), water, rule, options.draws, tell)
+        else:
+            frame, others = _predict(events, rows, water, time, rule, tell)
         predicted.append(frame)
         candidates.append(others)
         done += rows.size
     table = pd.concat([_measured(events), pd.concat(predicted).sort_index()], axis=1)
-    table["residual_s"] = table["measured_s"] - table["predicted_s"]
-    table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
     every = pd.concat(candidates, ignore_index=True).sort_values(
         ["event", "travel_time_s"], ignore_index=True
     )
-    notes = (_earth_note(events, waters, table["distance_m"].to_numpy()),)
+    more = {}
+    if merged:
+        table, every = _with_mixture(table, every, rule, options, waters[0].reception.detector)
+    table["residual_s"] = table["measured_s"] - table["predicted_s"]
+    table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
+    if merged:
+        more["coverage"] = coverage_table(table)
     table["gross"] = find_gross_errors(table, every)
-    return Replay(table, rule, window, seed, every, reference, tuple(note for note in notes if note))
+    hint = bounce_hint(events, waters, table["predicted_s"].notna().to_numpy())
+    earth = _earth_note(events, waters, table["distance_m"].to_numpy())
+    notes = (*hint, *(() if earth is None else (earth,)))
+    return Replay(table, rule, window, seed, every, reference, notes, more=more)
 
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
     """Sentence about the error of a flat Earth, None if it is small or the Earth is a sphere."""
     flat = any(water.at_start[0].earth is None for water in waters)
     return flat_earth_note(float(distance.max())) if flat and events.geographic else None
+
+
+def _with_mixture(
+    table: pd.DataFrame,
+    candidates: pd.DataFrame,
+    rule: DetectionRule,
+    options: PredictionOptions,
+    detector: Detector | None,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Events with the error of each prediction, and candidates with their probabilities; ``persist`` takes the median candidate."""
+    merit = None if detector is None else detector.sonar.figure_of_merit_db
+    mixture = predict_mixture(table, candidates, options, persistence=60.0 * rule.persist_min, merit_db=merit)
+    every = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
+    if rule.kind == "persist":
+        table = with_median_candidate(table, every, mixture.events["mixture_s"].to_numpy())
+    off = table["predicted_s"].to_numpy() - mixture.events["mixture_s"].to_numpy()
+    sigma = np.hypot(mixture.events["sigma_s"].to_numpy(), off)
+    return (
+        table.assign(
+            prediction_sigma_s=sigma,
+            **{name: mixture.events[name] for name in ("low_s", "high_s", "log_likelihood")},
+            unexplained_s=mixture.unexplained,
+        ),
+        every,
+    )
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
@@ -319,7 +366,7 @@ def _predict(
     )
     sound = find_receptions(source, receiver, medium, wide, currents=currents, progress=progress)
     distance = medium.straight_distance(source, receiver)
-    choice = _choice(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
+    choice = choice_of(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
     r, sonar = choice.receptions, choice.sonar
     candidates = choice.candidates(rule)
     picks = choice.pick(rule, candidates)
@@ -349,14 +396,13 @@ def _predict(
         },
         index=rows,
     ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
-    columns = {"event": rows[r.link], "travel_time_s": time_s, "loss_db": choice.loss_db}
+    columns = {
+        "event": rows[r.link],
+        "travel_time_s": time_s,
+        "loss_db": choice.loss_db,
+        "surface_bounces": r.surface_bounces,
+        "bottom_bounces": r.bottom_bounces,
+        "share": 1.0,
+        "spread_s": 0.0,
+    }
     return frame, pd.DataFrame(columns)[candidates]
-
-
-def _choice(sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None) -> Choice:
-    """Receptions from source to receiver; without a detector their loss is spreading alone, re 1 m."""
-    forth = receptions_at(sound.receptions, np.flatnonzero(sound.receptions.direction == Direction.FORTH))
-    loss = forth.loss_db
-    if detector is None:
-        loss = forth.spreading_db + 20.0 * np.log10(np.maximum(distance[forth.link], 1.0))
-    return Choice(forth, distance.size, loss, cutoff_db, None if detector is None else detector.sonar)

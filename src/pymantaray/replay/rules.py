@@ -14,9 +14,11 @@ from pymantaray.sensing import Receptions
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
-Kind = Literal["first", "strongest", "within", "threshold"]
+Kind = Literal["first", "strongest", "within", "threshold", "persist"]
 DEFAULT_RULE = "within:6"
 """The first arrival within 6 dB of the link's strongest."""
+DEFAULT_PERSISTENCE = 10.0
+"""Time constant of the rule ``persist``. [min]"""
 
 
 @dataclass(frozen=True)
@@ -25,33 +27,44 @@ class DetectionRule:
     Rule that predicts the detected arrival.
 
     ``first``: the earliest. ``strongest``: the arrival of least loss. ``within``: the earliest of those at most ``within_db`` weaker
-    than the strongest. ``threshold``: the earliest above the threshold of the sonar equation.
+    than the strongest. ``threshold``: the earliest above the threshold of the sonar equation. ``persist``: the arrival of the
+    previous reception of the same source and receiver while it remains plausible, with a time constant of ``persist_min`` minutes.
 
     Examples
     --------
     >>> DetectionRule.parse("within:6")
-    DetectionRule(kind='within', within_db=6.0)
+    DetectionRule(kind='within', within_db=6.0, persist_min=0.0)
     """
 
     kind: Kind
     within_db: float | None = None
+    persist_min: float = 0.0
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read a rule from its word, with decibels after a colon."""
+        """Read a rule from its word, with decibels or minutes after a colon."""
         kind, _, number = text.partition(":")
         try:
             within = float(number) if number else None
         except ValueError:
             within = np.nan
-        if kind not in get_args(Kind) or (kind == "within") != (within is not None and within >= 0.0):
+        if kind == "persist" and (within is None or 0.0 < within < np.inf):
+            return cls(kind, None, DEFAULT_PERSISTENCE if within is None else within)  # type: ignore[arg-type]
+        if (
+            kind not in get_args(Kind)
+            or kind == "persist"
+            or (kind == "within") != (within is not None and within >= 0.0)
+        ):
             raise ReplayError(
-                f"rule {text!r}; allowed are first, strongest, threshold and within:DB with DB of 0 or more, such as within:6"
+                f"rule {text!r}; allowed are first, strongest, threshold and within:DB with DB of 0 or more, such as within:6,"
+                " and persist or persist:MINUTES with MINUTES above 0"
             )
         return cls(kind, within)  # type: ignore[arg-type]
 
     def __str__(self) -> str:
         """Return the word that `parse` reads."""
+        if self.kind == "persist":
+            return f"persist:{self.persist_min:g}"
         return self.kind if self.within_db is None else f"{self.kind}:{self.within_db:g}"
 
 

@@ -81,7 +81,7 @@ def write_replay(
 
 def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -> Page:
     events = replay.events
-    *tables, every_event = replay.tables.values()
+    *tables, candidates, every_event = replay.tables.values()
     return Page(
         title="Replay of measured travel times",
         facts=[f"{len(events):,} events of {events['pair'].nunique()} pairs; rule {replay.rule}"],
@@ -90,8 +90,8 @@ def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -
         explorer=_explorer(events),
         pictures=pictures,
         tables=tables,
-        other_tables=[every_event],
-        links={"Every event": "tables/events.csv"},
+        other_tables=[candidates, every_event],
+        links={"Every event": "tables/events.csv", "Candidates": "tables/candidates.csv"},
         origin=[origin_table(record, "Options", "replay.json")],
     )
 

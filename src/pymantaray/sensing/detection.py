@@ -16,6 +16,7 @@ from pymantaray.acoustics import (
     received_loss_db,
     transmission_loss,
 )
+from pymantaray.acoustics.rough import Losses, loss_under_rough_surface
 from pymantaray.errors import SensingError
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
@@ -67,14 +68,19 @@ class Detector:
         source: Array,
         receiver: Array,
         arrivals: Arrivals,
-        paths: RayPaths,
+        paths: RayPaths | None,
         tails: Tails | None = None,
     ) -> Array:
         """
         Transmission loss at which each arrival is received, at the centre of the sonar's band. [dB]
 
-        ``paths`` are from `trace_paths`, ``tails`` from this detector's `tails`.
+        ``paths`` are from `trace_paths`, None under a rough surface; ``tails`` are from this detector's `tails`.
         """
+        if paths is None:
+            losses = Losses(self.absorption, self.bottom, self.surface)
+            return loss_under_rough_surface(
+                medium, (source, receiver), arrivals, self.sonar.frequency_hz, losses
+            )
         loss = transmission_loss(
             medium,
             source,

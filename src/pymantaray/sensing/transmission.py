@@ -256,6 +256,13 @@ def _along_rays(
     """Delay by the current and transmission loss of each arrival, as far as they are needed; ``tailed`` with sound behind caustics."""
     if currents is None and reception.detector is None:
         return AlongRays(None, None)
+    if medium.surface.roughness is not None and np.any(arrivals.surface_bounces):
+        if currents is not None or reception.detector is None:
+            raise SensingError(
+                "currents along rays: they need the paths of the rays, which are not traced under rough ice; leave out"
+                " ice_slope_deg (--ice-slope), or set currents to rest"
+            )
+        return AlongRays(None, reception.detector.loss_db(medium, *ends, arrivals, None))
     delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)
     for start in range(0, arrivals.status.size, _BLOCK):
         stop = min(start + _BLOCK, arrivals.status.size)

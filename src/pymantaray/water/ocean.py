@@ -28,12 +28,18 @@ from pymantaray.ocean import (
     sound_speed_profile_spread,
     to_local,
     window_of,
-    with_ice,
 )
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
 from pymantaray.ocean.open import Source
 from pymantaray.water.instants import utc_instant
-from pymantaray.water.uniform import geographic_of, one_profile, profile_region, profile_spread, uniform_water
+from pymantaray.water.uniform import (
+    geographic_of,
+    one_profile,
+    profile_region,
+    profile_spread,
+    uniform_water,
+    with_section_ice,
+)
 from pymantaray.water.varying import series_of, snapshot_at
 
 
@@ -168,7 +174,7 @@ def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.Dat
         sea_floor=sea_floor,
         equation=section.equation,
     )
-    return _with_tide(section, local if section.ice is None else with_ice(local, section.ice))
+    return _with_tide(section, with_section_ice(section, local))
 
 
 def _with_tide(section: OceanSection, local: xr.Dataset) -> xr.Dataset:

@@ -15,7 +15,8 @@ from pymantaray.acoustics.profiles import Profile, is_raw_cast, read_profiles
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice
+from pymantaray.geometry.roughness import Roughness
+from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice, with_roughness
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.sea_floor import local_floor
 from pymantaray.ocean.synthetic import EPOCH
@@ -119,13 +120,23 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
             "centre_longitude_deg": place[1],
             "proj_string": LocalFrame(*place).proj_string,
         }
-    if section.ice is not None:
-        local = with_ice(local, section.ice)
+    local = with_section_ice(section, local)
     deepest = float(np.max(floor))
     record = {**levels.record, "levels": int(levels.depth.size), "last_level_m": float(profile.depth[-1])}
     record["bottom_depth_m"] = deepest
     notes = [*profile.notes, *levels.notes, *_reach_notes(profile, deepest)]
     return UniformWater(profile, local, record, tuple(f"{where}: {note}" for note in notes))
+
+
+def with_section_ice(section: OceanSection, local: xr.Dataset) -> xr.Dataset:
+    """Local ocean with the ice of a section, smooth or rough; unchanged if it has none."""
+    if section.ice is None:
+        return local
+    local = with_ice(local, section.ice)
+    if section.ice_slope_deg is None:
+        return local
+    slope = float(np.radians(section.ice_slope_deg))
+    return with_roughness(local, Roughness(slope, section.ice_length, draw=section.ice_draw))
 
 
 def label(section: OceanSection, profile: Profile) -> str:

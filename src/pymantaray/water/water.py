@@ -341,7 +341,8 @@ def _record(config: SoundConfig, medium: Medium, local: xr.Dataset) -> dict[str,
         out["centre_deg"] = [frame.latitude_deg, frame.longitude_deg]
     if medium.north.size > 1:
         out["half_extent_m"] = [float(medium.north[-1]), float(medium.east[-1])]
-    for key in ("bathymetry", "ice"):
+    rough = ("ice_slope_deg", "ice_length", "ice_draw") if config.ocean.ice_slope_deg is not None else ()
+    for key in ("bathymetry", "ice", *rough):
         value = getattr(config.ocean, key)
         if value is not None:
             out[key] = value

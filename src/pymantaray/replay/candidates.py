@@ -1,0 +1,74 @@
+"""Candidates of each event: arrivals of all draws of rough ice, merged by bounces and time."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+MERGED = 1e-3
+"""Arrivals of one candidate differ by less than this in time. [s]"""
+
+
+class DrawnArrivals(NamedTuple):
+    """Arrivals of several events in all draws, one row each."""
+
+    event: NDArray[np.int64]
+    draw: NDArray[np.int64]
+    time: Array
+    loss_db: Array
+    surface_bounces: NDArray[np.int64]
+    bottom_bounces: NDArray[np.int64]
+
+
+def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
+    """
+    Merge the arrivals of all draws into candidates.
+
+    Parameters
+    ----------
+    arrivals : DrawnArrivals
+    draws : int
+        Number of draws.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per candidate, by event and time: ``event``, mean ``travel_time_s``, ``loss_db``, bounces, ``share`` of the draws
+        that contain it, and ``spread_s``, the standard deviation of its times over the draws.
+
+    Notes
+    -----
+    Arrivals of an event with the same bounces are sorted by time. The earliest begins a candidate, which takes all arrivals
+    less than 1 ms later; the next arrival begins the next candidate. The loss of a candidate is that of the mean power of the draws
+    that contain it, to which all its arrivals in a draw contribute; its time is the mean weighted by power. The result does not depend on
+    the order of the arrivals.
+    """
+    a = arrivals
+    order = np.lexsort((a.loss_db, a.draw, a.time, a.bottom_bounces, a.surface_bounces, a.event))
+    event, draw, time, loss, surface, bottom = (x[order] for x in a)
+    first = np.zeros(time.size, dtype=bool)
+    start, before = -np.inf, (-1, -1, -1)
+    for i, key in enumerate(zip(event.tolist(), surface.tolist(), bottom.tolist(), strict=True)):
+        if key != before or time[i] - start >= MERGED:
+            first[i], start, before = True, time[i], key
+    group = np.cumsum(first) - 1
+    n = int(group[-1]) + 1 if group.size else 0
+    power = 10.0 ** (-0.1 * loss)
+    total = np.bincount(group, power, minlength=n)
+    in_draws = np.bincount(np.unique(group * draws + draw) // draws, minlength=n)
+    mean = np.bincount(group, power * time, minlength=n) / total
+    plain = np.bincount(group, time, minlength=n) / np.bincount(group, minlength=n)
+    variance = np.bincount(group, (time - plain[group]) ** 2, minlength=n) / np.bincount(group, minlength=n)
+    columns = {
+        "event": event[first],
+        "travel_time_s": mean,
+        "loss_db": -10.0 * np.log10(total / np.maximum(in_draws, 1)),
+        "surface_bounces": surface[first],
+        "bottom_bounces": bottom[first],
+        "share": in_draws / draws,
+        "spread_s": np.sqrt(variance),
+    }
+    table = pd.DataFrame(columns)
+    return table.sort_values(["event", "travel_time_s"], kind="stable", ignore_index=True)

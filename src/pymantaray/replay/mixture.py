@@ -1,0 +1,351 @@
+"""Likelihood of measured times as a mixture over candidates, and candidates that persist from one reception to the next."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.acoustics.reflection import wave_height_rms
+from pymantaray.errors import ReplayError
+from pymantaray.geometry.checks import check_number
+
+Array = NDArray[np.float64]
+_SPREAD_DB = 6.0  # of a level about the predicted one, as in sensing.picking
+_WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5
+_CLUTTER = 0.02  # share of receptions that no candidate explains
+_CLUTTER_WIDTH = 0.1  # s
+_MOST_DRAWS = 1000
+_MATCH = 1e-3  # s; candidates of successive events are the same arrival if their delays differ by about this
+_OTHER_BOUNCES = 0.1  # weight of a match with other bounces
+_UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error that nothing explains
+_COVERED = 0.95  # of the events of even hours, by their intervals
+_FEW = 40  # events; with fewer, intervals are those of the mixture
+_WIDEST = 0.9998
+_ONE_WAY = np.sqrt(2.0)  # both ends have an error
+HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class PredictionOptions:
+    """
+    Draws of rough ice, and errors of predictions.
+
+    Parameters
+    ----------
+    draws : int
+        Number of draws of rough ice whose arrivals are merged.
+    position_sigma : float
+        Standard deviation of the position of each end, along the path. [m]
+    sound_speed_sigma : float
+        Standard deviation of the mean sound speed along the path. [m/s]
+    wind_speed : float
+        Wind at 10 m over open water, whose waves spread the times of reflections at the surface. [m/s]
+    water_interval : float
+        Water that varies in time is evaluated at the multiple of this interval that is nearest to an event. [s]
+    """
+
+    draws: int = 1
+    position_sigma: float = 0.0
+    sound_speed_sigma: float = 0.0
+    wind_speed: float = 0.0
+    water_interval: float = 600.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.draws not in range(1, _MOST_DRAWS + 1):
+            raise ReplayError(f"draws is {self.draws}; allowed are whole numbers from 1 to {_MOST_DRAWS}")
+        units = {"position_sigma": "m", "sound_speed_sigma": "m/s", "wind_speed": "m/s"}
+        for name, unit in units.items():
+            check_number(ReplayError, name, getattr(self, name), unit)
+        check_number(ReplayError, "water_interval", self.water_interval, "s", positive=True)
+
+
+DEFAULT_OPTIONS = PredictionOptions()
+"""One draw, and no errors of position and sound speed."""
+
+
+class Mixture(NamedTuple):
+    """Prediction of each event by a mixture over its candidates, and the probability of each candidate."""
+
+    events: pd.DataFrame
+    """``sigma_s``, ``low_s`` and ``high_s`` (95 %), ``log_likelihood`` and ``mixture_s``, the median."""
+    probability: Array
+    """Of each candidate before the measured time of its event is known."""
+    sigma: Array
+    """Standard deviation of the time of each candidate. [s]"""
+    unexplained: float
+    """Standard deviation that ice, ocean and position do not explain, from even hours. [s]"""
+
+
+class _Event(NamedTuple):
+    time: float
+    measured: float
+    start: int
+    stop: int
+    chord: float
+
+
+def first_detected(candidates: pd.DataFrame, merit_db: float | None = None) -> Array:
+    r"""
+    Probability that each candidate is the first that a receiver detects, from its level and share.
+
+    A candidate exists with probability ``share`` and has a level that is normal about the predicted one with a standard deviation of 6 dB. It is
+    detected above the figure of merit of a sonar, without one from 6 dB below the strongest candidate. With the probability d of both, the
+    candidates in order of time have :math:`d_k \prod_{j<k} (1 - d_j)`, scaled to a sum of 1.
+    """
+    from scipy.special import ndtr
+
+    event, loss = candidates["event"].to_numpy(dtype=np.int64), candidates["loss_db"].to_numpy()
+    share = candidates["share"].to_numpy()
+    _, group = np.unique(event, return_inverse=True)
+    least = np.full(group.max(initial=-1) + 1, np.inf)
+    certain = loss - 10.0 * np.log10(share)  # a rare strong arrival does not hide the others
+    np.minimum.at(least, group, certain)
+    limit = least[group] + _WITHIN_DB if merit_db is None else merit_db
+    detected = np.clip(share * ndtr((limit - loss) / _SPREAD_DB), 1e-9, 1.0 - 1e-9)
+    missed = np.log1p(-detected)
+    total = np.cumsum(missed) - missed
+    start = np.searchsorted(group, np.arange(least.size))
+    first = detected * np.exp(total - total[start][group])
+    return np.asarray(first / np.bincount(group, first)[group])
+
+
+def predict_mixture(
+    events: pd.DataFrame,
+    candidates: pd.DataFrame,
+    options: PredictionOptions,
+    *,
+    persistence: float = 0.0,
+    merit_db: float | None = None,
+) -> Mixture:
+    """
+    Predict each event by a mixture over its candidates, with the receptions before it.
+
+    Parameters
+    ----------
+    events : pandas.DataFrame
+        Events of a `Replay`.
+    candidates : pandas.DataFrame
+        As from `merge_draws`, by event and time.
+    options : PredictionOptions
+    persistence : float
+        Time constant with which a receiver leaves an arrival for a new choice; 0 for independent choices. [s]
+    merit_db : float, optional
+        Figure of merit of a sonar, for `first_detected`.
+
+    Returns
+    -------
+    Mixture
+
+    Notes
+    -----
+    A receiver stays with its arrival for a time t with probability exp(-t / persistence); otherwise it takes the first that it detects. The
+    probabilities of the last reception's candidates pass to the candidates with the same delay over the straight path and, preferably,
+    the same bounces. A prediction uses only earlier receptions of the same source and receiver. The standard deviation of a candidate
+    consists of its spread over the draws, the errors of sound speed and position, the event's own sigma, and an
+    error that these do not explain: the value with the largest likelihood on even hours. Of all receptions, 2 % are assumed to fit no
+    candidate. Intervals are the central ones of the mixture with the probability that covers 95 % of the events of even hours; with fewer
+    than 40 such events, that is 95 %.
+    """
+    prior = first_detected(candidates, merit_db)
+    known = _known_sigma(events, candidates, options)
+    links = _links(events, candidates)
+    even = (np.floor(events["time_s"].to_numpy() / HOUR) % 2) == 0
+    even = even if even.any() else ~even
+    scores = []
+    for unexplained in _UNEXPLAINED:
+        _, log_likelihood = _follow(links, candidates, prior, np.hypot(known, unexplained), persistence)
+        scores.append(np.nansum(log_likelihood[even]))
+    unexplained = float(_UNEXPLAINED[int(np.argmax(scores))])
+    sigma = np.hypot(known, unexplained)
+    probability, log_likelihood = _follow(links, candidates, prior, sigma, persistence)
+    table = _intervals(events, candidates, probability, sigma, even)
+    return Mixture(table.assign(log_likelihood=log_likelihood), probability, sigma, unexplained)
+
+
+def _known_sigma(events: pd.DataFrame, candidates: pd.DataFrame, options: PredictionOptions) -> Array:
+    """Standard deviation of each candidate from ice, ocean, position and the event's own sigma. [s]"""
+    at = candidates["event"].to_numpy(dtype=np.int64)
+    time = candidates["travel_time_s"].to_numpy()
+    speed = events["distance_m"].to_numpy()[at] / time
+    ocean = time * options.sound_speed_sigma / speed
+    position = _ONE_WAY * options.position_sigma / speed
+    own = np.nan_to_num(events["sigma_s"].to_numpy()[at])
+    waves = _wave_sigma(candidates, events["sound_speed_m_s"].to_numpy()[at], speed, options.wind_speed)
+    spread = candidates["spread_s"].to_numpy()
+    return np.asarray(np.sqrt(spread**2 + ocean**2 + position**2 + own**2 + waves**2))
+
+
+def _wave_sigma(candidates: pd.DataFrame, sound_speed: Array, speed: Array, wind_speed: float) -> Array:
+    r"""
+    Spread of times by waves: :math:`2 \sqrt n\, h \sin\gamma / c` for n reflections and the rms height h of `wave_height_rms`. [s]
+
+    The grazing angle is that of a straight path with the candidate's travel time: its cosine is the speed along the distance over that of sound.
+    """
+    cosine = np.clip(speed / sound_speed, 0.0, 1.0)
+    height = float(wave_height_rms(wind_speed))
+    bounces = np.sqrt(candidates["surface_bounces"].to_numpy(dtype=float))
+    return np.asarray(2.0 * bounces * height * np.sqrt(1.0 - cosine**2) / sound_speed)
+
+
+def _links(events: pd.DataFrame, candidates: pd.DataFrame) -> list[list[tuple[int, _Event]]]:
+    """Events with candidates of each source and receiver, in order of time."""
+    at = candidates["event"].to_numpy(dtype=np.int64)
+    rows = np.arange(len(events))
+    start, stop = np.searchsorted(at, rows), np.searchsorted(at, rows, side="right")
+    time, measured = events["time_s"].to_numpy(), events["measured_s"].to_numpy()
+    chord = events["distance_m"].to_numpy() / events["sound_speed_m_s"].to_numpy()
+    links = []
+    for _, part in events.groupby(["source", "receiver"], sort=True):
+        order = part.index.to_numpy()[np.argsort(part["time_s"].to_numpy(), kind="stable")]
+        has = [int(i) for i in order if stop[i] > start[i]]
+        links.append(
+            [
+                (i, _Event(float(time[i]), float(measured[i]), int(start[i]), int(stop[i]), float(chord[i])))
+                for i in has
+            ]
+        )
+    return links
+
+
+def _follow(
+    links: list[list[tuple[int, _Event]]],
+    candidates: pd.DataFrame,
+    prior: Array,
+    sigma: Array,
+    persistence: float,
+) -> tuple[Array, Array]:
+    """Probability of each candidate before its event, and the log likelihood of each event's measured time."""
+    time = candidates["travel_time_s"].to_numpy()
+    bounces = (
+        candidates["surface_bounces"].to_numpy() * 64 + candidates["bottom_bounces"].to_numpy()
+    ).astype(float)
+    probability = prior.copy()
+    n = max((i for link in links for i, _ in link), default=-1) + 1
+    log_likelihood = np.full(max(n, int(candidates["event"].max() + 1) if len(candidates) else 0), np.nan)
+    for link in links:
+        before: tuple[float, Array, Array, Array] | None = None
+        for i, event in link:
+            rows = slice(event.start, event.stop)
+            delay, own = time[rows] - event.chord, prior[rows]
+            expected = own
+            if before is not None and persistence > 0.0:
+                stays = np.exp(-(event.time - before[0]) / persistence)
+                expected = stays * _passed(before, delay, bounces[rows], own) + (1.0 - stays) * own
+            probability[rows] = expected
+            off = (event.measured - time[rows]) / sigma[rows]
+            density = np.exp(-0.5 * off**2) / (np.sqrt(2.0 * np.pi) * sigma[rows])
+            fits = (1.0 - _CLUTTER) * expected * density
+            clutter = _CLUTTER / _CLUTTER_WIDTH
+            total = float(fits.sum())
+            log_likelihood[i] = np.log(total + clutter)
+            if total > clutter:  # else nothing explains it, and the arrival before it still counts
+                before = event.time, delay, bounces[rows], fits / total
+    return probability, log_likelihood
+
+
+def _passed(before: tuple[float, Array, Array, Array], delay: Array, bounces: Array, prior: Array) -> Array:
+    """Probability of candidates that the receiver stays with its arrival, from the candidates of the reception before."""
+    _, old, old_bounces, weight = before
+    kept = weight > 1e-3 * weight.max()
+    match = np.exp(-0.5 * ((delay[None, :] - old[kept, None]) / _MATCH) ** 2)
+    match *= np.where(bounces[None, :] == old_bounces[kept, None], 1.0, _OTHER_BOUNCES)
+    total = match.sum(axis=1, keepdims=True)
+    lost = 1e-3  # of an arrival that the next event does not have
+    passed = (match + lost * prior[None, :]) / (total + lost)
+    return np.asarray(weight[kept] @ passed / weight[kept].sum())
+
+
+def _intervals(
+    events: pd.DataFrame,
+    candidates: pd.DataFrame,
+    probability: Array,
+    sigma: Array,
+    even: NDArray[np.bool_],
+) -> pd.DataFrame:
+    """Median, standard deviation and 95 % interval of the mixture of each event."""
+    from scipy.special import ndtr
+
+    n, at = len(events), candidates["event"].to_numpy(dtype=np.int64)
+    time, measured = candidates["travel_time_s"].to_numpy(), events["measured_s"].to_numpy()
+    mean = np.bincount(at, probability * time, minlength=n)
+    has = np.bincount(at, minlength=n) > 0
+    spread = np.bincount(at, probability * (sigma**2 + (time - mean[at]) ** 2), minlength=n)
+
+    def below(place: Array) -> Array:
+        return np.asarray(np.bincount(at, probability * ndtr((place[at] - time) / sigma), minlength=n))
+
+    def quantile(level: float) -> Array:
+        low, high = np.full(n, np.inf), np.full(n, -np.inf)
+        np.minimum.at(low, at, time - 10.0 * sigma)
+        np.maximum.at(high, at, time + 10.0 * sigma)
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            under = below(np.where(has, middle, 0.0)) < level
+            low, high = np.where(under, middle, low), np.where(under, high, middle)
+        return np.where(has, 0.5 * (low + high), np.nan)
+
+    with np.errstate(invalid="ignore"):
+        far = np.abs(2.0 * below(measured) - 1.0)[has & even]
+        width = _COVERED if far.size < _FEW else min(float(np.quantile(far, _COVERED)), _WIDEST)
+        columns = {
+            "sigma_s": np.where(has, np.sqrt(spread), np.nan),
+            "low_s": quantile(0.5 - 0.5 * width),
+            "mixture_s": quantile(0.5),
+            "high_s": quantile(0.5 + 0.5 * width),
+        }
+    return pd.DataFrame(columns)
+
+
+def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
+    """
+    Residuals and coverage of the predictions of all events, of even hours, from which errors were estimated, and of odd hours.
+
+    Parameters
+    ----------
+    events : pandas.DataFrame
+        Events of a `Replay` with ``prediction_sigma_s``, ``low_s`` and ``high_s``.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per group: ``events``, ``predicted`` ones, median and 90 % quantile of the size of the residual over all events (an event
+        without a prediction counts as infinite) [m], the percentage of predicted events with a residual within one and two sigma
+        and within the 95 % interval, the median ``sigma_m``, and the mean ``log_likelihood``.
+    """
+    odd = np.floor(events["time_s"].to_numpy() / HOUR) % 2 == 1
+    rows = []
+    groups = {"all": np.ones(odd.size, dtype=bool), "even hours": ~odd, "odd hours": odd}
+    for name, member in groups.items():
+        part = events[member]
+        ok = part["residual_s"].notna()
+        size = np.where(ok, part["residual_m"].abs(), np.inf)
+        speed = (part["residual_m"] / part["residual_s"])[ok]
+        sigma = part["prediction_sigma_s"][ok]
+        late = part["residual_s"][ok].abs() / sigma
+        inside = part["measured_s"].between(part["low_s"], part["high_s"])[ok]
+        rows.append(
+            {
+                "group": name,
+                "events": len(part),
+                "predicted": int(ok.sum()),
+                "median_size_m": _quantile(size, 0.5),
+                "q90_size_m": _quantile(size, 0.9),
+                "within_1_sigma": 100.0 * float((late <= 1.0).mean()),
+                "within_2_sigma": 100.0 * float((late <= 2.0).mean()),
+                "within_95": 100.0 * float(inside.mean()),
+                "sigma_m": float((speed * sigma).median()),
+                "log_likelihood": float(part["log_likelihood"].mean()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _quantile(values: Array, level: float) -> float:
+    """Quantile of values of which some may be infinite."""
+    ordered = np.sort(values)
+    return (
+        float(ordered[min(int(np.ceil(level * ordered.size)), ordered.size) - 1]) if ordered.size else np.nan
+    )
