@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from browser import BROWSER, faults, overflow
 from campaigns import make_campaign, survey_of, water
 from PIL import Image
 
@@ -21,13 +22,8 @@ from pymantaray.report import (
     write_sweep_page,
 )
 
-axe = pytest.importorskip(
-    "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
-)
+pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-BROWSER = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine"),
@@ -155,10 +151,7 @@ def check_quiet_and_fitting(opened, page_file):
     assert [line for line in opened.said if not any(known in line for known in HARMLESS)] == []
     assert [url for url in opened.asked if not url.startswith(("data:", "blob:"))] == [page_file.as_uri()]
     assert page_file.stat().st_size < 10e6
-    overflow = opened.page.evaluate(
-        "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-    )
-    assert overflow <= 0
+    assert overflow(opened.page) <= 0
 
 
 def check_keyboard(page):
@@ -200,22 +193,16 @@ def contrast(*colours):
     return (bright + 0.05) / (dim + 0.05)
 
 
-def check_accessible(page):
-    """What axe-core finds wrong."""
-    violations = axe.Axe().run(page).response["violations"]
-    assert [(v["id"], [node["target"] for node in v["nodes"]][:3]) for v in violations] == []
-
-
 def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_file):
     check_quiet_and_fitting(opened, page_file)
-    check_accessible(opened.page)
+    assert faults(opened.page) == []
     check_keyboard(opened.page)
 
 
 def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(table_opened, table_file):
     check_quiet_and_fitting(table_opened, table_file)
     page = table_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
     check_dark(page)
     assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
@@ -239,7 +226,7 @@ def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboar
 ):
     check_quiet_and_fitting(comparison_opened, comparison_file)
     page = comparison_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
     check_dark(page)
     table = pd.read_csv(comparison_file.parent / "tables" / "ate_pooled.csv").set_index(
@@ -271,7 +258,7 @@ def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboar
 def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(replay_opened, replay_file):
     check_quiet_and_fitting(replay_opened, replay_file)
     page = replay_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
     check_dark(page)
     direct, bounced = page.evaluate(DRAWN)
@@ -305,7 +292,7 @@ def test_located_nodes_are_readable_at_any_width(chromium, location_file, width)
     page.on("request", lambda request: asked.append(request.url))
     page.goto(location_file.as_uri())
     check_quiet_and_fitting(SimpleNamespace(page=page, said=said, asked=asked), location_file)
-    check_accessible(page)
+    assert faults(page) == []
     assert page.locator("img").count() == 3
     context.close()
 
@@ -333,7 +320,7 @@ def test_a_browser_that_cannot_unpack_says_so_and_shows_the_rest(chromium, table
 def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(atlas_opened, atlas_file):
     check_quiet_and_fitting(atlas_opened, atlas_file)
     page = atlas_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
 
     def drawn():
