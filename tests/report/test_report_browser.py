@@ -451,6 +451,62 @@ def test_every_link_of_a_small_run_has_its_rays_and_all_pictures_show_its_hour(o
         assert page.inner_text("#link").split(", ")[1].startswith(page.inner_text("#hour") + ":")
 
 
+def pixels_of(points, camera, height):
+    """Places of points in the picture from its middle, for a camera that sees 45 degrees over its height."""
+    eye, center = (np.array([camera[name][k] for k in "xyz"]) for name in ("eye", "center"))
+    forward = (center - eye) / np.linalg.norm(center - eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    away = points - eye
+    screen = np.stack([away @ right, -(away @ np.cross(right, forward))], axis=-1) / (away @ forward)[:, None]
+    return screen * height / 2.0 / np.tan(np.radians(22.5))
+
+
+def scene_of(page):
+    """Scene of the fleet as it is laid out, and width and height of its panel."""
+    return page.evaluate(
+        "(() => { const { scene, margin } = at('fleet').layout; return { scene, width: at('fleet').clientWidth,"
+        " height: at('fleet').clientHeight - margin.b, ranges: ['xaxis', 'yaxis', 'zaxis'].map((a) => scene[a].range),"
+        " traces: at('fleet').data.filter((t) => t.mode === 'markers+text').map((t) => [t.x, t.y, t.z, t.text, t.textposition]) }; })()"
+    )
+
+
+def test_the_scene_of_the_fleet_fills_its_panel(opened):
+    shown = scene_of(opened.page)
+    sides = np.array([shown["scene"]["aspectratio"][k] for k in "xyz"])
+    corners = (np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)) * sides
+    pixels = pixels_of(corners, shown["scene"]["camera"], shown["height"])
+    size = np.ptp(pixels, axis=0) / [shown["width"], shown["height"]]
+    assert (size < 1.0).all()
+    assert size.max() > 0.65
+    np.testing.assert_allclose(pixels.min(axis=0) + pixels.max(axis=0), 0.0, atol=5.0)  # in the middle
+
+
+def test_names_of_vehicles_stand_apart(opened):
+    """Boxes of the names as plotly writes them: beside, above or below a marker, at twelve pixels."""
+    shown = scene_of(opened.page)
+    sides = np.array([shown["scene"]["aspectratio"][k] for k in "xyz"])
+    low, high = np.array(shown["ranges"]).T
+    boxes = []
+    for x, y, z, texts, sides_of_names in shown["traces"]:
+        part = (np.stack([x, y, z], axis=1) - low) / (high - low) - 0.5
+        for (u, v), text, side in zip(
+            pixels_of(part * sides, shown["scene"]["camera"], shown["height"]),
+            texts,
+            sides_of_names,
+            strict=True,
+        ):
+            vertical, horizontal = side.split()
+            half = 3.5 * len(text)
+            u += {"left": -half - 8.0, "center": 0.0, "right": half + 8.0}[horizontal]
+            v += {"top": -14.0, "middle": 0.0, "bottom": 14.0}[vertical]
+            boxes.append((u - half, v - 6.0, u + half, v + 6.0))
+    assert len(boxes) > 2
+    for i, one in enumerate(boxes):
+        for other in boxes[i + 1 :]:
+            assert one[0] > other[2] or other[0] > one[2] or one[1] > other[3] or other[1] > one[3]
+
+
 def test_without_webgl_all_is_drawn_in_the_plane_and_vehicles_are_coloured_by_depth(chromium, page_file):
     flat = ["--no-sandbox", "--disable-gpu", "--disable-3d-apis"]
     browser = chromium.browser_type.launch(executable_path=BROWSER, args=flat)
