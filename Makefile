@@ -1,5 +1,5 @@
-# The front door. Every target sets up what it needs in .venv; a second call finds it done.
-# ARGS goes to the command behind a target, e.g. make study ARGS="--realizations 5".
+# Every target first installs the packages that it needs into .venv; later calls skip this step.
+# ARGS is passed to the command of a target, e.g. make study ARGS="--realizations 5".
 
 VENV  := .venv
 BIN   := $(VENV)/bin
@@ -10,19 +10,19 @@ export PYTHON
 .PHONY: help study study-paper quick test lint docs figures bench matrix cuda ci-full release-check clean
 
 help:
-	@echo "make study        the paper's Beaufort Sea study at full size"
-	@echo "make study-paper  both of the paper's regions, and their comparison"
-	@echo "make quick        a small study: half a minute the first time, some seconds after"
-	@echo "make test         the fast tests"
-	@echo "make lint         formatting, lint, types, import contracts, spelling"
-	@echo "make docs         the documentation as a site, in build/docs"
-	@echo "make figures      the figures of the documentation again, in minutes; ARGS=all those that take longer, too"
-	@echo "make bench        timings"
-	@echo "make matrix       the fast tests on Python 3.11 to 3.14, as far as they are here, and on the oldest dependencies (needs uv)"
-	@echo "make cuda         the kernels compiled for a GPU, which need not be here (needs uv; 1.2 GB of packages)"
-	@echo "make ci-full      everything: the site, slow tests, all pages and examples followed, kernels with bounds checked"
-	@echo "make release-check  version, changelog, archives, and the installed wheel on the oldest and newest Python here"
-	@echo "make clean        remove .venv, caches and builds; runs/ stays"
+	@echo "make study          run the paper's Beaufort Sea study at full size"
+	@echo "make study-paper    run the studies of both regions of the paper, and compare them on one page"
+	@echo "make quick          run a small study (half a minute the first time, then a few seconds)"
+	@echo "make test           run the fast tests"
+	@echo "make lint           check formatting, lint, types, import contracts and spelling"
+	@echo "make docs           build the documentation site in build/docs"
+	@echo "make figures        draw the figures of the documentation again (minutes); ARGS=all also draws the slow ones"
+	@echo "make bench          measure computing times"
+	@echo "make matrix         run the fast tests on each installed Python from 3.11 to 3.14, and with the oldest dependencies (needs uv)"
+	@echo "make cuda           compile the kernels for a GPU and test them; no GPU needed (needs uv; downloads 1.2 GB)"
+	@echo "make ci-full        run all checks: lint, site, slow tests, all pages and examples, kernels with bounds checked"
+	@echo "make release-check  check version, changelog and archives; test the wheel on the oldest and newest installed Python"
+	@echo "make clean          remove .venv, caches and builds, but not runs/"
 
 study: $(VENV)/.ready-run
 	$(BIN)/mantaray study run beaufort $(ARGS)
@@ -61,10 +61,10 @@ bench: $(VENV)/.ready-run
 
 UV_TEST := uv run --quiet --isolated --no-project --with-editable . --with "pytest>=9" --with "hypothesis>=6.115" --with "evo>=1.31" --with "pydap>=3.5.9" --with waitress --with "zarr>=3.1" --with h5py --with copernicusmarine
 
-# The fast tests on Python $(1) in $(VENV)/matrix-$(2), with options $(3) of uv and $(4) of pytest. Kernels of two versions of
-# Numba would take each other's place in one cache.
+# The fast tests on Python $(1) in $(VENV)/matrix-$(2), with options $(3) of uv and $(4) of pytest. Each environment has its own
+# cache of kernels, because versions of Numba overwrite each other's files.
 define tested
-@uv venv --quiet --clear --python $(1) $(VENV)/matrix-$(2) || { echo "matrix: Python $(1) passed over"; exit 0; }; \
+@uv venv --quiet --clear --python $(1) $(VENV)/matrix-$(2) || { echo "matrix: Python $(1) is not installed, skipped"; exit 0; }; \
   uv pip install --quiet --python $(VENV)/matrix-$(2)/bin/python --editable . --group test $(3) && \
   NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/matrix-$(2)/kernels \
   $(VENV)/matrix-$(2)/bin/python -m pytest -n auto --dist worksteal $(4) $(ARGS)

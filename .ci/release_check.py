@@ -26,11 +26,14 @@ VERSIONS = {
     "conda/recipe.yaml": r'^  version: "(.+)"$',
 }
 """Files that state the version, and where."""
+COPIED = ("tests", "benchmarks", "examples", "docs")
+"""Folders that tests of the installed wheel read."""
 NEED_SOURCE = (
     "test_documentation*.py",
     "test_nomenclature.py",
     "test_packages.py",
     "test_readme.py",
+    "test_release.py",
     "test_site.py",
 )
 """Tests of the source tree, not of the package."""
@@ -203,7 +206,7 @@ def check_installed(python: Path, wheel: Path, version: str, tests: list[str]) -
         call(mantaray, "study", "run", "quick", "--quiet", "--out", "run", cwd=home, env=env)
         call(own, "-m", "pip", "install", "--quiet", "--group", f"{ROOT / 'pyproject.toml'}:test")
         tree = place / "tree"
-        for name in ("tests", "benchmarks", "examples", "docs"):
+        for name in COPIED:
             shutil.copytree(
                 ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", *NEED_SOURCE)
             )

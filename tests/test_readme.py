@@ -1,6 +1,7 @@
 """The first page on a package index: absolute links that lead into this tree, and numbers that are those of the paper's page."""
 
 import re
+import subprocess
 import tomllib
 
 from pages import DOCS, ROOT
@@ -20,17 +21,27 @@ def test_every_link_is_absolute_and_leads_to_a_file():
         assert (ROOT / path.partition("#")[0]).exists(), target
 
 
-def test_the_same_address_everywhere():
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f'url: "{HOME}"' in citation
+def test_files_that_repeat_the_address_of_the_repository_agree_with_the_project():
+    """It is defined in `[project.urls]`; no other file of the repository contains it."""
+    name = HOME.rpartition("/")[2]
+    address = re.compile(rf"https://(?:github|raw\.githubusercontent)\.com/[\w-]+/{name}\b")
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    texts = {
+        path: (ROOT / path).read_text(encoding="utf-8")
+        for path in listed.split()
+        if path.endswith((".md", ".toml", ".cff", ".yaml", ".yml", ".py", ".html", ".rst"))
+    }
+    found = {path: set(address.findall(text)) for path, text in texts.items() if address.search(text)}
+    expected = {HOME, HOME.replace("github.com", "raw.githubusercontent.com")}
+    assert all(addresses <= expected for addresses in found.values()), found
+    assert set(found) <= {"pyproject.toml", "README.md", "CITATION.cff", "conda/recipe.yaml"}
+    assert all(url.startswith(HOME) for url in URLS.values())
     assert f"git clone {HOME}" in README
-    for url in URLS.values():
-        assert url.startswith(HOME)
 
 
 def test_numbers_beside_the_paper_are_those_of_its_page():
     page = (DOCS / "paper.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (.*) \|$", README.partition("## Beside the paper")[2], re.MULTILINE)
+    rows = re.findall(r"^\| (.*) \|$", README.partition("## Comparison with the paper")[2], re.MULTILINE)
     assert len(rows) == 6
     shown = [row.split(" | ") for row in rows[1:]]
     by_paper = {name: re.search(rf"^\| {re.escape(name)} \|(.*)\|$", page, re.MULTILINE) for name in

@@ -3,6 +3,7 @@
 import re
 import runpy
 import tomllib
+from fnmatch import fnmatch
 
 import pytest
 from packaging.requirements import Requirement
@@ -85,6 +86,15 @@ def test_a_recipe_that_does_not_render_is_refused(check, tmp_path, old, new, mes
     recipe.write_text(recipe.read_text().replace(old, new))
     with pytest.raises(SystemExit, match=rf"conda/recipe.yaml: .*{message}"):
         check["check_recipe"]("0.2.0")
+
+
+def test_tests_that_read_the_source_tree_are_not_run_on_the_wheel():
+    """Elsewhere `ROOT` leads only to folders that are copied beside these tests."""
+    script = runpy.run_path(str(ROOT / ".ci" / "release_check.py"))
+    outside = re.compile(rf'ROOT / "(?!({"|".join(script["COPIED"])})["/]|pyproject)')
+    readers = {path.name for path in (ROOT / "tests").rglob("test_*.py") if outside.search(path.read_text())}
+    assert {"test_readme.py", "test_release.py"} <= readers
+    assert [name for name in readers if not any(fnmatch(name, p) for p in script["NEED_SOURCE"])] == []
 
 
 def test_what_is_published_was_checked():

@@ -2,18 +2,19 @@
 
 import posixpath
 import runpy
-import shutil
 import subprocess
 import sys
 from urllib.parse import unquote, urldefrag
 
 import pytest
+from browser import BROWSER, faults, overflow
 from pages import DOCS
 
 pytest.importorskip("sphinx", reason="needs the group docs")
 BeautifulSoup = pytest.importorskip("bs4", reason="needs the group docs").BeautifulSoup
 pytestmark = pytest.mark.slow
 
+EXAMPLES = DOCS.parent / "examples"
 PAGES = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))
 
 
@@ -117,22 +118,66 @@ CUT = """() => [...document.querySelectorAll(".bd-sidebar-primary a, .bd-sidebar
 }).map((link) => link.textContent.trim())"""
 
 
-@pytest.mark.parametrize("width", [1100, 1440])
-def test_contents_beside_a_page_are_not_cut(html, width):
-    sync_playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed"
-    ).sync_playwright
-    browser_path = shutil.which("chromium") or shutil.which("google-chrome")
-    if browser_path is None:
+@pytest.fixture(scope="module")
+def chromium():
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    if BROWSER is None:
         pytest.skip("no Chromium on this machine")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.mark.parametrize("width", [1100, 1440])
+def test_contents_beside_a_page_are_not_cut(html, chromium, width):
     generated = html / "reference" / "api" / "generated"
     pages = [html / "reference" / "configuration.html", *sorted(generated.glob("*.html"))[::20]]
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": width, "height": 900})
-        cut = {}
-        for file in pages:
-            page.goto(file.as_uri())
-            cut[file.name] = page.evaluate(CUT)
-        browser.close()
+    page = chromium.new_page(viewport={"width": width, "height": 900})
+    cut = {}
+    for file in pages:
+        page.goto(file.as_uri())
+        cut[file.name] = page.evaluate(CUT)
+    page.close()
     assert {name: links for name, links in cut.items() if links} == {}
+
+
+KINDS_OF_PAGES = (
+    "index",
+    "how-to/own-trajectories",
+    "theory/rays",
+    "paper",
+    "scripts/index",
+    "scripts/plot_bent_ray",
+    "notebooks/study",
+    "reference/configuration",
+    "reference/commands",
+    "reference/glossary",
+    "reference/api/generated/pymantaray.acoustics.find_eigenrays",
+)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1440, 390])
+def test_pages_of_every_kind_are_accessible_and_fit_the_width(html, chromium, width, scheme):
+    pytest.importorskip("axe_playwright_python", reason="axe-playwright-python is not installed")
+    context = chromium.new_context(
+        viewport={"width": width, "height": 900}, color_scheme=scheme, reduced_motion="reduce"
+    )
+    page = context.new_page()
+    wrong = {}
+    for name in KINDS_OF_PAGES:
+        page.goto((html / f"{name}.html").as_uri())
+        wrong[name] = (faults(page), max(0, overflow(page)))
+        page.keyboard.press("Tab")  # the first stop leads past the navigation
+        assert page.evaluate("document.activeElement.getAttribute('href')") == "#main-content", name
+    context.close()
+    assert {name: found for name, found in wrong.items() if found != ([], 0)} == {}
+
+
+def test_scripts_of_the_gallery_are_in_their_order(pages):
+    """Each of the ten is on the index; the bent ray is first."""
+    article, _ = pages["scripts/index.html"]
+    order = [link["href"] for link in article.select(".sphx-glr-thumbcontainer a")]
+    assert order[0] == "plot_bent_ray.html"
+    assert sorted(order) == sorted(f"{path.stem}.html" for path in (EXAMPLES / "gallery").glob("plot_*.py"))

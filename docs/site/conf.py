@@ -37,6 +37,7 @@ sphinx_gallery_conf = {
     "examples_dirs": str(HERE.parents[1] / "examples" / "gallery"),
     "gallery_dirs": "scripts",
     "filename_pattern": "/plot_",
+    "within_subsection_order": "gallery_order.BySubject",
     "download_all_examples": False,
     "show_memory": False,
     "show_signature": False,
@@ -226,6 +227,25 @@ def mathml(display):
     return visit
 
 
+EMPTY_HEAD = re.compile(r"<th(?: class=\"head\")?>(?:<p>\s*</p>)?</th>")
+
+
+def name_for_screen_readers(_app, _page, _template, context, _doctree):
+    """Write empty heads of tables as cells, and name the buttons that open a section of the contents."""
+    context["body"] = EMPTY_HEAD.sub("<td></td>", context.get("body", ""))
+    contents = context.get("generate_toctree_html")  # of the theme
+    if contents is None:
+        return
+
+    def named(*args, **options):
+        tree = contents(*args, **options)
+        for button in tree.find_all("summary") if hasattr(tree, "find_all") else ():
+            button["aria-label"] = f"Pages of {button.find_parent('li').a.get_text(strip=True)}"
+        return tree
+
+    context["generate_toctree_html"] = named
+
+
 def setup(app):
     """Connect the above; numpydoc reads docstrings after the columns are in them."""
     app.connect("autodoc-process-docstring", describe_columns, priority=100)
@@ -233,5 +253,6 @@ def setup(app):
     app.connect("missing-reference", resolve)
     app.connect("doctree-resolved", link_quantities)
     app.connect("doctree-resolved", explain_terms)
+    app.connect("html-page-context", name_for_screen_readers, priority=900)  # after the theme
     app.add_lexer("csv", TextLexer)
     app.add_html_math_renderer("mathml", (mathml(display=False), None), (mathml(display=True), None))

@@ -56,29 +56,31 @@ def configuration() -> dict[str, str]:
     parts = [
         "# Configuration keys",
         (
-            "Made from the models that check a configuration, so that it is complete. `mantaray study show beaufort` prints a whole"
-            " study with comments, `mantaray study init quick mine.toml` writes one to edit. Depth is positive down, times are UTC."
-            " A length, time, speed, angle or frequency is a number in the unit that the table gives, or text with a unit of its own, such as"
-            ' `"2 km"`, `"1 d 12 h"`, `"500 ms"`, `"3 kn"`, `"10 deg"` and `"25 kHz"`. A key without a default must be given; `-` is none, which the meaning'
-            " explains. *Ours* says that the paper leaves the value open"
-            " ([record 0001](../design/0001-what-the-paper-leaves-open.md)); other defaults of noise and mission are the paper's tables."
+            "This page lists all keys. It is generated from the models that check a configuration. `mantaray study show beaufort`"
+            " prints a complete study with comments, and `mantaray study init quick mine.toml` writes one that you can edit."
+            " Depth is positive down, and times are UTC."
+            " A length, time, speed, angle or frequency is a number in the unit of the table, or text with its own unit, such as"
+            ' `"2 km"`, `"1 d 12 h"`, `"500 ms"`, `"3 kn"`, `"10 deg"` and `"25 kHz"`. `-` means that there is no value by default.'
+            " *Not in the paper* marks values that the paper does not specify"
+            " ([record 0001](../design/0001-what-the-paper-leaves-open.md)). The other defaults of noise and mission are those of the"
+            " paper's tables."
         ),
         "## A study",
         (
-            "What `mantaray study run` reads. A key `base` at the top names a preset or another file: keys that the file lacks are the"
-            ' base\'s, and `"none"` takes out a value that the base has. Every command that takes a study has `--set KEY=VALUE`.'
-            " `mantaray serve` takes a file with `[ocean]`, `[mission]`, `[acoustics]`, `[ranging]` and"
-            " `[detection]` alone, `mantaray replay` the section `[detection]`; what `rays`, `ranges`, `replay` and `atlas` need besides are"
+            "`mantaray study run` reads these keys. A key `base` at the top names a preset or another file. Keys that are absent have"
+            ' the value of the base, and `"none"` removes a value of the base. Every command that takes a study has `--set KEY=VALUE`.'
+            " `mantaray serve` uses only the sections `[ocean]`, `[mission]`, `[acoustics]`, `[ranging]` and `[detection]`, and"
+            " `mantaray replay` only `[detection]`. All other settings of `rays`, `ranges`, `replay` and `atlas` are"
             " [options](commands.md)."
         ),
         *sections(StudyConfig),
         "## A sweep",
-        "What `mantaray sweep run` reads ([how to](../how-to/sweep.md)).",
+        "`mantaray sweep run` reads these keys ([how-to](../how-to/sweep.md)).",
         sweep,
         "## Servers of oceans",
         (
-            "What `mantaray ocean fetch --servers` and the variable `MANTARAY_OCEAN_SERVERS` read"
-            " ([how to](../how-to/fetch-hycom.md))."
+            "The file of `mantaray ocean fetch --servers` and of the variable `MANTARAY_OCEAN_SERVERS` has these keys"
+            " ([how-to](../how-to/fetch-hycom.md))."
         ),
         *sections(Catalogue),
     ]
@@ -195,9 +197,9 @@ def commands() -> dict[str, str]:
     parts = [
         "# Commands",
         (
-            "Made from the program itself. `mantaray COMMAND --help` prints the same. A length, time, speed or angle is a number"
-            " in the unit that its meaning names, or text with a unit of its own such as `'2 km'` and `'1 d 12 h'`, as in a"
-            " [configuration](configuration.md). What the program ends with: [exit codes](exit-codes.md)."
+            "This page is generated from the program. `mantaray COMMAND --help` prints the same. A length, time, speed or angle is a"
+            " number in the unit given in its meaning, or text with its own unit, such as `'2 km'` and `'1 d 12 h'`, as in a"
+            " [configuration](configuration.md). See also the [exit codes](exit-codes.md)."
         ),
     ]
     for path, command in command_tree():
@@ -314,10 +316,10 @@ def interface() -> dict[str, str]:
         "# `pymantaray.errors`\n\n```{eval-rst}\n.. automodule:: pymantaray.errors\n   :members:\n   :member-order: bysource\n"
         "   :show-inheritance:\n```\n"
     )
-    rows.append(("[`pymantaray.errors`](errors.md)", "What is raised on purpose: one line for the user."))
+    rows.append(("[`pymantaray.errors`](errors.md)", "Errors for users, each with a message of one line."))
     index = (
-        "# Python interface\n\nIn the order in which data flows; nothing to the top of the list needs what is below it, but for `pymantaray` itself,"
-        f" where the names of daily use are.\n\n{table(('folder', 'what it does'), rows)}\n\n"
+        "# Python interface\n\n`pymantaray` itself has the names that most users need. The folders are listed in the order in which data flows:"
+        f" no folder needs one that is below it.\n\n{table(('folder', 'content'), rows)}\n\n"
         + toctree([page.removeprefix("reference/api/").removesuffix(".md") for page in pages])
     )
     return {"reference/api/index.md": index, **pages}
@@ -349,8 +351,5 @@ def glossary() -> dict[str, str]:
     from pymantaray.records.glossary import GLOSSARY
 
     entries = "\n\n".join(f"{word}\n  {meaning}" for word, meaning in GLOSSARY.items())
-    page = (
-        f"# Glossary\n\nOn other pages these words show their meaning if you point at them.\n\n"
-        f":::{{glossary}}\n{entries}\n:::\n"
-    )
+    page = f"# Glossary\n\nOther pages show these meanings as tooltips.\n\n:::{{glossary}}\n{entries}\n:::\n"
     return {"reference/glossary.md": page}

@@ -104,7 +104,7 @@ def landing(contents: str, pages: dict[str, str]) -> str:
         f"[{heading(pages[page])}]({page})"
         for page in (*(f"reference/{entry}.md" for entry in GENERATED["reference"]), "figures/README.md")
     )
-    rest = contents.split("\n", 1)[1] + f"\nBesides: {made}.\n"
+    rest = contents.split("\n", 1)[1] + f"\nGenerated pages: {made}.\n"
     entries = [
         *folders[:4],
         "scripts/index",
@@ -114,7 +114,7 @@ def landing(contents: str, pages: dict[str, str]) -> str:
         folders[4],
         "changelog",
     ]
-    return f"{begin}\n\n## What there is to read\n{rest}\n" + reference_pages.toctree(entries)
+    return f"{begin}\n\n## Contents\n{rest}\n" + reference_pages.toctree(entries)
 
 
 def on_the_site(words: str) -> str:

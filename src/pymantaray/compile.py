@@ -48,7 +48,7 @@ def _compilers() -> tuple[dict[str, Any], ...]:
 def announce_compilation() -> None:
     """Log that kernels are compiled, unless a warning already said that each process compiles them."""
     if not _warn_not_cached.cache_info().currsize:
-        _warn_once("compiling kernels: takes a few seconds, only the first time")
+        _warn_once("compiling kernels: takes up to a minute, only the first time")
 
 
 _KERNEL, _SHARED, _ENTRY = _compilers()

@@ -214,6 +214,10 @@ REFUSED = {
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
     "m.csv: two columns vehicle; remove one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
     "m.csv, line 3: no vehicle name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
+    r"m.csv, line 3: 500 m from the position of line 2 at the same time, .* to vehicle \(unused columns: auv\)": text(
+        "time,auv,north,east,depth\n0,A,0,0,0\n0,B,300,400,0\n1,A,0,0,0\n1,B,300,400,0"),
+    r"m.csv, line 4: 2,2\d\d m from the position of line 3 at the same time": text(  # 0.04 degrees of longitude at 60 N
+        "time,lat,lon,depth\n0,0,0,0\n1,60,0,0\n1,60,0.04,0"),
     "m.csv: A: 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
     "m.csv: is empty; a table needs a header": text(""),
     "no such file": lambda folder: folder / "none.csv",
@@ -231,6 +235,12 @@ REFUSED = {
 @pytest.mark.parametrize("message", REFUSED)
 def test_bad_files_are_one_line_each(message, tmp_path):
     refused(ExchangeError, message, lambda: read_trajectories(REFUSED[message](tmp_path)))
+
+
+def test_a_single_vehicle_may_have_several_rows_within_the_resolution_of_its_times(tmp_path):
+    file = text("time,north,east,depth\n0,0,0,5\n0,0.5,0,5\n1,1,0,5\n1,1.5,0,5\n")(tmp_path)
+    tracks = read_trajectories(file)
+    assert any("2 poses at repeated times dropped" in note for note in tracks.notes)
 
 
 def test_a_table_of_parquet_without_rows_is_refused(tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from browser import BROWSER, faults, overflow
 from campaigns import make_campaign, survey_of, water
 from PIL import Image
 
@@ -21,13 +22,8 @@ from pymantaray.report import (
     write_sweep_page,
 )
 
-axe = pytest.importorskip(
-    "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
-)
+pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-BROWSER = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine"),
@@ -155,10 +151,7 @@ def check_quiet_and_fitting(opened, page_file):
     assert [line for line in opened.said if not any(known in line for known in HARMLESS)] == []
     assert [url for url in opened.asked if not url.startswith(("data:", "blob:"))] == [page_file.as_uri()]
     assert page_file.stat().st_size < 10e6
-    overflow = opened.page.evaluate(
-        "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-    )
-    assert overflow <= 0
+    assert overflow(opened.page) <= 0
 
 
 def check_keyboard(page):
@@ -200,22 +193,16 @@ def contrast(*colours):
     return (bright + 0.05) / (dim + 0.05)
 
 
-def check_accessible(page):
-    """What axe-core finds wrong."""
-    violations = axe.Axe().run(page).response["violations"]
-    assert [(v["id"], [node["target"] for node in v["nodes"]][:3]) for v in violations] == []
-
-
 def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_file):
     check_quiet_and_fitting(opened, page_file)
-    check_accessible(opened.page)
+    assert faults(opened.page) == []
     check_keyboard(opened.page)
 
 
 def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(table_opened, table_file):
     check_quiet_and_fitting(table_opened, table_file)
     page = table_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
     check_dark(page)
     assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
@@ -239,7 +226,7 @@ def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboar
 ):
     check_quiet_and_fitting(comparison_opened, comparison_file)
     page = comparison_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
     check_dark(page)
     table = pd.read_csv(comparison_file.parent / "tables" / "ate_pooled.csv").set_index(
@@ -271,7 +258,7 @@ def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboar
 def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(replay_opened, replay_file):
     check_quiet_and_fitting(replay_opened, replay_file)
     page = replay_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
     check_dark(page)
     direct, bounced = page.evaluate(DRAWN)
@@ -305,7 +292,7 @@ def test_located_nodes_are_readable_at_any_width(chromium, location_file, width)
     page.on("request", lambda request: asked.append(request.url))
     page.goto(location_file.as_uri())
     check_quiet_and_fitting(SimpleNamespace(page=page, said=said, asked=asked), location_file)
-    check_accessible(page)
+    assert faults(page) == []
     assert page.locator("img").count() == 3
     context.close()
 
@@ -333,7 +320,7 @@ def test_a_browser_that_cannot_unpack_says_so_and_shows_the_rest(chromium, table
 def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(atlas_opened, atlas_file):
     check_quiet_and_fitting(atlas_opened, atlas_file)
     page = atlas_opened.page
-    check_accessible(page)
+    assert faults(page) == []
     check_keyboard(page)
 
     def drawn():
@@ -462,6 +449,62 @@ def test_every_link_of_a_small_run_has_its_rays_and_all_pictures_show_its_hour(o
     for step in ("Home", "End"):
         page.keyboard.press(step)
         assert page.inner_text("#link").split(", ")[1].startswith(page.inner_text("#hour") + ":")
+
+
+def pixels_of(points, camera, height):
+    """Places of points in the picture from its middle, for a camera that sees 45 degrees over its height."""
+    eye, center = (np.array([camera[name][k] for k in "xyz"]) for name in ("eye", "center"))
+    forward = (center - eye) / np.linalg.norm(center - eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    away = points - eye
+    screen = np.stack([away @ right, -(away @ np.cross(right, forward))], axis=-1) / (away @ forward)[:, None]
+    return screen * height / 2.0 / np.tan(np.radians(22.5))
+
+
+def scene_of(page):
+    """Scene of the fleet as it is laid out, and width and height of its panel."""
+    return page.evaluate(
+        "(() => { const { scene, margin } = at('fleet').layout; return { scene, width: at('fleet').clientWidth,"
+        " height: at('fleet').clientHeight - margin.b, ranges: ['xaxis', 'yaxis', 'zaxis'].map((a) => scene[a].range),"
+        " traces: at('fleet').data.filter((t) => t.mode === 'markers+text').map((t) => [t.x, t.y, t.z, t.text, t.textposition]) }; })()"
+    )
+
+
+def test_the_scene_of_the_fleet_fills_its_panel(opened):
+    shown = scene_of(opened.page)
+    sides = np.array([shown["scene"]["aspectratio"][k] for k in "xyz"])
+    corners = (np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)) * sides
+    pixels = pixels_of(corners, shown["scene"]["camera"], shown["height"])
+    size = np.ptp(pixels, axis=0) / [shown["width"], shown["height"]]
+    assert (size < 1.0).all()
+    assert size.max() > 0.65
+    np.testing.assert_allclose(pixels.min(axis=0) + pixels.max(axis=0), 0.0, atol=5.0)  # in the middle
+
+
+def test_names_of_vehicles_stand_apart(opened):
+    """Boxes of the names as plotly writes them: beside, above or below a marker, at twelve pixels."""
+    shown = scene_of(opened.page)
+    sides = np.array([shown["scene"]["aspectratio"][k] for k in "xyz"])
+    low, high = np.array(shown["ranges"]).T
+    boxes = []
+    for x, y, z, texts, sides_of_names in shown["traces"]:
+        part = (np.stack([x, y, z], axis=1) - low) / (high - low) - 0.5
+        for (u, v), text, side in zip(
+            pixels_of(part * sides, shown["scene"]["camera"], shown["height"]),
+            texts,
+            sides_of_names,
+            strict=True,
+        ):
+            vertical, horizontal = side.split()
+            half = 3.5 * len(text)
+            u += {"left": -half - 8.0, "center": 0.0, "right": half + 8.0}[horizontal]
+            v += {"top": -14.0, "middle": 0.0, "bottom": 14.0}[vertical]
+            boxes.append((u - half, v - 6.0, u + half, v + 6.0))
+    assert len(boxes) > 2
+    for i, one in enumerate(boxes):
+        for other in boxes[i + 1 :]:
+            assert one[0] > other[2] or other[0] > one[2] or one[1] > other[3] or other[1] > one[3]
 
 
 def test_without_webgl_all_is_drawn_in_the_plane_and_vehicles_are_coloured_by_depth(chromium, page_file):

@@ -109,7 +109,8 @@ def test_a_page_has_its_own_script_after_what_all_share(page):
     assert tables.strip() == (TEMPLATES / "tables.js").read_text(encoding="utf-8").strip()
     assert unpacked(library) == get_plotlyjs()
     expected = [
-        (TEMPLATES / file).read_text(encoding="utf-8").rstrip() for file in ("plots.js", SCRIPTS[name])
+        (TEMPLATES / file).read_text(encoding="utf-8").rstrip()
+        for file in ("plots.js", *(["scene.js"] if name == "run" else []), SCRIPTS[name])
     ]
     assert script.strip() == "".join(expected)
     assert json.loads(unpacked(numbers))

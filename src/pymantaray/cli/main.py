@@ -24,7 +24,7 @@ _UsageError: Any = typer.BadParameter.__base__  # which typer does not export
 
 app = Commands(
     name="mantaray",
-    help="What the real ocean does to acoustic ranges between vehicles, and to their estimated positions.",
+    help="Effects of refraction in the ocean on acoustic ranges between vehicles, and on their estimated positions.",
     pretty_exceptions_enable=False,
 )
 

@@ -363,7 +363,7 @@ def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | Non
     if weak and cutoff_db is not None and cutoff_db < _WIDE_DB:
         out.line(
             f"{100.0 * weak / lost['attempts']:.2g} % too weak: spreading loss more than {cutoff_db:g} dB above spherical;"
-            f" `--set acoustics.spreading_cutoff_db={_WIDE_DB:g}` includes all within {_WIDE_DB:g} dB"
+            f" `--cutoff-db {_WIDE_DB:g}` includes all within {_WIDE_DB:g} dB"
         )
 
 

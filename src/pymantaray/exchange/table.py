@@ -55,6 +55,8 @@ _QUATERNION = ["qw", "qx", "qy", "qz"]
 _OF_PINGS = "time", "transmitter", "receivers"
 _IN_MEMORY = "data frame"
 _MAX_RADIANS = 6.5  # slightly more than 2 pi
+_M_PER_DEGREE = 111_100.0
+_SAME_PLACE = 100.0  # m, above the motion of a vehicle within the resolution of its times
 
 
 def read_table(path: Path) -> tuple[list[Poses], list[str]]:
@@ -96,13 +98,37 @@ def _trajectories(table: TextTable) -> tuple[list[Poses], list[str]]:
     time, quaternion = _times(table), _attitude(table, factors)
     if place[0] == "lat" and "convergence" in there:  # attitudes are relative to a frame's north
         quaternion = about_down(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
-    names = _vehicles(table) if "vehicle" in there else np.full(time.size, path.stem)
+    if "vehicle" in there:
+        names = _vehicles(table)
+    else:
+        _refuse_two_places_at_once(table, time, place_of, unread, geographic=place[0] == "lat")
+        names = np.full(time.size, path.stem)
     poses, centre = [], centre_in_comments(table.comments, path)
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]
         poses.append(Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path), centre))
     return poses, [f"{path}: unused columns: {', '.join(unread)}"] if unread else []
+
+
+def _refuse_two_places_at_once(
+    table: TextTable, time: NDArray[Any], position: Array, unread: list[str], *, geographic: bool
+) -> None:
+    """Refuse a table without names in which one time has two positions far apart: it has several vehicles."""
+    _, first, of_time = np.unique(time, return_index=True, return_inverse=True)
+    earlier = first[of_time]
+    step = position - position[earlier]
+    if geographic:
+        step[:, 1] *= np.cos(np.radians(position[:, 0]))
+        step[:, :2] *= _M_PER_DEGREE
+    distance = np.linalg.norm(step, axis=1)
+    if (distance > _SAME_PLACE).any():
+        row, lines = int(np.argmax(distance > _SAME_PLACE)), table.frame.index
+        columns = f" (unused columns: {', '.join(unread)})" if unread else ""
+        raise ExchangeError(
+            f"{table.path}, line {lines[row]}: {distance[row]:,.0f} m from the position of line {lines[earlier[row]]} at the same"
+            f" time, and no column names the vehicle; rename the column with the names to vehicle{columns}"
+        )
 
 
 def read_pings(path: Path, start: np.datetime64 | None) -> PingList:

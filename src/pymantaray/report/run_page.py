@@ -101,7 +101,7 @@ def _citation(results: Results) -> tuple[str, str]:
     words = f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with MantaRay, {which}"
     note = f"{which}; study {study}, seed {seed}, configuration {digest}"
     lines = ["@software{mantaray,", "  author = {{The MantaRay developers}},"]
-    lines += ["  title = {MantaRay: what the real ocean does to acoustic ranges between vehicles},"]
+    lines += ["  title = {MantaRay: effects of refraction on acoustic ranges between underwater vehicles},"]
     lines += [f"  year = {{{made[:4]}}},"] if made else []
     lines += [f"  version = {{{version}}},", f"  note = {{{note.replace('_', chr(92) + '_')}}}", "}"]
     return f"{words}{f' on {made}' if made else ''}.", "\n".join(lines)

@@ -218,7 +218,7 @@ def _references() -> dict[str, dict[str, Any]]:
 def _fields(key: str) -> Mapping[str, Any]:
     """BibTeX fields of a reference; a key that is none is a file, named as it is."""
     if key == "mantaray":
-        title = "MantaRay: what the real ocean does to acoustic ranges between vehicles"
+        title = "MantaRay: effects of refraction on acoustic ranges between underwater vehicles"
         return {
             "type": "misc",
             "author": "{The MantaRay developers}",

@@ -1,5 +1,5 @@
 "use strict";
-// what the scripts of all pages share
+// functions that the scripts of all pages share
 const at = (id) => document.getElementById(id);
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const metres = (value, digits = 2) =>
@@ -47,11 +47,11 @@ async function unpacked(id) {
   const bytes = Uint8Array.from(atob(at(id).textContent), (letter) => letter.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 }
-// what moves comes after the page itself has been painted
+// the interactive part starts after the browser has shown the page
 const start = (show) => requestAnimationFrame(() => setTimeout(async () => {
   if (!window.DecompressionStream) {
     const note = Object.assign(document.createElement("p"), {className: "note"});
-    note.textContent = "What moves needs a newer browser; figures and tables do not.";
+    note.textContent = "The interactive figures need a newer browser; figures and tables do not.";
     document.querySelector("noscript").before(note);
     return;
   }

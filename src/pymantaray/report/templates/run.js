@@ -31,17 +31,35 @@ start((data) => {
     return `rgb(${end.map((c) => Math.round(grey + (c - grey) * Math.abs(x))).join(",")})`;
   }
   const bar = (title, place) => ({ title: { text: title, side: "top" }, orientation: "h", thickness: 8, len: 0.6, xanchor: "center", x: 0.5, yanchor: "bottom", tickfont: { color: ink() }, ...place });
-  // where the name of each vehicle and landmark stands beside its marker, so that names of close ones do not cover each other
+  // least and greatest east, north and depth of all that is drawn
+  const limits = [[fleet.east, fleet.bed.east, 1], [fleet.north, fleet.bed.north, 0], [fleet.down, fleet.bed.down, 2]].map(([rows, bed, k]) => {
+    const values = [...rows.flat(), ...bed.flat(), ...fleet.landmarks.map((p) => p[k]), ...(k === 2 ? [0] : [])].filter((value) => value !== null);
+    const [low, high] = values.reduce(([least, greatest], value) => [Math.min(least, value), Math.max(greatest, value)], [Infinity, -Infinity]);
+    const beyond = k === 2 ? 0.03 * (high - low) : 0; // below the sea bed, which the box would cut
+    return high > low ? [low, high + beyond] : [low - 1, low + 1];
+  });
+  const BELOW_SCENE = 80; // pixels, for the scale of colours
+  // the scene's box and the camera that shows it; margins are for the numbers of its axes
+  function sceneView() {
+    const { clientWidth: width, clientHeight: height } = at("fleet");
+    const narrow = width < 600;
+    const shown = height - BELOW_SCENE;
+    const sides = narrow ? [1.2, 1.2, 0.9] : [2.4, 1.3, 0.8];
+    return { sides, shown, ...fittingCamera(sides, [1.1, -1.65, 1.0], shown, narrow ? [width - 115, shown - 70] : [width - 160, shown - 50]) };
+  }
+  // where the names of vehicles and landmarks stand in the picture as it is first shown
   function sides(vehicles) {
     const places = [...vehicles, ...fleet.landmarks.map((p) => [p[1], p[0], p[2]])];
-    const span = [0, 1, 2].map((k) => Math.max(1, ...places.map((p) => p[k])) - Math.min(...places.map((p) => p[k])) || 1);
-    const near = (a, b) => Math.hypot(...[0, 1, webgl ? 2 : 1].map((k) => (a[k] - b[k]) / span[k])) < 0.3;
-    const ways = ["middle right", "middle left", "top center", "bottom center"];
-    if (!webgl) ways.reverse();
-    return places.reduce((taken, here, v) => {
-      const used = taken.filter((_, w) => near(places[w], here));
-      return [...taken, ways.find((way) => !used.includes(way)) ?? ways[v % 4]];
-    }, []);
+    const part = (value, k) => ((value ?? limits[k][0]) - limits[k][0]) / (limits[k][1] - limits[k][0]) - 0.5;
+    let pixels;
+    if (webgl) {
+      const view = sceneView();
+      pixels = projected(places.map((p) => [0, 1, 2].map((k) => part(p[k], k) * view.sides[k] * (k === 2 ? -1 : 1))), view, view.shown);
+    } else {
+      const scale = Math.min((at("fleet").clientWidth - 85) / (limits[0][1] - limits[0][0]), (at("fleet").clientHeight - 180) / (limits[1][1] - limits[1][0]));
+      pixels = places.map(([x, y]) => [(x ?? 0) * scale, -(y ?? 0) * scale]);
+    }
+    return sidesOfNames(pixels, fleet.names);
   }
   function pairTraces(make) {
     const ping = pingAt(state.frame);
@@ -61,7 +79,7 @@ start((data) => {
   // traces of vehicles and landmarks with their names
   function named(x, y, z) {
     const beside = sides(x.map((_, v) => [x[v], y[v], z[v]]));
-    const common = { mode: "markers+text", textfont: { color: ink() }, hovertemplate: "%{text}<br>%{customdata:.0f} m deep<extra></extra>" };
+    const common = { mode: "markers+text", textfont: webgl ? { color: ink() } : { color: ink(), shadow: Array(3).fill(`0 0 3px ${paper()}`).join(", ") }, hovertemplate: "%{text}<br>%{customdata:.0f} m deep<extra></extra>" };
     const [north, east, down] = [0, 1, 2].map((k) => fleet.landmarks.map((p) => p[k]));
     return [
       { ...common, text: fleet.names.slice(0, fleet.vehicles), textposition: beside.slice(0, fleet.vehicles), x, y, z, customdata: z },
@@ -81,15 +99,14 @@ start((data) => {
     if (fleet.landmarks.length) traces.push({ ...landmarks, type: "scatter3d", marker: { symbol: "diamond", size: 5, color: ink() } });
     traces.push(...pairTraces((a, b) => ({ type: "scatter3d", x: [a[1], b[1]], y: [a[0], b[0]], z: [a[2], b[2]] })).map((t) => ({ ...t, line: { ...t.line, width: 3 * t.line.width } })));
     traces.push(errorScale({ type: "scatter3d", x: [x[0]], y: [y[0]], z: [z[0]] }));
-    const axis = (title, more) => ({ title: { text: title }, color: ink(), gridcolor: faint(), backgroundcolor: paper(), showspikes: false, ...more });
-    const narrow = at("fleet").clientWidth < 600; // so that its axes are not cut
-    const [back, wide] = narrow ? [1.75, 1.2] : [1, 1.75];
+    const axis = (title, more) => ({ title: { text: title }, color: ink(), gridcolor: faint(), backgroundcolor: paper(), showspikes: false, nticks: 5, ...more });
+    const { sides: box, eye, center } = sceneView();
+    const vector = ([vx, vy, vz]) => ({ x: vx, y: vy, z: vz });
     draw("fleet", traces, {
-      margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "fleet",
+      margin: { l: 0, r: 0, t: 0, b: BELOW_SCENE }, uirevision: "fleet",
       scene: {
-        domain: { x: [0, 1], y: [0.1, 1] },
-        xaxis: axis("East [m]"), yaxis: axis("North [m]"), zaxis: axis("Depth [m]", { autorange: "reversed" }),
-        aspectmode: "manual", aspectratio: { x: wide, y: 1.2, z: 0.75 }, camera: { eye: { x: 1.1 * back, y: -1.65 * back, z: 0.78 * back }, center: { x: 0, y: 0, z: -0.26 } },
+        xaxis: axis("East [m]", { range: limits[0] }), yaxis: axis("North [m]", { range: limits[1] }), zaxis: axis("Depth [m]", { range: [limits[2][1], limits[2][0]] }),
+        aspectmode: "manual", aspectratio: vector(box), camera: { eye: vector(eye), center: vector(center) },
       },
     });
   }
@@ -160,10 +177,10 @@ start((data) => {
     links.error[link].forEach((error, way) => {
       if (error === null) return;
       const [from, to] = way === 0 ? [links.first, links.second] : [links.second, links.first];
-      words.push(`From ${fleet.names[from[link]]} to ${fleet.names[to[link]]} the range is wrong by ${metres(error)}: reference speed ${metres(links.reference[link][way])}, bending ${metres(links.bending[link][way])}.`);
+      words.push(`From ${fleet.names[from[link]]} to ${fleet.names[to[link]]} the range error is ${metres(error)}: reference speed ${metres(links.reference[link][way])}, bending ${metres(links.bending[link][way])}.`);
     });
     if (section) section.time.forEach((time, ray) => words.push(
-      `Ray ${ray + 1}: ${(1e3 * time).toFixed(3)} ms, ${section.surface[ray]} surface and ${section.bottom[ray]} bottom bounces, spreading ${String(section.spreading[ray]).replace("-", "−")} dB beyond spherical.`));
+      `Ray ${ray + 1}: ${(1e3 * time).toFixed(3)} ms, ${section.surface[ray]} surface and ${section.bottom[ray]} bottom bounces, spreading loss ${String(section.spreading[ray]).replace("-", "−")} dB above spherical.`));
     return words.join(" ");
   }
   function commandOf(link) {
@@ -182,7 +199,7 @@ start((data) => {
   function showLink() {
     const link = state.link;
     const section = sections.get(link);
-    at("link").textContent = link === null ? "Choose a link." : describe(link, section);
+    at("link").textContent = link === null ? "Select a link." : describe(link, section);
     at("command").hidden = link === null || section !== undefined;
     if (!at("command").hidden) at("command").querySelector("code").textContent = commandOf(link);
     const deepest = section ? section.depth[section.depth.length - 1] : 1;
@@ -205,7 +222,7 @@ start((data) => {
       showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom", bgcolor: "#eef2f5", font: { color: "#1a1a1a" } }, margin: { l: 60, r: 15, t: 30, b: 45 },
       annotations: section
         ? [named(fleet.names[links.first[link]], 0, section.ends[0], "left"), named(fleet.names[links.second[link]], far, section.ends[1], "right")]
-        : [{ text: link === null ? "no link chosen" : "The rays of this link are not on the page:<br>the command below draws them.", showarrow: false, x: 0.5, y: 0.5, xref: "paper", yref: "paper" }],
+        : [{ text: link === null ? "no link selected" : "This page does not have the rays of this link.<br>The command below draws them.", showarrow: false, x: 0.5, y: 0.5, xref: "paper", yref: "paper" }],
     });
     drawFleet();
     drawErrors();
@@ -280,10 +297,11 @@ start((data) => {
   state.link = data.rays.map((section) => section.link).reduce((worst, link) => (worst === null || largest(link) > largest(worst) ? link : worst), null);
   if (state.link !== null) state.frame = fleet.ping[links.ping[state.link]];
   at("shown").textContent = [
-    every ? "" : `The page has the rays of ${sections.size} of ${links.ping.length} links, which are marked with a star; for the others it prints a command.`,
+    every ? "" : `This page has the rays of ${sections.size} of ${links.ping.length} links, marked with a star. For other links it prints a command.`,
     fleet.ping.length < data.pings ? `It has ${fleet.ping.length} of ${data.pings} pings.` : "",
-    webgl ? "" : "This browser has no WebGL: the fleet is drawn in plan, coloured by depth.",
+    webgl ? "" : "This browser has no WebGL: the fleet is a map, coloured by depth.",
   ].join(" ").trim();
+  at("fleet").classList.toggle("solid", webgl);
   drawAll();
   for (const id of ["fleet", "by-distance", "by-depth"]) {
     at(id).on("plotly_click", (event) => {

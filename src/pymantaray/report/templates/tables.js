@@ -40,7 +40,7 @@
     input.type = "search";
     input.addEventListener("input", () => narrow(table, input.value, told));
     label.className = "filter";
-    label.append("Rows with ", input, " ", told);
+    label.append("Filter rows: ", input, " ", told);
     table.parentElement.before(label);
   }
 })();
