@@ -30,11 +30,14 @@ class Method:
         Pass the factors to iSAM2 in the order of time, instead of a batch solve.
     lag : float, optional
         Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2. [s]
+    kalman : bool
+        Use an error-state extended Kalman filter, which starts at the priors of the graph.
     """
 
     loss: Loss | None = None
     incremental: bool = False
     lag: float | None = None
+    kalman: bool = False
 
 
 @dataclass(frozen=True)
