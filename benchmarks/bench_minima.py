@@ -42,7 +42,7 @@ def costs(result: GraphResult) -> dict[str, float]:
 
 def reached(cost: float, best: float) -> bool:
     """True if a cost is the lowest one."""
-    return cost <= best + SAME * (1.0 + best)
+    return bool(np.isfinite(cost) and cost <= best + SAME * (1.0 + best))
 
 
 def main() -> None:
@@ -85,10 +85,10 @@ def main() -> None:
                 own = costs(result)
                 best = min(own.values())
                 random = [reached(c, best) for start, c in own.items() if start.startswith("random")]
-                proof = certify(result.graph, result.solution.values)
+                fine = result.solution.usable
                 rows.append(
                     [
-                        proof.certified,
+                        fine and certify(result.graph, result.solution.values).certified,
                         reached(own["dead-reckoning"], best),
                         reached(own["chordal"], best),
                         np.mean(random),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,11 +64,13 @@ def filter_graph(
     state = _first_state(graph, timeline)
     updates, ranges = _Updates(graph, timeline), _Ranges(graph, timeline, model_ranges)
     log = _Log(graph, timeline, covariance_poses)
-    done = True
-    for k in range(timeline.pose.shape[0]):
+    done, seconds = True, np.full(timeline.pose.shape[0], np.nan)
+    for k in range(seconds.size):
+        begin = process_time()
         if k:
             state.move(steps, k - 1)
         done = state.update(*updates.at(state, k)) and state.update(*ranges.at(state, k), ranges=True)
+        seconds[k] = process_time() - begin
         if not done:
             break
         log.note(state, k)
@@ -76,8 +79,8 @@ def filter_graph(
     good = done and bool(np.isfinite(values.position).all())
     status = SolveStatus.OK if good else SolveStatus.FAILED
     cost = state.cost if good else np.nan
-    solution = make_solution(values, Progress(timeline.pose.shape[0], np.nan, cost), status, rows)
-    return log.with_covariances(solution, ranges.gated)
+    solution = make_solution(values, Progress(seconds.size, np.nan, cost), status, rows)
+    return log.with_covariances(replace(solution, update_seconds=seconds), ranges.gated)
 
 
 class _Timeline(NamedTuple):

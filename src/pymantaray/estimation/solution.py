@@ -136,7 +136,7 @@ class Solution:
     gated_links: int = 0
     expansions: int = 0
     seconds: float = math.nan
-    update_seconds: Array | None = None  # CPU time of each update of a fixed-lag solve
+    update_seconds: Array | None = None  # CPU time of each update, fixed lag or Kalman filter
     covariances: EpochCovariances | None = None  # at the requested epochs, if the values are usable
     unknowns: UnknownsEstimate | None = None  # of the ranges, likewise
 
