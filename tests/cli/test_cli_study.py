@@ -368,7 +368,8 @@ def test_the_overview_of_commands_has_every_command_of_study():
 def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(mantaray, told, tiny_run_folder):
     run = open_run(tiny_run_folder)
     rows = told("study", "tables", tiny_run_folder, "ate_per_vehicle")["ate_per_vehicle"]
-    assert rows == error_table(run.truth, run.estimates, by=["vehicle"]).to_dict("records")
+    table = error_table(run.truth, run.estimates, by=["vehicle"], freedom=run.degrees_of_freedom)
+    assert rows == table.to_dict("records")
     summary = mantaray("study", "tables", tiny_run_folder).out
     latex = mantaray("study", "tables", tiny_run_folder, "ate_pooled", "--to", "latex").out
     assert latex.count("\\toprule") == 1

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from refusals import refused
 from scipy.optimize import least_squares
-from two_minima import drone, ring
+from two_minima import FILES, drone, ring
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import FactorGraph, GraphValues, open_graph, solve_graph
+from pymantaray.estimation import FactorGraph, GraphValues, open_graph, solve_graph, to_gtsam
 from pymantaray.estimation.minima import random_start
 from pymantaray.estimation.trilateration import trilaterate
 from pymantaray.records import SolveStatus
@@ -26,6 +26,37 @@ def opened(tmp_path):
 
 def costs(result):
     return {outcome.name: outcome.solution.final_cost for outcome in result.outcomes}
+
+
+QUICK = ("mirrored.pyfg", "cooperative-2.pyfg", "ring-twisted.g2o", "ring-two-minima.g2o")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow, id=n.split(".")[0]) for n in FILES]
+)
+def test_all_starts_reach_the_lowest_cost_of_a_file_and_the_status_is_true(opened, name):
+    file = opened(FILES[name](), name)
+    result, other = (
+        solve_graph(file, start="best", random_starts=24, seed=seed, truth=False) for seed in (0, 1)
+    )
+    cost = result.solution.final_cost
+    factors, values = to_gtsam(result.graph, result.solution.values)
+    assert factors.error(values) == pytest.approx(cost, rel=1e-6)
+    assert factors.linearize(values).optimize().norm() < 1e-2, "GTSAM's next step is short [m, rad]"
+    assert cost <= 1.002 * min(costs(other).values()), "within 0.2 % of the lowest cost of another search"
+    limit = cost + 0.5 * 7.8  # the 95 % quantile of chi-square with three degrees of freedom
+    extent = np.ptp(result.solution.position, axis=0).max()
+
+    def differs(outcome):
+        positions = ((o.position, o.landmark_position) for o in (outcome.solution, result.solution))
+        (a, b), (c, d) = positions
+        return (
+            outcome.solution.usable
+            and max(np.abs(a - c).max(), np.abs(b - d).max(initial=0.0)) > 0.05 * extent
+        )
+
+    second = [o for o in (*result.outcomes, *other.outcomes) if o.cost < limit and differs(o)]
+    assert result.solution.status is (SolveStatus.SECOND_MINIMUM if second else SolveStatus.OK)
 
 
 def test_best_finds_the_ring_without_the_twist_of_the_file(opened):

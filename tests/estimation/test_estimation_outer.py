@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import factories
 import numpy as np
 import pytest
 from factories import far_from
@@ -440,6 +441,38 @@ def test_an_inflated_sigma_is_that_of_wider_ranges_and_a_fitted_one_meets_the_ex
     assert fitted.unknowns.value[0] == pytest.approx(25.0, rel=5.0 / np.sqrt(2.0 * n))
     honest = solve_conditions(o, {"e": Estimator("straight", range_sigma="fitted")})["e"]
     assert 1.0 <= honest.unknowns.value[0] < 1.2, "no smaller than it is measured with"
+
+
+def test_a_sigma_is_fitted_with_other_unknowns_too(make_fleet):
+    fleet = make_fleet(seed=7, gnss_every=10)
+    o, rng = fleet.noise_free, np.random.default_rng(1)
+    noisy = 1.03 * o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size)
+    wild = replace(factories.add_noise(o, 4), refracted_range=noisy)
+    both = Estimator("refracted", model=TransmitterSpeed(), range_sigma="fitted", scale_sigma=0.1)
+    end = solve_conditions(wild, {"e": both})["e"]
+    assert end.final_cost == pytest.approx(end.expected_cost, rel=1e-2)
+    assert end.unknowns.name == ("range sigma", "scale")
+    sigma, scale = end.unknowns.value
+    assert sigma == pytest.approx(25.0, rel=5.0 / np.sqrt(2.0 * o.range_sigma.size))
+    assert scale == pytest.approx(0.03, abs=4.0 * np.sqrt(end.unknowns.covariance[1, 1]))
+    assert np.isnan(end.unknowns.covariance[0]).all()
+    biased = replace(both, scale_sigma=None, bias_sigma=50.0)
+    end = solve_conditions(wild, {"e": biased})["e"]
+    assert end.final_cost == pytest.approx(end.expected_cost, rel=1e-2)
+    assert end.unknowns.name == ("range sigma",)
+
+
+def test_a_sigma_that_no_cost_can_meet_is_not_fitted(make_fleet):
+    fleet = make_fleet(seed=7, gnss_every=10)
+    wrong = replace(
+        fleet.noisy, depth=fleet.noisy.depth + 5.0 * np.sin(np.arange(fleet.noisy.depth.shape[1]))
+    )
+    fitted, plain = (
+        solve_conditions(wrong, {"e": Estimator("refracted", range_sigma=sigma)})["e"]
+        for sigma in ("fitted", None)
+    )
+    assert fitted.unknowns is None
+    np.testing.assert_allclose(fitted.position, plain.position, rtol=0, atol=1e-3)
 
 
 def test_bad_priors_are_refused_by_name(make_fleet):

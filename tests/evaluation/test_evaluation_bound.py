@@ -8,8 +8,9 @@ import pytest
 from refusals import refused
 
 from pymantaray.errors import EvaluationError
-from pymantaray.estimation import collect_estimates, solve_conditions
-from pymantaray.evaluation import bound_table, error_bound, ping_error_table
+from pymantaray.estimation import build_graph, collect_estimates, solve_conditions
+from pymantaray.evaluation import DegreesOfFreedom, bound_table, error_bound, error_table, ping_error_table
+from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import RayStatus
 
 DEPTH, STEP, FIRST, TURN, MOVE = 300.0, 200.0, 2.0, 3e-3, 1.5
@@ -146,25 +147,78 @@ def test_errors_at_pings_by_hand():
     table = ping_error_table(truth, factories.estimates(truth, estimate), o).set_index("condition")
     assert table.loc["straight", ["n", "median_m", "from_straight_rmse_m"]].tolist() == [6, 2.5, 0.0]
     assert table.loc["straight", "rmse_m"] == pytest.approx(np.sqrt((25 + 25 + 144) / 6))
-    squares = (
-        25.0 / 3.0,
-        (25.0 + 144.0) / 3.0,
-    )  # of either realization: B errs by 5 m in both, C by 12 m in one
-    error = 0.5 * (squares[1] - squares[0]) / (2.0 * table.loc["straight", "rmse_m"])
-    assert table.loc["straight", "rmse_standard_error_m"] == pytest.approx(error)
+    assert table["rmse_standard_error_m"].isna().all(), "there are no degrees of freedom"
     assert table.loc["refracted", "from_straight_rmse_m"] == pytest.approx(np.sqrt((9 + 9) / 6))
     assert table["bound_rmse_m"].isna().all()
     bounds = dict.fromkeys(table.index, error_bound(truth, o))
     with_bounds = ping_error_table(truth, factories.estimates(truth, estimate), o, bounds)
+    freedom = dict.fromkeys(table.index, DegreesOfFreedom(truth, o))
+    again = ping_error_table(truth, factories.estimates(truth, estimate), o, bounds, freedom)
+    expected = again["rmse_m"] / np.sqrt(2.0 * 2.0 * freedom["straight"].at_pings)
+    np.testing.assert_allclose(again["rmse_standard_error_m"], expected, rtol=1e-12)
     variance = np.einsum("eaiai->ea", bounds["straight"])[[0, 0, 1], [1, 2, 1]].mean()
     assert with_bounds["bound_rmse_m"].tolist() == pytest.approx([np.sqrt(variance)] * 2)
     other = replace(truth, name=np.array(["X", "Y", "Z"]))
     refused(EvaluationError, "measurements of vehicles", error_bound, other, o)
     refused(
         EvaluationError,
-        "error_bound: condition 'none'; allowed are odometry, ",
+        "bound: condition 'none'; allowed are odometry, ",
         error_bound,
         truth,
         o,
         "none",
     )
+
+
+def exact_freedom(graph, values, poses):
+    """Effective degrees of freedom of the positions of poses, from GTSAM's joint covariance of all poses."""
+    import gtsam
+
+    from pymantaray.estimation._gtsam.factors import graph_factors, values_of
+
+    own = list(range(graph.n_poses))
+    joint = gtsam.Marginals(graph_factors(graph), values_of(values)).jointMarginalCovariance(own)
+    # GTSAM's errors are in the tangent of the body; the size of a displacement does not depend on its axes
+    rotation = matrix_from_quaternion(values.quaternion)
+    covariance = np.block(
+        [[rotation[a] @ joint.at(a, b)[3:, 3:] @ rotation[b].T for b in poses] for a in poses]
+    )
+    return np.trace(covariance) ** 2 / np.sum(covariance**2)
+
+
+@pytest.mark.parametrize("condition", ["odometry", "no-ranges", "straight"])
+def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(condition):
+    fleet = factories.make_fleet(seed=2, n_vehicles=3, n_times=16, turn=0.1, gnss_every=15, n_landmarks=1)
+    o, truth = fleet.noise_free, factories.trajectories(fleet.position, quaternion=fleet.quaternion)
+    truth = replace(truth, time=o.time)
+    graph = build_graph(o, "straight" if condition == "straight" else None)
+    if condition == "odometry":
+        graph = factories.without(graph, "fix", "depth")
+    freedom = DegreesOfFreedom(truth, o, condition)
+    poses = np.arange(48).reshape(3, 16)
+    at_pings = [*poses[:, 5], *poses[:, 10]]  # all surface at sample 15
+    # random vectors: 48 and 16
+    assert freedom.fleet == pytest.approx(exact_freedom(graph, fleet.truth, range(48)), rel=0.3)
+    assert freedom.at_pings == pytest.approx(exact_freedom(graph, fleet.truth, at_pings), rel=0.3)
+    own = [exact_freedom(graph, fleet.truth, poses[a]) for a in range(3)]
+    np.testing.assert_allclose(freedom.vehicle, own, rtol=0.5)
+    assert DegreesOfFreedom(truth, o, condition).fleet == freedom.fleet, "the same in every run"
+
+
+def test_the_standard_error_of_an_rmse_is_its_spread_over_studies():
+    fleet = factories.make_fleet(seed=2, n_vehicles=2, n_times=16, turn=0.0, gnss_every=15)
+    o = fleet.noise_free
+    truth = replace(factories.trajectories(fleet.position, quaternion=fleet.quaternion), time=o.time)
+    solved = [solve_conditions(factories.add_noise(o, seed), ["straight"]) for seed in range(60)]
+    table = error_table(
+        truth,
+        collect_estimates(o, solved),
+        by=["realization"],
+        freedom={"straight": DegreesOfFreedom(truth, o)},
+    )
+    pooled = error_table(
+        truth, collect_estimates(o, solved), freedom={"straight": DegreesOfFreedom(truth, o)}
+    )
+    spread = table["rmse_m"].std()  # over studies of one realization
+    assert spread == pytest.approx(table["rmse_standard_error_m"].mean(), rel=4.0 / np.sqrt(2 * 60))
+    assert pooled["rmse_standard_error_m"].item() == pytest.approx(spread / np.sqrt(60), rel=0.5)

@@ -164,8 +164,11 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
     tables = {name: table.frame for name, table in run.tables.items()}
     assert len(tables["solves"]) == run.estimates.solve_status.size
     for name, expected in (
-        ("ate_pooled", error_table(run.truth, run.estimates)),
-        ("ate_per_vehicle", error_table(run.truth, run.estimates, by=["vehicle"])),
+        ("ate_pooled", error_table(run.truth, run.estimates, freedom=run.degrees_of_freedom)),
+        (
+            "ate_per_vehicle",
+            error_table(run.truth, run.estimates, by=["vehicle"], freedom=run.degrees_of_freedom),
+        ),
         ("ate_difference", comparison_table(run.truth, run.estimates)),
         ("dropouts", dropout_table(run.measurements, run.truth)),
         ("range_error", range_error_table(run.measurements, run.ranging_truth, run.truth)),

@@ -241,8 +241,11 @@ REFUSED_CONDITIONS = [
     ({"solver": LAG, "loss": "huber"}, "no robust loss"),
     ({"directions": "mean", "ranges": "straight"}, 'directions "mean" is for refracted'),
     (EIGENRAY | {"directions": "mean"}, 'directions "mean" is for refracted'),
-    ({"range_sigma": "fitted", "bias_sigma": 10.0}, 'range_sigma "fitted" is for'),
-    ({"range_sigma": "fitted", "loss": "huber"}, 'range_sigma "fitted" is for'),
+    ({"range_sigma": "fitted", "loss": "huber"}, 'range_sigma "fitted" needs a cost with an expected value'),
+    ({"range_sigma": "fitted", "solver": LAG}, 'range_sigma "fitted" needs a cost with an expected value'),
+    ({"solver": "kalman-filter", "loss": "huber"}, 'solver "kalman-filter" has no robust loss'),
+    ({"solver": "kalman-filter", "scale_sigma": 0.1}, "does not estimate"),
+    (EIGENRAY | {"solver": "kalman-filter", "variance": UNSURE}, 'has no variance "per-link"'),
     (
         {"range_model": {"kind": "constant", "sound_speed": 1450.0, "belief": {"kind": "mean"}}},
         "needs sound_speed or belief, not both",

@@ -23,7 +23,14 @@ from pymantaray.config.estimators import (
 )
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import OceanError, StudyError
-from pymantaray.estimation import GraphSolver, GraphValues, build_graph, dead_reckon, solve_conditions
+from pymantaray.estimation import (
+    GraphSolver,
+    GraphValues,
+    Method,
+    build_graph,
+    dead_reckon,
+    solve_conditions,
+)
 from pymantaray.estimation.build import timed_ranges
 from pymantaray.estimation.range_models import ModelRanges, RangeLinks
 from pymantaray.evaluation import ping_error_table
@@ -155,6 +162,36 @@ def test_exact_eigenrays_do_as_well_as_straight_ranges_and_transmitter_as_refrac
     costs = [solved[name].final_cost for name in ("straight", "e2", "refracted")]
     assert costs == sorted(costs)
     assert solved["e3"].final_cost > costs[1]  # one wrong speed against the right profile
+
+
+def test_on_line_estimators_of_a_study_are_those_of_the_library(day):
+    lag = {"kind": "fixed-lag", "lag_h": 8.0}
+    run = with_estimators(
+        day,
+        {"solver": lag},
+        {"solver": lag | {"incremental": True}},
+        {"solver": "kalman-filter"},
+        {"solver": "kalman-filter", "range_model": eigenray(EXACT), "range_sigma": "fitted"},
+    )
+    factory = EstimatorFactory(run)
+    methods = [factory.estimator(c, 0).method for c in run.config.conditions if not c.standard]
+    seconds = 8.0 * 3600.0
+    assert methods == [
+        Method(lag=seconds),
+        Method(lag=seconds, incremental=True),
+        Method(kalman=True),
+        Method(kalman=True),
+    ]
+    solved = RealizationSolver(run).solve(0).solutions
+    assert [solved[f"e{k}"].status for k in range(4)] == [SolveStatus.OK] * 4
+    last = solved["refracted"].position[:, -1]
+    sigma = np.sqrt(np.einsum("aiai->ai", solved["refracted"].covariances.position[-1]))
+    for name in ("e0", "e1"):  # all measurements up to the end are in both, the older half linearized earlier
+        assert (np.abs(solved[name].position[:, -1] - last) < 0.5 * sigma).all()
+    filtered = solved["e3"]
+    assert filtered.gated_links == 0
+    assert 1.0 <= filtered.unknowns.value[0] < 1.2
+    assert off(filtered.position, day.truth.position) < off(solved["e2"].position, day.truth.position)
 
 
 def profile(belief):

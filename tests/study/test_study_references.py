@@ -48,6 +48,7 @@ PARTS = [
     (estimator(loss="gnc"), "yang2020"),
     (estimator(solver="incremental"), "dellaert2012 kaess2012"),
     (estimator(solver={"kind": "fixed-lag", "lag_h": 8.0}), "dellaert2012"),
+    (estimator(solver="kalman-filter"), "sola2017"),
     (estimator(range_model=eigenray("mean", modes={"count": 2})), "munk1995"),
     (estimator(range_model=eigenray({"kind": "numerics", "equation": "unesco"})), "chen1977 wong1995"),
 ]  # fmt: skip

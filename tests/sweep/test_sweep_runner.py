@@ -67,7 +67,8 @@ def test_a_point_is_the_study_to_the_last_digit(here, small, tmp_path):
     for content, seed in zip(results.contents, (1, 2), strict=True):
         study = config.model_copy(update={"study": config.study.model_copy(update={"seed": seed})})
         run = run_study(study, tmp_path / str(seed), workers=1)
-        for row in error_table(run.truth, run.estimates).to_dict("records"):
+        table = error_table(run.truth, run.estimates, freedom=run.degrees_of_freedom)
+        for row in table.to_dict("records"):
             point = content["conditions"][row.pop("condition")]
             assert {name: point[name] for name in row} == row
         all_links = dropout_table(run.measurements, run.truth).iloc[-1]

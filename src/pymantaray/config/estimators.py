@@ -379,6 +379,15 @@ class FixedLagSolver(Section):
     """Fixed-lag smoothing."""
     lag_h: Hours[PositiveFloat]
     """Lag: time after which poses are marginalized. [h]"""
+    incremental: bool = False
+    """Whether each sample updates the estimate by iSAM2, in place of a batch at each ping; this bounds the time of an update."""
+
+
+class KalmanFilter(Section):
+    """Error-state extended Kalman filter, sample by sample from the priors."""
+
+    kind: Literal["kalman-filter"]
+    """Error-state extended Kalman filter."""
 
 
 class DeadReckoning(Section):
@@ -390,7 +399,9 @@ class DeadReckoning(Section):
 
 AnyVariance = Annotated[FixedVariance | RayVariance, Field(discriminator="kind"), KindAlone]
 AnySolver = Annotated[
-    BatchSolver | IncrementalSolver | FixedLagSolver | DeadReckoning, Field(discriminator="kind"), KindAlone
+    BatchSolver | IncrementalSolver | FixedLagSolver | KalmanFilter | DeadReckoning,
+    Field(discriminator="kind"),
+    KindAlone,
 ]
 STANDARD: dict[str, dict[str, str]] = {
     "odometry": {"ranges": "none", "solver": "dead-reckoning"},
@@ -528,13 +539,13 @@ class ConditionSection(Section):
                 ' = "transmitter"'
             )
         if self.range_sigma == "fitted" and (
-            self.estimates_more
-            or self.loss != "none"
-            or (self.variance.kind, self.solver.kind) != ("fixed", "batch")
+            self.loss != "none"
+            or self.variance.kind != "fixed"
+            or self.solver.kind not in {"batch", "kalman-filter"}
         ):
             raise ValueError(
-                'range_sigma "fitted" is for least squares of poses alone: no loss, no modes, clocks, scale_sigma or'
-                ' bias_sigma, variance "fixed" and solver "batch"'
+                'range_sigma "fitted" needs a cost with an expected value: no loss, variance "fixed", and solver "batch" or'
+                ' "kalman-filter"'
             )
         return self
 
@@ -583,14 +594,19 @@ class ConditionSection(Section):
     def _solver_fits(self) -> Self:
         if self.loss != "none" and self.variance.kind == "correlated":
             raise ValueError(f'loss {self.loss} is of each range alone; set variance = "fixed" or "per-link"')
-        if self.solver.kind != "batch" and self.range_model.kind not in {"constant", "transmitter"}:
+        if self.solver.kind not in {"batch", "kalman-filter"} and self.range_model.kind not in {
+            "constant",
+            "transmitter",
+        }:
             raise ValueError(
                 f'solver "{self.solver.kind}" takes ranges as distances; range_model is {self.range_model.kind}'
             )
         if self.solver.kind == "incremental" and self.loss == "gnc":
             raise ValueError('solver "incremental" cannot use loss gnc, which takes all ranges at once')
-        if self.solver.kind == "fixed-lag" and self.loss != "none":
-            raise ValueError('solver "fixed-lag" has no robust loss; set loss = "none"')
+        if self.solver.kind in {"fixed-lag", "kalman-filter"} and self.loss != "none":
+            raise ValueError(f'solver "{self.solver.kind}" has no robust loss; set loss = "none"')
+        if self.solver.kind == "kalman-filter" and self.variance.kind != "fixed":
+            raise ValueError(f'solver "kalman-filter" has no variance "{self.variance.kind}"; set "fixed"')
         return self
 
     @model_validator(mode="after")

@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.build import LinkChoice, Ranges, build_graph, timed_ranges, with_ranges
@@ -35,11 +34,10 @@ from pymantaray.records import Estimates, Measurements, SolveStatus
 Array = NDArray[np.float64]
 
 _SAME_COST = 1e-6  # relative; outer iterations leave a smaller difference
-_MAX_SCALE, _SCALE_TOLERANCE = 1e4, 1e-2  # largest factor on range sigmas; tolerance of its logarithm
-
-
-class _NoFitError(Exception):
-    """An intermediate solve is not usable."""
+_MAX_SCALE = 1e4  # largest factor on range sigmas
+_COST_TOLERANCE = 2e-3  # of the cost, relative to the number of ranges; changes the sigma by 0.2 %
+_MAX_FITS = 30  # solves for one fit
+_MIN_SHARE = 1e-3  # smallest cost of ranges, relative to its expected value, that the secant uses
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,14 +184,18 @@ class _Fleet:
             plain &= not isinstance(estimator.model, CandidateModel)  # which starts there in any case
             again = plain and (estimator.initial is None or not first.usable)
             return self._lower(first, estimator, measurements, solver) if again else first
-        scale = _fitted_scale(
-            lambda k, at: self._solved(estimator, _scaled(measurements, k), at, solver), start
+        fitted = _fitted(
+            lambda k, at: self._solved(estimator, _scaled(measurements, k), at, solver),
+            start,
+            max(int(np.isfinite(measurements.refracted_range).sum()), 1),
         )
-        if scale is None:
+        if fitted is None:
             return self._solved(estimator, measurements, start, solver)
-        solution = self._solved(estimator, _scaled(measurements, scale), start, solver)
-        sigma, none = np.array([scale * float(np.median(measurements.range_sigma))]), np.full((1, 1), np.nan)
-        return replace(solution, unknowns=UnknownsEstimate(("range sigma",), ("m",), none[0], sigma, none))
+        scale, solution = fitted
+        return replace(
+            solution,
+            unknowns=_with_range_sigma(scale * float(np.median(measurements.range_sigma)), solution.unknowns),
+        )
 
     def _lower(
         self, first: Solution, estimator: Estimator, measurements: Measurements, solver: GraphSolver
@@ -333,24 +335,50 @@ def _scaled(measurements: Measurements, scale: float) -> Measurements:
     return replace(measurements, range_sigma=scale * measurements.range_sigma)
 
 
-def _fitted_scale(solve: Callable[[float, GraphValues], Solution], start: GraphValues) -> float | None:
-    """Factor of at least 1 on the range sigmas at which the cost equals its expected value; None if there is none."""
-    latest = start
+def _fitted(
+    solve: Callable[[float, GraphValues], Solution], start: GraphValues, n_ranges: int
+) -> tuple[float, Solution] | None:
+    """
+    Factor of at least 1 on the range sigmas at which the cost equals its expected value, and the solution; None if there is none.
 
-    def excess(log_scale: float) -> float:
-        nonlocal latest
-        solution = solve(float(np.exp(log_scale)), latest)
+    The part of the cost that is due to ranges is nearly a power of the factor, so the secant is that of logarithms.
+    """
+    log_scale, before = 0.0, None
+    low, high = 0.0, np.log(_MAX_SCALE)
+    for _ in range(_MAX_FITS):
+        solution = solve(float(np.exp(log_scale)), start)
         if not solution.usable:
-            raise _NoFitError
-        latest = solution.values
-        return float(np.log(solution.final_cost / solution.expected_cost))
+            return None
+        start = solution.values
+        excess = solution.final_cost - solution.expected_cost
+        if excess <= 0.0 and log_scale == 0.0:
+            return 1.0, solution
+        if abs(excess) <= _COST_TOLERANCE * n_ranges:
+            return float(np.exp(log_scale)), solution
+        low, high = (log_scale, high) if excess > 0.0 else (low, log_scale)
+        # the cost that ranges should have is half their number
+        share = float(np.log(max(1.0 + 2.0 * excess / n_ranges, _MIN_SHARE)))
+        slope = -2.0 if before is None else (share - before[1]) / (log_scale - before[0])
+        before = log_scale, share
+        guess = log_scale - share / slope if slope < 0.0 else np.inf
+        log_scale = guess if low < guess < high else 0.5 * (low + high)
+    return None  # above its expected value for any weight of the ranges
 
-    try:
-        if excess(0.0) <= 0.0:
-            return 1.0
-        return float(np.exp(brentq(excess, 0.0, np.log(_MAX_SCALE), xtol=_SCALE_TOLERANCE)))
-    except (_NoFitError, ValueError):  # not usable, or above its expected value for any weight of the ranges
-        return None
+
+def _with_range_sigma(sigma: float, others: UnknownsEstimate | None) -> UnknownsEstimate:
+    """Estimates with a fitted range sigma [m] as the first, which has neither a prior nor a covariance."""
+    n = 0 if others is None else others.value.size
+    covariance = np.full((n + 1, n + 1), np.nan)
+    if others is None:
+        return UnknownsEstimate(("range sigma",), ("m",), covariance[0], np.array([sigma]), covariance)
+    covariance[1:, 1:] = others.covariance
+    return UnknownsEstimate(
+        ("range sigma", *others.name),
+        ("m", *others.unit),
+        np.append(np.nan, others.prior_sigma),
+        np.append(sigma, others.value),
+        covariance,
+    )
 
 
 def _with_model(

@@ -72,6 +72,7 @@ def smooth_with_lag(
     seconds = np.full(times.size, np.nan)
     smoother, entering = LaggedSmoother(lag, isam2), Entering(graph, start, times)
     poses = np.empty((0, 0), dtype=np.intp) if covariance_poses is None else covariance_poses
+    epoch_time = graph.pose_time[poses].max(axis=1, initial=-np.inf)
     joint: dict[int, Array] = {}
     problem = distance_problem(graph)
     cost, done = problem.cost(State.of(initial)), True
@@ -84,9 +85,10 @@ def smooth_with_lag(
         seconds[k] = smoother.seconds
         if not done:
             break
-        for epoch, keys in enumerate(poses):
-            if (graph.pose_time[keys] <= now).all() and (own := smoother.covariance(keys)) is not None:
-                joint[epoch] = own
+        gone = times[k + 1] - lag if k + 1 < times.size else np.inf  # poses before are marginalized next
+        for epoch in np.flatnonzero((epoch_time <= now) & (epoch_time < gone)):
+            if epoch not in joint and (own := smoother.covariance(poses[epoch])) is not None:
+                joint[int(epoch)] = own
     for _ in range(options.final_updates if done and incremental else 0):
         none = np.empty(0, dtype=int)
         done = smoother.update(factors, none, entering.values(none, smoother, times.size - 1), {})

@@ -59,6 +59,23 @@ def covariances_at(
     return group_marginals(problem, last, poses, groups, innovations=innovations)
 
 
+class PositionCovariance:
+    """Joint covariance of the positions of all poses of a graph, linearized at the given values, as an operator."""
+
+    def __init__(self, graph: FactorGraph, values: GraphValues) -> None:
+        problem = distance_problem(graph)
+        self._row, self._n_poses = problem.structure.row, graph.n_poses
+        self._last = check_convergence(problem, State.of(values)).last
+
+    def __matmul__(self, vector: Array) -> Array:
+        """Product with a vector in the world's axes, (n_poses, 3); NaN if some direction is not determined. [m2]"""
+        if self._last is None:
+            return np.full(vector.shape, np.nan)
+        z, rows = np.zeros((self._row.size, SIZE)), self._row[: self._n_poses]
+        z[rows, 3:] = vector
+        return self._last.factor.solve(z)[rows, 3:]
+
+
 def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:
     """Variables to connect for each epoch: its poses, the landmarks that these range to, and shared unknowns."""
     pairs = np.concatenate([pairs, pairs[:, ::-1]])

@@ -30,11 +30,14 @@ class Method:
         Pass the factors to iSAM2 in the order of time, instead of a batch solve.
     lag : float, optional
         Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2. [s]
+    kalman : bool
+        Use an error-state extended Kalman filter, which starts at the priors of the graph.
     """
 
     loss: Loss | None = None
     incremental: bool = False
     lag: float | None = None
+    kalman: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,7 @@ class Solution:
     gated_links: int = 0
     expansions: int = 0
     seconds: float = math.nan
-    update_seconds: Array | None = None  # CPU time of each update of a fixed-lag solve
+    update_seconds: Array | None = None  # CPU time of each update, fixed lag or Kalman filter
     covariances: EpochCovariances | None = None  # at the requested epochs, if the values are usable
     unknowns: UnknownsEstimate | None = None  # of the ranges, likewise
 

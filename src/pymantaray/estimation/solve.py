@@ -12,6 +12,7 @@ from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.fixed_lag import smooth_with_lag
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.incremental import solve_incrementally
+from pymantaray.estimation.kalman import filter_graph
 from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
 from pymantaray.estimation.mixture import MixtureIterations
@@ -89,6 +90,12 @@ class GraphSolver:
             raise EstimationError(
                 "an incremental or fixed-lag solve needs ranges as distances; choose the range model constant or transmitter"
             )
+        if method.kalman:
+            if method != Method(kalman=True):
+                raise EstimationError(
+                    "a Kalman filter has no robust loss and no lag; leave the other options of the method out"
+                )
+            return filter_graph(graph, model_ranges=model_ranges, covariance_poses=covariance_poses)
         if method.lag is not None:
             if loss is not None:
                 raise EstimationError("a fixed-lag smoother has no robust loss; leave one of them out")

@@ -1,6 +1,6 @@
 """Trajectory errors and statistics of range errors. Truth and estimate are compared only here."""
 
-from pymantaray.evaluation.bound import bound_table, error_bound
+from pymantaray.evaluation.bound import DegreesOfFreedom, bound_table, error_bound
 from pymantaray.evaluation.comparison import comparison_table
 from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table
 from pymantaray.evaluation.ping_error import ping_error_table
@@ -22,6 +22,7 @@ from pymantaray.evaluation.unknowns import directions_table, unknowns_table
 
 __all__ = [
     "ALL_LINKS",
+    "DegreesOfFreedom",
     "RangeErrors",
     "attitude_table",
     "bound_table",

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pymantaray.evaluation.bound import ping_samples, rms_bound, submerged_at_pings
-from pymantaray.evaluation.trajectory_error import trajectory_errors
+from pymantaray.evaluation.bound import DegreesOfFreedom, ping_samples, rms_bound, submerged_at_pings
+from pymantaray.evaluation.trajectory_error import standard_error, trajectory_errors
 from pymantaray.records import Estimates, Measurements, Trajectories
 
 Array = NDArray[np.float64]
@@ -19,6 +19,7 @@ def ping_error_table(
     estimates: Estimates,
     measurements: Measurements,
     bounds: Mapping[str, Array] | None = None,
+    freedom: Mapping[str, DegreesOfFreedom] | None = None,
 ) -> pd.DataFrame:
     r"""
     Position errors of vehicles under water at the pings, for each condition; ``ate`` is set by the hours between.
@@ -29,16 +30,19 @@ def ping_error_table(
         Without noise: when ranges were tried, and who had a GNSS fix then.
     bounds : mapping of str to ndarray, optional
         For each condition what `error_bound` gives for what it measures.
+    freedom : mapping of str to DegreesOfFreedom, optional
+        For each condition its `DegreesOfFreedom`.
 
     Returns
     -------
     pandas.DataFrame
         ``condition``; ``n``, errors of all pings, vehicles and usable realizations; ``rmse_m`` and ``median_m`` of their size;
-        ``rmse_standard_error_m``, the standard error of ``rmse_m`` over realizations, NaN for one alone;
+        ``rmse_standard_error_m``, the standard error of ``rmse_m`` from the effective degrees of freedom, an upper estimate for an
+        estimator with a bias, NaN without ``freedom``;
         ``from_straight_rmse_m`` and ``from_straight_median_m``, the distance from the estimate of the same realization with
-        ``straight`` ranges, NaN where that was not run; ``bound_rmse_m``, the least that an unbiased estimator reaches with these
-        measurements on average over the noise, below which ``rmse_m`` of a few realizations can be by chance, and ``efficiency``, the
-        ratio of its square to that of ``rmse_m``: 1 where all that is possible is reached.
+        ``straight`` ranges, NaN where that was not run; ``bound_rmse_m``, the bound of unbiased estimators with these
+        measurements, an expectation over the noise, so that ``rmse_m`` of a few realizations can be below it by chance, and
+        ``efficiency``, the ratio of its square to that of ``rmse_m``: 1 at the bound.
 
     Raises
     ------
@@ -70,7 +74,9 @@ def ping_error_table(
                 "condition": name,
                 "n": int(own.size),
                 "rmse_m": rmse,
-                "rmse_standard_error_m": _standard_error(at_pings(errors[c])),
+                "rmse_standard_error_m": np.nan
+                if freedom is None
+                else standard_error(rmse, freedom[name].at_pings, _realizations(at_pings(errors[c]))),
                 "median_m": _median(own),
                 "from_straight_rmse_m": _rms(apart),
                 "from_straight_median_m": _median(apart),
@@ -85,13 +91,9 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
 
 
-def _standard_error(errors: Array) -> float:
-    """Of the root mean square of errors of shape (realizations, places), from how much the mean square differs by realization."""
-    usable = errors[np.isfinite(errors).all(axis=1)]
-    if len(usable) < 2 or not usable.any():
-        return np.nan
-    squares = np.mean(usable**2, axis=1)
-    return float(squares.std(ddof=1) / np.sqrt(len(usable)) / (2.0 * np.sqrt(squares.mean())))
+def _realizations(errors: Array) -> int:
+    """Number of usable realizations in errors of shape (realizations, places)."""
+    return int(np.isfinite(errors).all(axis=1).sum()) if errors.shape[1] else 0
 
 
 def _median(values: Array) -> float:

@@ -1,6 +1,6 @@
 """Absolute trajectory errors: per pose, per vehicle, per realization and pooled; nothing is aligned."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.errors import EvaluationError
-from pymantaray.estimation import FactorGraph, GraphValues
+from pymantaray.estimation import FactorGraph, GraphValues, rmse_standard_error
+from pymantaray.evaluation.bound import DegreesOfFreedom
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
 from pymantaray.records import Estimates, SolveStatus, Trajectories
 
@@ -102,7 +103,13 @@ def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
     return errors
 
 
-def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = ()) -> pd.DataFrame:
+def error_table(
+    truth: Trajectories,
+    estimates: Estimates,
+    by: Sequence[str] = (),
+    *,
+    freedom: Mapping[str, DegreesOfFreedom] | None = None,
+) -> pd.DataFrame:
     """
     Error statistics for each condition, and for each vehicle or realization if asked.
 
@@ -110,12 +117,15 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
     ----------
     by : sequence of {"realization", "vehicle"}
         What not to pool over besides the condition; pooling joins the errors of all poses into one set.
+    freedom : mapping of str to DegreesOfFreedom, optional
+        For each condition its `DegreesOfFreedom`.
 
     Returns
     -------
     pandas.DataFrame
         Columns ``condition``, those of ``by``, ``solves`` and ``failed_solves`` (how many realizations
-        enter, how many do not), and those of `graph_errors`.
+        enter, how many do not), and those of `graph_errors`; with ``freedom`` also ``rmse_standard_error_m``, the standard
+        error of ``rmse_m`` [m]. It is an upper estimate for an estimator with a bias.
 
     Raises
     ------
@@ -138,12 +148,22 @@ def error_table(truth: Trajectories, estimates: Estimates, by: Sequence[str] = (
         for k, i in zip(keys, index, strict=True):
             place[_AXES[k]] = i
         good = np.atleast_1d(usable[tuple(place[:2])])
-        rows.append(
+        row = (
             {k: names[k][i] for k, i in zip(keys, index, strict=True)}
             | {"solves": int(good.sum()), "failed_solves": int((~good).sum())}
             | ate_statistics(errors[tuple(place)])
         )
+        if freedom is not None:
+            own = freedom[row["condition"]]
+            nu = float(own.vehicle[index[keys.index("vehicle")]]) if "vehicle" in keys else own.fleet
+            row["rmse_standard_error_m"] = standard_error(row["rmse_m"], nu, row["solves"])
+        rows.append(row)
     return pd.DataFrame(rows)
+
+
+def standard_error(rmse: float, degrees_of_freedom: float, realizations: int) -> float:
+    """Standard error of an RMSE; NaN without realizations."""
+    return float(rmse_standard_error(rmse, degrees_of_freedom, realizations)) if realizations else np.nan
 
 
 def attitude_table(truth: Trajectories, estimates: Estimates) -> pd.DataFrame:

@@ -63,8 +63,15 @@ _ONE_QUANTITY = (
 _MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
-    "ate_pooled": ("mean_m", "median_m", "rmse_m", "p25_m", "p75_m", "p95_m"),
-    "ping_error": ("rmse_m", "median_m", "from_straight_rmse_m", "from_straight_median_m", "bound_rmse_m"),
+    "ate_pooled": ("mean_m", "median_m", "rmse_m", "rmse_standard_error_m", "p25_m", "p75_m", "p95_m"),
+    "ping_error": (
+        "rmse_m",
+        "rmse_standard_error_m",
+        "median_m",
+        "from_straight_rmse_m",
+        "from_straight_median_m",
+        "bound_rmse_m",
+    ),
 }
 
 

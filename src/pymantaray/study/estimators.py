@@ -38,8 +38,10 @@ class EstimatorFactory:
             correlated=section.variance.kind == "correlated",
             method=Method(
                 LOSSES.get(section.loss),
-                incremental=section.solver.kind == "incremental",
+                incremental=section.solver.kind == "incremental"
+                or getattr(section.solver, "incremental", False),
                 lag=3600.0 * section.solver.lag_h if isinstance(section.solver, FixedLagSolver) else None,
+                kalman=section.solver.kind == "kalman-filter",
             ),
             initial=(truth.position, truth.quaternion) if start == "truth" else None,
             model_is_right=section.variance.kind == "fixed"

@@ -40,7 +40,11 @@ _ABSORPTION = {
 }
 _SURFACE = {"bubbles": ("apl-uw1994",), "coherent": ("pierson1964",)}
 _SPECIAL = re.compile(r"([&%#_])")
-_SOLVERS = {"incremental": ("dellaert2012", "kaess2012"), "fixed-lag": ("dellaert2012",)}
+_SOLVERS = {
+    "incremental": ("dellaert2012", "kaess2012"),
+    "fixed-lag": ("dellaert2012",),
+    "kalman-filter": ("sola2017",),
+}
 
 
 @dataclass(frozen=True)

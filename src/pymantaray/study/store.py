@@ -1,10 +1,11 @@
 """A run on disk: which file holds what, and reading it back."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from pymantaray.config.load import load_resolved
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
-from pymantaray.evaluation import error_bound
+from pymantaray.evaluation import DegreesOfFreedom, error_bound
 from pymantaray.jobs.folder import MANIFEST
 from pymantaray.records import (
     Arrivals,
@@ -51,6 +52,9 @@ HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
 COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
 CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
+
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -183,16 +187,25 @@ class Run:
 
     @cached_property
     def bounds(self) -> dict[str, NDArray[np.float64]]:
-        """For each condition the least covariance of positions at the pings that its measurements allow, as `error_bound` has it."""
+        """For each condition the bound of unbiased estimators at the pings, see `error_bound`."""
+        return self._by_measurements(error_bound)
+
+    @cached_property
+    def degrees_of_freedom(self) -> dict[str, DegreesOfFreedom]:
+        """For each condition the effective degrees of freedom of its squared errors, see `DegreesOfFreedom`."""
+        return self._by_measurements(DegreesOfFreedom)
+
+    def _by_measurements(self, function: Callable[[Trajectories, Measurements, str], _T]) -> dict[str, _T]:
+        """Results of a function by condition; conditions with the same kind of measurements share one."""
         equivalents = {c.name: c.standard_equivalent for c in self.config.conditions}
-        bounds: dict[str, NDArray[np.float64]] = {}
+        made: dict[str, _T] = {}
         out = {}
         for name in self.estimates.condition.tolist():
             like = equivalents.get(name, name if name in CONDITIONS else "straight")
             like = "straight" if like == "refracted" else like
-            if like not in bounds:
-                bounds[like] = error_bound(self.truth, self.measurements, like)
-            out[name] = bounds[like]
+            if like not in made:
+                made[like] = function(self.truth, self.measurements, like)
+            out[name] = made[like]
         return out
 
     @cached_property

@@ -30,8 +30,8 @@ from pymantaray.study.settings import NOISE, TIMING, settings_table
 if TYPE_CHECKING:
     from pymantaray.study.store import Run
 
-_ERRORS = "mean_m median_m rmse_m p5_m p25_m p75_m p95_m max_m"
-_BRIEF_ERRORS = "mean_m median_m rmse_m p95_m"
+_ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p5_m p25_m p75_m p95_m max_m"
+_BRIEF_ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p95_m"
 SUMMARY = ("dropouts", "range_error", "ate_pooled", "ping_error")
 """Tables that a command prints and a notebook shows after a run."""
 
@@ -127,6 +127,11 @@ def cost_table(run: "Run") -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def _errors(run: "Run", *by: str) -> pd.DataFrame:
+    """Position errors by condition, and by vehicle or realization, with standard errors."""
+    return error_table(run.truth, run.estimates, by=by, freedom=run.degrees_of_freedom)
+
+
 def _consistency(run: "Run", *, by_vehicle: bool = False) -> pd.DataFrame:
     """Consistency at each epoch, of the fleet or of each vehicle."""
     assert run.covariances is not None
@@ -175,24 +180,26 @@ def _has_unknowns(run: "Run") -> bool:
 TABLES: dict[str, TableDefinition] = {
     "ate_pooled": TableDefinition(
         "Position error by condition, pooled over vehicles, times and realizations",
-        lambda run: error_table(run.truth, run.estimates),
+        lambda run: _errors(run),
         _solves,
         columns=f"condition failed_solves {_ERRORS}",
         brief=f"condition failed_solves {_BRIEF_ERRORS}",
     ),
     "ate_per_vehicle": TableDefinition(
         "Position error by condition and vehicle",
-        lambda run: error_table(run.truth, run.estimates, by=("vehicle",)),
+        lambda run: _errors(run, "vehicle"),
         _solves,
         columns=f"condition vehicle {_ERRORS}",
         brief=f"condition vehicle {_BRIEF_ERRORS}",
     ),
     "ping_error": TableDefinition(
-        "Position error of vehicles under water at the pings, distance from the estimate with straight ranges, and lower bound of"
-        " the RMSE on average over the noise",
-        lambda run: ping_error_table(run.truth, run.estimates, run.measurements, run.bounds),
+        "Position error of vehicles under water at the pings, distance from the estimate with straight ranges, and bound of"
+        " the RMSE of unbiased estimators, an expectation over the noise",
+        lambda run: ping_error_table(
+            run.truth, run.estimates, run.measurements, run.bounds, run.degrees_of_freedom
+        ),
         _solves,
-        brief="condition rmse_m median_m from_straight_rmse_m bound_rmse_m",
+        brief="condition rmse_m rmse_standard_error_m median_m from_straight_rmse_m bound_rmse_m",
     ),
     "ate_difference": TableDefinition(
         "Difference of position error between conditions, 95 % intervals over realizations",
@@ -243,7 +250,7 @@ TABLES: dict[str, TableDefinition] = {
     ),
     "ate_per_realization": TableDefinition(
         "Position error by condition and realization",
-        lambda run: error_table(run.truth, run.estimates, by=("realization",)),
+        lambda run: _errors(run, "realization"),
         _solves,
         columns=f"condition realization {_ERRORS}",
         brief=f"condition realization {_BRIEF_ERRORS}",
@@ -271,7 +278,7 @@ TABLES: dict[str, TableDefinition] = {
         folded=True,
     ),
     "bound": TableDefinition(
-        "Lower bound of the position error at each ping, without ranges and with them, and what the ranges of the ping"
+        "Bound of the position error of unbiased estimators at each ping, without ranges and with them, and what the ranges of the ping"
         " alone do not see",
         lambda run: bound_table(run.truth, run.measurements),
         _solves,

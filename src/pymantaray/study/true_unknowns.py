@@ -61,8 +61,8 @@ def collect_unknowns(
         estimates = [one[name].unknowns for one in solutions]
         if any(e is not None for e in estimates):
             by_condition[name] = estimates
-    examples = [next(e for e in estimates if e is not None) for estimates in by_condition.values()]
-    units = {name: unit for e in examples for name, unit in zip(e.name, e.unit, strict=True)}
+    solved = [e for estimates in by_condition.values() for e in estimates if e is not None]
+    units = {name: unit for e in solved for name, unit in zip(e.name, e.unit, strict=True)}
     if not units:
         return None
     place = {name: i for i, name in enumerate(units)}
@@ -71,10 +71,10 @@ def collect_unknowns(
     value, truth = np.full(shape, np.nan), np.full(shape, np.nan)
     covariance = np.full((*shape, shape[2]), np.nan)
     for c, (name, estimates) in enumerate(by_condition.items()):
-        rows = [place[n] for n in examples[c].name]
-        prior[c, rows] = examples[c].prior_sigma
         for r, e in enumerate(estimates):
             if e is not None:
+                rows = [place[n] for n in e.name]  # a solve whose sigma could not be fitted has fewer
+                prior[c, rows] = e.prior_sigma
                 value[c, r, rows] = e.value
                 truth[c, r, rows] = [truths[r][name].get(n, np.nan) for n in e.name]
                 covariance[c, r][np.ix_(rows, rows)] = e.covariance

@@ -25,7 +25,7 @@ class LaggedSmoother:
         else:
             self._smoother = gtsam.IncrementalFixedLagSmoother(lag, isam2.parameters(incremental))
         self.seconds = 0.0
-        """CPU time of the last update."""
+        """CPU time of the last update and of its estimate."""
         self.latest = gtsam.Values()
         """Estimate of every variable when it was last in the window."""
 
@@ -37,8 +37,9 @@ class LaggedSmoother:
         begin = process_time()
         try:
             self._smoother.update(added, new, time)
+            estimate = self._smoother.calculateEstimate()
             self.seconds = process_time() - begin
-            self.latest.insert_or_assign(self._smoother.calculateEstimate())
+            self.latest.insert_or_assign(estimate)
         except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
             return False
         return True
