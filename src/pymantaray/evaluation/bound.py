@@ -259,8 +259,8 @@ def _unseen(truth: Trajectories, o: Measurements, sample: int, fixed: NDArray[np
     column = np.full(len(truth.name) + o.landmark_name.size, -1)
     column[active] = np.arange(active.size)
     place = np.concatenate([truth.position[:, sample], o.landmark_position])
-    heard = np.flatnonzero((o.range_sample == sample) & np.isin(o.range_status, ARRIVES))
-    ends = np.stack([o.range_transmitter[heard], o.range_receiver[heard]], axis=1)
+    received = np.flatnonzero((o.range_sample == sample) & np.isin(o.range_status, ARRIVES))
+    ends = np.stack([o.range_transmitter[received], o.range_receiver[received]], axis=1)
     apart = place[ends[:, 1]] - place[ends[:, 0]]
     unit = apart / np.linalg.norm(apart, axis=1, keepdims=True)
     by = np.zeros((len(ends), active.size, 3))

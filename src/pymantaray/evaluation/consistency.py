@@ -141,7 +141,7 @@ def consistency_table(
     for name, (value, dimension) in statistics.items():
         good = np.isfinite(value) & (dimension > 0)
         freedom = np.sum(np.where(good, dimension, 0), axis=1)
-        place = np.nonzero(freedom)  # condition, epoch and, if asked, vehicle
+        place = np.nonzero(freedom)  # condition, epoch and, with by_vehicle, vehicle
         k, total = freedom[place], np.sum(np.where(good, value, 0.0), axis=1)[place]
         ratio, upper = total / k, special.chdtrc(k, total)
         low, high = mean_chi_square_bounds(k, confidence)

@@ -58,11 +58,11 @@ def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
         Errors and their two parts, shape (n_ranges,). [m]
     """
     t = ranging_truth
-    heard = np.isfinite(t.travel_time)
+    received = np.isfinite(t.travel_time)
     chord = t.sound_speed * t.chord_travel_time
     return RangeErrors(
         total=t.refracted_range - t.distance,
-        reference_speed=np.where(heard, chord - t.distance, np.nan),
+        reference_speed=np.where(received, chord - t.distance, np.nan),
         bending=t.refracted_range - chord,
     )
 
@@ -130,9 +130,9 @@ def range_error_table(
     rows = []
     for category, mask in _groups(measurements, truth):
         e, sigma = errors[mask], measurements.range_sigma[mask]
-        heard = ~np.isnan(e)
-        beyond = np.abs(e[heard]) > 3.0 * sigma[heard]
-        e = e[heard]
+        received = ~np.isnan(e)
+        beyond = np.abs(e[received]) > 3.0 * sigma[received]
+        e = e[received]
         rows.append(
             {
                 "category": category,
@@ -209,7 +209,7 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     """
     rows: list[dict[str, Any]] = []
     present = set(measurements.range_status.tolist())
-    told = [s for s in RayStatus if s not in ARRIVES or (s in present and s != RayStatus.OK)]
+    named = [s for s in RayStatus if s not in ARRIVES or (s in present and s != RayStatus.OK)]
     for category, mask in _groups(measurements, truth):
         status = measurements.range_status[mask]
         dropouts = int(np.count_nonzero(~np.isin(status, ARRIVES)))
@@ -220,7 +220,7 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
                 "dropouts": dropouts,
                 "percent": 100.0 * dropouts / status.size if status.size else np.nan,
             }
-            | {s.name.lower(): int(np.count_nonzero(status == s)) for s in told}
+            | {s.name.lower(): int(np.count_nonzero(status == s)) for s in named}
         )
     return pd.DataFrame(rows)
 

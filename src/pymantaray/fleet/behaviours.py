@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, Water, bed_depth, place
+from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, OceanArrays, bed_depth, place
 from pymantaray.geometry.checks import check_fields, checked_array, distinct_digits
 
 Array = NDArray[np.float64]
@@ -238,7 +238,7 @@ def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
     return names
 
 
-def check_placement(vehicle: Vehicle, water: Water) -> None:
+def check_placement(vehicle: Vehicle, water: OceanArrays) -> None:
     """Raise an error if the start, the target depth there, or a waypoint is outside the ocean or below the sea floor."""
     owner = f"vehicle {vehicle.name!r}"
     behaviour = vehicle.behaviour
@@ -254,7 +254,7 @@ def check_placement(vehicle: Vehicle, water: Water) -> None:
             _check_point(owner, f"waypoint {index}", point, water)
 
 
-def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
+def _check_point(owner: str, what: str, point: Array, water: OceanArrays) -> None:
     north, east, depth = (float(value) for value in point)
     state = place(water, north, east, depth)
     if state == LEFT_DOMAIN:
@@ -275,7 +275,7 @@ def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
         )
 
 
-def check_step(vehicle: Vehicle, physics_step: float, water: Water) -> None:
+def check_step(vehicle: Vehicle, physics_step: float, water: OceanArrays) -> None:
     """Raise an error if a step [s] is so long that a float's depth would overshoot or a swimmer could miss a waypoint."""
     behaviour = vehicle.behaviour
     if isinstance(behaviour, FloatCycle):

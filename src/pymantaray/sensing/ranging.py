@@ -24,7 +24,7 @@ from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positio
 from pymantaray.sensing.receptions import Receptions, joined, stacked, values_at
 from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Timing
-from pymantaray.sensing.transmission import DIRECT, Reception, Transmission, find_receptions
+from pymantaray.sensing.transmission import DIRECT, ReceptionOptions, Transmission, find_receptions
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -66,7 +66,7 @@ def measure_ranges(
     landmarks: Sequence[Landmark],
     medium: Medium | Callable[[float], Medium],
     schedule: Schedule,
-    reception: Reception = DIRECT,
+    reception: ReceptionOptions = DIRECT,
     *,
     currents: Currents | Callable[[float], Currents] | None = None,
     timing: Timing = ONE_WAY,
@@ -86,7 +86,7 @@ def measure_ranges(
         once per ping.
     schedule : PingSchedule, SlotSchedule or PingList
         Times and transmitters of the pings.
-    reception : Reception
+    reception : ReceptionOptions
         By default direct arrivals, all of them detected.
     currents : Currents or callable, optional
         Their first-order effect on travel times, a function if they vary. By default the water is at rest.
@@ -180,7 +180,7 @@ class _Chords(NamedTuple):
 
 
 def _transmit(
-    reception: Reception,
+    reception: ReceptionOptions,
     pairs: _Pairs,
     some: slice,
     medium: Medium,

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Leaks, Rule, Sonar
+from pymantaray.acoustics import ArrivalRule, Leaks, Sonar
 from pymantaray.acoustics.selection import first_rows
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
@@ -179,14 +179,14 @@ def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: fl
     return receptions_at(receptions, np.flatnonzero(~(off > 0.5 * cone) | (receptions.arrival < 0)))
 
 
-def admitted(receptions: Receptions, rule: Rule) -> NDArray[np.bool_]:
+def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
     """Rows that a rule may select; sound without a ray only exists on links without such an eigenray."""
     if rule != "direct":
         return np.ones(receptions.link.size, dtype=bool)
     return np.asarray(receptions.path != SoundPath.REFLECTED)
 
 
-def select_receptions(receptions: Receptions, rule: Rule) -> Receptions:
+def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
     """Receptions with at most one selected per link and direction; its probability is that of its detection, that of others is 0."""
     lossless = np.isnan(receptions.loss_db).all()
     strength = receptions.spreading_db if lossless else receptions.loss_db

@@ -187,18 +187,18 @@ class PingList(Schedule):
             return _to_all(pings[row[inside]], who, n, len(landmarks))
         rows: list[tuple[int, int, int]] = []
         for i, transmitter in zip(inside, who.tolist(), strict=True):
-            heard = [_number(str(self), name, names) for name in self.receivers[i]]
-            if transmitter in heard:
+            listeners = [_number(str(self), name, names) for name in self.receivers[i]]
+            if transmitter in listeners:
                 raise SensingError(
                     f"{self}: {names[transmitter]} listens to itself; remove it from its receivers"
                 )
-            fixed = [k for k in heard if min(k, transmitter) >= n]
+            fixed = [k for k in listeners if min(k, transmitter) >= n]
             if fixed:
                 raise SensingError(
                     f"{self}: {names[fixed[0]]} listens to {names[transmitter]}, both landmarks; one has to be a vehicle"
                 )
             everybody = range(len(names) if transmitter < n else n)
-            rows += [(pings[row[i]], transmitter, k) for k in heard or everybody if k != transmitter]
+            rows += [(pings[row[i]], transmitter, k) for k in listeners or everybody if k != transmitter]
         return Attempts(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
 
 

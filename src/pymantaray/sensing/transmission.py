@@ -6,7 +6,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Leakage, Medium, Rule, find_eigenrays, find_leaks, quadrature, trace_paths
+from pymantaray.acoustics import (
+    ArrivalRule,
+    Leakage,
+    Medium,
+    find_eigenrays,
+    find_leaks,
+    quadrature,
+    trace_paths,
+)
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
@@ -27,13 +35,13 @@ from pymantaray.sensing.receptions import (
 )
 
 Array = NDArray[np.float64]
-Ends = tuple[Array, Array]
+LinkEnds = tuple[Array, Array]
 """Positions of the sources and of the receivers of links, each of shape (n_links, 3). [m]"""
 _BLOCK = 512  # links whose ray paths are in memory at a time
 _WITHOUT_RAY = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
 
 
-class Reception(NamedTuple):
+class ReceptionOptions(NamedTuple):
     """
     Arrivals that every receiver can detect, and the one that it ranges on.
 
@@ -59,14 +67,14 @@ class Reception(NamedTuple):
     spreading_cutoff_db: float | None = 15.0
     max_surface_bounces: int = 0
     max_bottom_bounces: int = 0
-    arrival: Rule = "direct"
+    arrival: ArrivalRule = "direct"
     detector: Detector | None = None
     leakage: Leakage | None = None
     cone: float | None = None
     threads: int | None = None
 
 
-DIRECT = Reception()
+DIRECT = ReceptionOptions()
 """Direct arrivals only, all of them detected."""
 
 
@@ -90,7 +98,7 @@ def find_receptions(
     source: Array,
     receiver: Array,
     medium: Medium,
-    reception: Reception = DIRECT,
+    reception: ReceptionOptions = DIRECT,
     *,
     currents: Currents | None = None,
     progress: CountProgress | None = None,
@@ -103,7 +111,7 @@ def find_receptions(
     source, receiver : ndarray, shape (n_links, 3)
         Positions ``(north, east, down)`` in the local frame. [m]
     medium : Medium
-    reception : Reception
+    reception : ReceptionOptions
         By default direct arrivals, all of them detected.
     currents : Currents, optional
         Their first-order effect on travel times. By default the water is at rest.
@@ -155,7 +163,7 @@ def find_receptions(
     return Transmission(arrivals, _with_no_ray(status, receptions), near, receptions)
 
 
-def _status(arrivals: Arrivals, rule: Rule) -> NDArray[np.int8]:
+def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:
     """Status of links by a rule: SHADOW where there are arrivals, but none that ``direct`` admits."""
     status: NDArray[np.int8] = arrivals.status.copy()
     if rule == "direct":
@@ -173,9 +181,9 @@ def _with_no_ray(status: NDArray[np.int8], receptions: Receptions) -> NDArray[np
 
 
 def _rays(
-    reception: Reception,
+    reception: ReceptionOptions,
     medium: Medium,
-    ends: Ends,
+    ends: LinkEnds,
     bounces: tuple[int, int],
     progress: CountProgress | None,
 ) -> tuple[Arrivals, NDArray[np.bool_]]:
@@ -197,16 +205,16 @@ def _rays(
 def _with_leaks(
     receptions: Receptions,
     status: NDArray[np.int8],
-    ends: Ends,
+    ends: LinkEnds,
     medium: Medium,
-    reception: Reception,
+    reception: ReceptionOptions,
     currents: Currents | None,
 ) -> Receptions:
     """Receptions, and those of sound that leaks or is scattered to links without a ray."""
     detector, leakage = reception.detector, reception.leakage
     if leakage is None or detector is None:
         raise SensingError(
-            "Reception: leakage needs a detector, because it depends on the frequency; add a detector, or leave out leakage"
+            "ReceptionOptions: leakage needs a detector, because it depends on the frequency; add a detector, or leave out leakage"
         )
     dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)
@@ -244,10 +252,10 @@ def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> 
 
 
 def _along_rays(
-    reception: Reception,
+    reception: ReceptionOptions,
     medium: Medium,
     currents: Currents | None,
-    ends: Ends,
+    ends: LinkEnds,
     arrivals: Arrivals,
     progress: CountProgress | None,
     *,

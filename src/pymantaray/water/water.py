@@ -20,7 +20,7 @@ from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
-from pymantaray.sensing import OneWay, Reception, Timing
+from pymantaray.sensing import OneWay, ReceptionOptions, Timing
 from pymantaray.water.ocean import (
     OceanFields,
     build_currents,
@@ -70,7 +70,7 @@ class Water:
 
     medium: Medium | Callable[[float], Medium]
     currents: Currents | Callable[[float], Currents] | None = None
-    reception: Reception = field(default_factory=Reception)
+    reception: ReceptionOptions = field(default_factory=ReceptionOptions)
     timing: Timing = field(default_factory=OneWay)
     local: xr.Dataset | None = None
     span: tuple[float, float] = (-np.inf, np.inf)
