@@ -82,7 +82,18 @@ class Currents:
 
     @classmethod
     def uniform(cls, north: float, east: float) -> Self:
-        """Return the same current everywhere, by its components to the north and to the east. [m/s]"""
+        """
+        Current that is the same everywhere.
+
+        Parameters
+        ----------
+        north, east : float
+            Components to the north and to the east. [m/s]
+
+        Returns
+        -------
+        Currents
+        """
         zero = np.zeros(1)
         return cls(zero, zero, zero, np.array([north, east]).reshape(1, 1, 1, 2))
 

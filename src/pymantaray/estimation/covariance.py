@@ -51,6 +51,11 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
     interval : float
         Time between epochs. [s]
 
+    Returns
+    -------
+    ndarray of int, shape (n_epochs,)
+        Samples in ascending order.
+
     Raises
     ------
     EstimationError
@@ -151,6 +156,10 @@ def collect_covariances(
         Samples of the covariances.
     solutions : sequence of mapping of str to EpochCovariances or None
         One mapping for each realization, by condition; None if a solve was not usable.
+
+    Returns
+    -------
+    PoseCovariances
 
     Raises
     ------

@@ -85,6 +85,15 @@ def graph_errors(
     """
     Absolute trajectory errors of the values of a graph without alignment, by vehicle and pooled.
 
+    Parameters
+    ----------
+    graph : FactorGraph
+        Graph with the names of the vehicles.
+    values : GraphValues
+        Estimated values.
+    truth : GraphValues, optional
+        True values.
+
     Returns
     -------
     dict of str to dict

@@ -69,7 +69,14 @@ class FloatCycle:
 
 @dataclass(frozen=True)
 class StationKeeping:
-    """Stay at the start position in any current; ``depth`` [m] must equal the vehicle's start depth."""
+    """
+    Stay at the start position in any current.
+
+    Parameters
+    ----------
+    depth : float
+        Depth, which must equal the vehicle's start depth. [m]
+    """
 
     role: ClassVar[str] = "station"
 
@@ -108,9 +115,14 @@ class Drifting:
 @dataclass(frozen=True, eq=False)
 class ConstantTwist:
     """
-    Move with a constant body twist ``[omega, v]`` [rad/s, m/s] over ground: a helix.
+    Move with a constant body twist over ground: a helix.
 
-    With ``current``, the twist is relative to the water, and the current moves the vehicle in addition.
+    Parameters
+    ----------
+    twist : array_like, shape (6,)
+        Twist ``[omega, v]`` in the body frame. [rad/s, m/s]
+    current : bool
+        If True, the twist is relative to the water, and the current moves the vehicle in addition.
     """
 
     role: ClassVar[str] = "twist"

@@ -101,7 +101,18 @@ class LeverArm:
 
 @dataclass(frozen=True)
 class PlatformError:
-    """Errors of the platform's positions: horizontal and vertical standard deviations [m] and correlation time [s]."""
+    """
+    Errors of the platform's positions.
+
+    Parameters
+    ----------
+    horizontal : float
+        Standard deviation of north and of east. [m]
+    vertical : float
+        Standard deviation of depth. [m]
+    correlation : float
+        Correlation time. [s]
+    """
 
     horizontal: float = 0.0
     vertical: float = 0.0

@@ -299,7 +299,16 @@ def speed_over_time(location: Location, header: str) -> Figure:
 
 
 def write_plan_figure(plan: Plan, out: Path) -> None:
-    """Write the figure of a plan as PNG or PDF, and its table beside it."""
+    """
+    Write the figure of a plan, and its table as CSV with the same name.
+
+    Parameters
+    ----------
+    plan : Plan
+        Plan of a survey.
+    out : pathlib.Path
+        File with the suffix ``.png`` or ``.pdf``.
+    """
     kind = out.suffix.removeprefix(".")
     files = style.rendered(plan_figure(plan), (kind,))
     with whole_file(out) as temporary:

@@ -19,8 +19,15 @@ class Landmark:
     """
     A fixed point that receives the vehicles' pings.
 
-    Its name is unique among landmarks and vehicles; its true position is ``(north, east, down)`` in the local frame [m]. ``sigma``
-    replaces the noise model's standard deviation of each axis of the survey; it is large if the fleet has to locate the landmark. [m]
+    Parameters
+    ----------
+    name : str
+        Name, unique among landmarks and vehicles.
+    position : array_like, shape (3,)
+        True position ``(north, east, down)`` in the local frame. [m]
+    sigma : float, optional
+        Standard deviation of each axis of the survey, which replaces that of the noise model. A large value means that the fleet has
+        to locate the landmark. [m]
     """
 
     name: str

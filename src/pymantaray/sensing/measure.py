@@ -32,10 +32,24 @@ def assemble(
     """
     Return the measurements of a mission without noise, from its ranges.
 
-    ``ranging`` is the result of `measure_ranges` for the same truth and landmarks; the noise model fills the standard
-    deviations. A vehicle has a GNSS fix while it is shallower than ``gnss_depth``, one value or (n_vehicles, n_samples) [m]; 0
-    where there is none, as under ice. ``altitude`` is the height above the sea floor, likewise; by default the vehicles are within
-    reach of it. [m]
+    Parameters
+    ----------
+    truth : Trajectories
+        True poses of the vehicles.
+    landmarks : sequence of Landmark
+        Landmarks.
+    ranging : Ranging
+        Result of `measure_ranges` for the same truth and landmarks.
+    noise : NoiseModel
+        Standard deviations of the measurements.
+    gnss_depth : float or ndarray, shape (n_vehicles, n_samples)
+        Depth above which a vehicle has a GNSS fix; 0 for no fixes, for example under ice. [m]
+    altitude : float or ndarray, shape (n_vehicles, n_samples)
+        Height above the sea floor; by default all vehicles are within reach of it. [m]
+
+    Returns
+    -------
+    Measurements
     """
     check_names(truth.name.tolist(), landmarks)
     scene = Scene(truth, landmarks, gnss_depth, altitude)

@@ -76,9 +76,21 @@ class Picker:
 
     def probabilities(self, loss_db: ArrayLike, link: ArrayLike, travel_time: ArrayLike) -> Array:
         """
-        Probability that the receiver takes each arrival; arrivals of the same link compete.
+        Probability that the receiver picks each arrival; arrivals of the same link compete.
 
-        A loss of NaN counts as infinite. Without a sonar only differences within a link matter. [dB]
+        Parameters
+        ----------
+        loss_db : ndarray, shape (n_arrivals,)
+            Transmission loss; NaN counts as infinite. Without a sonar, only differences within a link matter. [dB]
+        link : ndarray of int, shape (n_arrivals,)
+            Link of each arrival.
+        travel_time : ndarray, shape (n_arrivals,)
+            Travel times. [s]
+
+        Returns
+        -------
+        ndarray, shape (n_arrivals,)
+            Probabilities. [-]
         """
         links = np.asarray(link, dtype=np.int64)
         order = np.lexsort((np.asarray(travel_time, dtype=float), links))
@@ -174,9 +186,17 @@ class Candidates(Record):
 
     def picks(self, chance: ArrayLike) -> Indices:
         """
-        Candidate of each attempt by a uniform number in 0 to 1, -1 for none.
+        Candidate of each attempt from a uniform random number: the first with a greater cumulative probability.
 
-        It is the first whose cumulative probability is greater than the number.
+        Parameters
+        ----------
+        chance : array_like, shape (n_ranges,)
+            Uniform numbers in 0 to 1, one per range attempt.
+
+        Returns
+        -------
+        ndarray of int, shape (n_ranges,)
+            Row of the candidate; -1 for none.
         """
         u = np.asarray(chance, dtype=float)
         if self.attempt.size and self.attempt.max() >= u.size:
@@ -192,7 +212,19 @@ class Candidates(Record):
         return picks
 
     def mistaken(self, picks: Indices) -> NDArray[np.bool_]:
-        """True for attempts whose pick, see `picks`, is not the direct arrival."""
+        """
+        Attempts that mistake another arrival for the direct one.
+
+        Parameters
+        ----------
+        picks : ndarray of int, shape (n_ranges,)
+            Result of `picks`.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_ranges,)
+            True if the pick is not the direct arrival.
+        """
         return np.asarray((picks >= 0) & (np.append(self.direct, 1)[picks] == 0))
 
 
@@ -202,10 +234,26 @@ def find_candidates(
     """
     List the arrivals that each range attempt can mistake for the direct one, and the direct one.
 
-    ``ranging`` was measured by the rule ``direct``, with a detector if the picker has a sonar, and by the same timing. A
-    link without a direct arrival has its reflected ones; attempts of a stopped vehicle have none. Without a sonar the losses
-    are the arrivals' spreading alone, without reflection and absorption. Two-way, ping and answer are picked
-    independently.
+    Parameters
+    ----------
+    ranging : Ranging
+        Ranges with the rule ``direct``, with a detector if the picker has a sonar, and with the same timing.
+    truth : Trajectories
+        True poses of the vehicles.
+    picker : Picker
+        Rule by which receivers pick an arrival.
+    timing : OneWay or TwoWay
+        Timing of the ranges.
+
+    Returns
+    -------
+    Candidates
+        A link without a direct arrival has its reflected ones; attempts of a stopped vehicle have none.
+
+    Notes
+    -----
+    Without a sonar, losses consist only of the spreading of the arrivals, without reflection and absorption. Two-way, the receivers
+    pick ping and answer independently.
     """
     attempts = ranging.attempts
     receptions = pick_receptions(ranging.receptions, picker)
@@ -252,12 +300,31 @@ def draw_picks(
     correlation_time: float = 0.0,
 ) -> Indices:
     """
-    Draw the candidate of each attempt in one realization: rows of candidates, -1 for none.
+    Draw the candidate of each attempt in one realization.
 
-    The draws are those of `draw_unheard`. Because the direct candidate comes first, an attempt whose direct arrival is
-    the earliest and is detected without mistakes is detected with them too, by ``first-detected``: mistakes replace
-    missed detections. A correlation time [s] makes successive picks of a receiver depend on each other, see
-    `chances`; the distribution of each pick stays the same.
+    Parameters
+    ----------
+    measurements : Measurements
+        Range attempts.
+    candidates : Candidates
+        Candidates of these attempts.
+    root_seed : int
+        Seed of the study.
+    realization : int
+        Index of the realization.
+    correlation_time : float
+        Correlation time of successive picks of a receiver, see `chances`; it does not change the distribution of each pick. [s]
+
+    Returns
+    -------
+    ndarray of int, shape (n_ranges,)
+        Row of the candidate; -1 for none.
+
+    Notes
+    -----
+    The draws are those of `draw_unheard`, and the direct candidate is first. With the rule ``first-detected``, an attempt whose
+    direct arrival is the earliest is therefore detected with mistakes if it is detected without them: mistakes replace missed
+    detections.
     """
     return candidates.picks(
         chances(

@@ -85,13 +85,39 @@ class Receptions(Record):
         return np.where(forth, _elevation(self.receiver_slowness), _elevation(-self.source_slowness))
 
     def rows_of(self, link: Indices, direction: Indices) -> tuple[Indices, Indices]:
-        """First row of links in a direction, and the row after their last."""
+        """
+        Range of rows of links in a direction.
+
+        Parameters
+        ----------
+        link : ndarray of int, shape (n,)
+            Links.
+        direction : ndarray of int, shape (n,)
+            Directions, see `Direction`.
+
+        Returns
+        -------
+        start, stop : ndarray of int, shape (n,)
+            First row, and the row after the last.
+        """
         group, wanted = self.group, direction * _LINKS + link
         start, stop = (np.searchsorted(group, wanted, side=side) for side in ("left", "right"))
         return start, stop
 
     def selected_rows(self, links: int) -> Indices:
-        """Row that the selection rule takes, by direction and link, shape (2, links); -1 without one."""
+        """
+        Rows that the selection rule takes.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+
+        Returns
+        -------
+        ndarray of int, shape (2, links)
+            Row by direction and link; -1 without one.
+        """
         rows = np.full((2, links), -1)
         at = np.flatnonzero(self.selected)
         rows[self.direction[at], self.link[at]] = at

@@ -30,7 +30,10 @@ class TwoWay:
     """
     The responder answers each ping after a known time; the initiator measures the round trip on its own clock.
 
-    ``turn_around`` is from the ping's arrival to the answer, on the responder's clock. [s]
+    Parameters
+    ----------
+    turn_around : float
+        Time between the arrival of the ping and the answer, on the responder's clock. [s]
     """
 
     turn_around: float = 0.0
@@ -101,9 +104,14 @@ def _dot(a: Array, b: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 class Clocks:
     """
-    One realization's clocks, one of each vehicle; landmarks keep true time.
+    Clocks of the vehicles in one realization; clocks of landmarks have no errors.
 
-    ``offset`` (n_vehicles,) is clock minus true time at the start of the mission [s], ``skew`` (n_vehicles,) its growth with time.
+    Parameters
+    ----------
+    offset : array_like, shape (n_vehicles,)
+        Clock minus true time at the start of the mission. [s]
+    skew : array_like, shape (n_vehicles,)
+        Rate of change of the offset. [-]
     """
 
     offset: Array
@@ -118,7 +126,19 @@ class Clocks:
             object.__setattr__(self, name, array)
 
     def of(self, participant: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Offset at the start [s] and skew [-] of participants' clocks; one beyond the vehicles is a landmark, with 0."""
+        """
+        Offsets and skews of participants' clocks.
+
+        Parameters
+        ----------
+        participant : ndarray of int, shape (n,)
+            Indices of participants; indices beyond the vehicles are landmarks, whose clocks have no errors.
+
+        Returns
+        -------
+        offset, skew : ndarray, shape (n,)
+            Offset at the start of the mission [s] and skew [-].
+        """
         row = np.minimum(participant, self.offset.size)
         return np.append(self.offset, 0.0)[row], np.append(self.skew, 0.0)[row]
 
@@ -128,7 +148,12 @@ class ClockModel:
     """
     Distribution of the errors of the vehicles' clocks.
 
-    Standard deviations of a clock's offset at the start of the mission [s] and of its skew [-].
+    Parameters
+    ----------
+    offset_sigma : float
+        Standard deviation of the offset at the start of the mission. [s]
+    skew_sigma : float
+        Standard deviation of the skew. [-]
     """
 
     offset_sigma: float = 0.0
@@ -139,7 +164,22 @@ class ClockModel:
         check_fields(SensingError, self, "", *vars(self))
 
     def draw(self, names: Sequence[str], *, root_seed: int, realization: int) -> Clocks:
-        """Draw the clocks of one realization, each from the stream of its vehicle."""
+        """
+        Draw the clocks of one realization, each from the random stream of its vehicle.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the vehicles.
+        root_seed : int
+            Seed of the study.
+        realization : int
+            Index of the realization.
+
+        Returns
+        -------
+        Clocks
+        """
         draws = np.array(
             [stream(root_seed, realization, "sensing", name, "clock").standard_normal(2) for name in names]
         ).reshape(-1, 2)

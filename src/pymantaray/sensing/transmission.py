@@ -79,7 +79,7 @@ DIRECT = ReceptionOptions()
 
 
 class Transmission(NamedTuple):
-    """Sound between pairs of ends."""
+    """Sound between pairs of ends: arrivals, receptions in both directions, and outcomes of links."""
 
     arrivals: Arrivals
     """Eigenrays of all links; their travel times are those in water at rest."""
@@ -90,7 +90,19 @@ class Transmission(NamedTuple):
     receptions: Receptions
 
     def selected(self, name: str) -> Array:
-        """Column of the receptions at the selected rows, by direction and link; NaN without one."""
+        """
+        Column of the receptions at the selected rows.
+
+        Parameters
+        ----------
+        name : str
+            Field of `Receptions`.
+
+        Returns
+        -------
+        ndarray, shape (2, n_links)
+            Values by direction and link; NaN without a selected reception.
+        """
         return values_at(getattr(self.receptions, name), self.receptions.selected_rows(self.status.size))
 
 

@@ -263,7 +263,7 @@ def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanF
     return build_ocean(section, duration, data=data)
 
 
-def build_reception(config: SoundConfig, ocean: OceanFields) -> Reception:
+def build_reception(config: SoundConfig, ocean: OceanFields) -> ReceptionOptions:
     """Build the reception of a configuration, with the absorption of the ocean's first snapshot."""
     detection = config.detection
     absorption = None if detection is None else ocean.absorption(detection.absorption, config.ocean.centre)
