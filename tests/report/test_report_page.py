@@ -319,7 +319,7 @@ def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, r
     assert "NEES: Squared position error" in reported.text
     assert "NEES: Squared position error" not in few, "it has no covariances"
     assert "water of 2014-07-15 12:00 UTC, seed 20140715" in few
-    assert "Again with: mantaray study run config.toml" in few
+    assert "Repeat with: mantaray study run config.toml" in few
 
 
 def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):

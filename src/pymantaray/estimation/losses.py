@@ -1,5 +1,7 @@
 """Robust losses: cost and weight of ranges with errors larger than their noise."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType

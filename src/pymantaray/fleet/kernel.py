@@ -208,11 +208,8 @@ def _pursue(q, p, point, turn_rate, dt):
     rate = min(math.atan2(across, aim[0]) / dt, turn_rate)
     if across > 0.0:
         return 0.0, -rate * aim[2] / across, rate * aim[1] / across
-    return (
-        0.0,
-        0.0,
-        rate,
-    )  # straight ahead (rate 0), or straight astern, where all rotations are equally short
+    # straight ahead (rate 0), or straight astern, where all rotations are equally short
+    return 0.0, 0.0, rate
 
 
 class Route(NamedTuple):
@@ -388,22 +385,17 @@ def _float_kernel(varying):
     @entry
     def run_float(water, cycle, dt, steps, position, status):
         north, east, depth = position[0]
-        per_north, per_east = water.per_north, water.per_east
         k = 0
         cell_north, cell_east, cell_depth, shallowest = 0.0, 0.0, 0.0, 0.0
         thickness = -1.0  # no cell yet: no depth is inside
         form_u = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         form_v, rate_u, rate_v = form_u, form_u, form_u
-        before, after, since = (
-            0,
-            0,
-            0.0,
-        )  # instants before and after the middle of the step, and time since the first
-        u, v = 0.0, 0.0
-        half = 0.0  # the first evaluation is at the start because no current predicts the middle yet
-        state = ACTIVE
+        # instants before and after the middle of the step, and time since the first
+        before, after, since = 0, 0, 0.0
+        # the first evaluation is at the start because no current predicts the middle yet
+        u, v, half = 0.0, 0.0, 0.0
+        state, step = ACTIVE, 0
         phase = (False, True, cycle.delay, cycle.surface)
-        step = 0
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
                 top = surface_depth(water, north, east)  # under ice, a float holds at the underside
@@ -417,8 +409,8 @@ def _float_kernel(varying):
                             before, after = after, after + 1
                             thickness = -1.0  # the coefficients are from other instants
                         since = now - water.time[before]
-                    x = (north + half * u - cell_north) * per_north
-                    y = (east + half * v - cell_east) * per_east
+                    x = (north + half * u - cell_north) * water.per_north
+                    y = (east + half * v - cell_east) * water.per_east
                     z = depth + cycle.drogue + half * w - cell_depth
                     if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and 0.0 <= z <= thickness):
                         (i, j, k), corner, thickness, (x, y, z) = _enclosing(
@@ -436,8 +428,8 @@ def _float_kernel(varying):
                     half = 0.5 * dt
                 new_north, new_east = north + u * dt, east + v * dt
                 new_depth = max(depth + w * dt, surface_depth(water, new_north, new_east))
-                x = (new_north - cell_north) * per_north
-                y = (new_east - cell_east) * per_east
+                x = (new_north - cell_north) * water.per_north
+                y = (new_east - cell_east) * water.per_east
                 if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and new_depth <= shallowest):
                     state = place(water, new_north, new_east, new_depth)
                     if state != ACTIVE:

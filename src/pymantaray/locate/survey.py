@@ -1,5 +1,7 @@
 """Survey: pings between a platform and nodes, or between two nodes, with priors."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum

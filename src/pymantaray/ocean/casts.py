@@ -1,5 +1,7 @@
 """Casts from tables, instruments, Argo and CF files, and a horizontally uniform ocean at rest from one cast."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -405,8 +407,8 @@ def cast_ocean(
         synthetic=False,
     )
     t, s = (np.interp(cast.depth, z, column) for column in (temperature, salinity))
-    averaged = sound_speed(t, s, cast.depth, cast.lat, cast.lon, equation=equation)
-    change = averaged - cast.sound_speed(equation)
+    cell_means = sound_speed(t, s, cast.depth, cast.lat, cast.lon, equation=equation)
+    change = cell_means - cast.sound_speed(equation)
     change = change[cast.depth <= bottom]
     averaging = (
         f"cast {cast.name}: {cast.depth.size} samples averaged onto {z.size} levels, sound speed changed by"

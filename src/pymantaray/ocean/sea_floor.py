@@ -152,13 +152,13 @@ def local_floor(
         np.asarray(sea_floor.values, dtype=float),
         f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m",
     )
-    averaged = 2 * (int(0.5 * wider)) + 1
-    if averaged > 1:
-        depth = ndimage.uniform_filter(depth, averaged, mode="nearest")
+    points = 2 * (int(0.5 * wider)) + 1
+    if points > 1:
+        depth = ndimage.uniform_filter(depth, points, mode="nearest")
     if wider > 1.0:
         source += (
             f", on nodes {north[1] - north[0]:.0f} m by {east[1] - east[0]:.0f} m apart because at most"
-            f" {MAX_FLOOR_NODES:,} are kept, mean of {averaged} by {averaged} points"
+            f" {MAX_FLOOR_NODES:,} are kept, mean of {points} by {points} points"
         )
     bilinear = linear_interpolator((theirs.lat, theirs.lon), depth)
     nodes = bilinear(np.stack(theirs.geographic(north[:, None], east[None, :]), axis=-1))

@@ -25,10 +25,8 @@ _MAX_PAIRS = (
     10_000  # pairs on the page; it shows more than _MAX_PINGS pings if they have fewer pairs in total
 )
 _RANGES, _DEPTHS, _POINTS = 41, 301, 81  # grid points of a section, and points of each ray
-_MAX_LEVELS, _DEPTH_FACTOR = (
-    51,
-    1.3,
-)  # levels on the page, and depth of the last one in depths of the deepest ray
+# levels on the page, and depth of the last one in depths of the deepest ray
+_MAX_LEVELS, _DEPTH_FACTOR = 51, 1.3
 _MAX_RAYS = 8  # per link, earliest first
 _WATER = [[x, to_hex(SOUND_SPEED(x))] for x in np.linspace(0.0, 1.0, 9).tolist()]
 _KINDS = [

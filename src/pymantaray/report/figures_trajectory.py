@@ -15,8 +15,8 @@ from pymantaray.report.figures import RunResults, register
 
 _LOG_BINS, _LINEAR_BINS = 100, 60
 _ROOF = 0.78  # share of a row's height for the distribution; text is above it
-_FAR = 3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
-_LEAST = 1e-4  # m; smaller errors are drawn at this value
+_AXIS_RATIO = 3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
+_SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def error_over_time(
         whole = values[np.isfinite(values).all(axis=(1, 2))]
         if not len(whole):
             continue
-        low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _LEAST)
+        low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _SMALLEST_ERROR)
         for i, axes in enumerate(grid.flat[: len(names)]):
             if len(errors) <= style.HEADER_LINE:
                 axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
@@ -164,13 +164,13 @@ def _ape_edges(pools: Sequence[Mapping[str, style.Array]], *, log: bool) -> styl
     if not drawn:
         return np.geomspace(0.1, 10.0, 3) if log else np.linspace(0.0, 1.0, 3)
     if log:
-        low = max(min(float(values.min()) for _, values in drawn), _LEAST)
+        low = max(min(float(values.min()) for _, values in drawn), _SMALLEST_ERROR)
         high = max(max(float(values.max()) for _, values in drawn), 2.0 * low)
         return np.geomspace(0.999 * low, 1.001 * high, _LOG_BINS + 1)
     solved = [values for name, values in drawn if name != "odometry"] or [values for _, values in drawn]
     each = [float(np.percentile(values, 99.9)) for values in solved]
-    reach = min(max(each), _FAR * float(np.median(each)))
-    return np.linspace(0.0, max(1.05 * reach, _LEAST), _LINEAR_BINS + 1)
+    reach = min(max(each), _AXIS_RATIO * float(np.median(each)))
+    return np.linspace(0.0, max(1.05 * reach, _SMALLEST_ERROR), _LINEAR_BINS + 1)
 
 
 def _ridge(

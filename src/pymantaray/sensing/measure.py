@@ -1,5 +1,7 @@
 """All measurements of a mission, without noise and with the noise of one realization."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

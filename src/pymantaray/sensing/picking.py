@@ -1,5 +1,7 @@
 """Mistaken arrivals: candidates of a receiver for the direct arrival, their probabilities and random choice."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
 

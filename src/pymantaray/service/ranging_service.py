@@ -1,5 +1,7 @@
 """Ranges in a simulator's loop: a service that answers ping by ping, in the calling thread or in worker processes."""
 
+from __future__ import annotations
+
 import math
 from contextlib import ExitStack
 from dataclasses import replace

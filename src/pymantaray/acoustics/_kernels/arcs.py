@@ -16,7 +16,7 @@ from pymantaray.acoustics._kernels.field import find_level
 from pymantaray.compile import inlined, kernel
 
 _MOST_PIECES = 5_000
-_FAR = 1e9  # m
+_BEYOND_ALL = 1e9  # m; depth beyond all rays
 _LEAST_SINE = 1e-12
 _BEYOND = 0.2
 _NODE = (
@@ -48,10 +48,10 @@ def _layer(s, k):
         edge, near, sign = n - 1, n - 2, 1.0
     c = s.data[0, edge, 0]
     rise = (c - s.data[0, near, 0]) / abs(s.depth[edge] - s.depth[near])
-    scale = min(_BEYOND * c / max(abs(rise), 1e-9), _FAR)
+    scale = min(_BEYOND * c / max(abs(rise), 1e-9), _BEYOND_ALL)
     z0, z1, c1 = s.depth[edge], s.depth[edge] + sign * scale, c + rise * scale
     if k < -1 or k > n - 1:
-        z0, z1, c = z1, z1 + sign * _FAR, c1
+        z0, z1, c = z1, z1 + sign * _BEYOND_ALL, c1
     return (z0, z1, c, c1) if k > 0 else (z1, z0, c1, c)
 
 
@@ -198,7 +198,7 @@ def trace_arcs(s, walls, course, angle, ray):
     """Trace a ray as `trace.trace` does, if `fits` is True."""
     rule, y, path, c_ref = course.rule, ray.y, ray.path, course.axis.c_ref
     z, sine, cosine = course.axis.z_source, math.sin(angle), math.cos(angle)
-    top, bottom = -2.0 * _FAR, 2.0 * _FAR
+    top, bottom = -2.0 * _BEYOND_ALL, 2.0 * _BEYOND_ALL
     if rule.kind == at.FORWARD:
         top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
     way = at.Snell(cosine / c_ref, -sine / c_ref, sine * sine, c_ref)

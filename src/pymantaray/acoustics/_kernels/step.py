@@ -22,10 +22,8 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import linear_full, move_level, smooth_full, smooth_planar
 from pymantaray.compile import inlined, kernel
 
-TUBE, FAN_TUBE = (
-    1e-3,
-    2e-3,
-)  # relative accuracy of the ray tube's width: 0.004 dB; and for a fan's ray with steps that end at the levels
+# relative accuracy of the ray tube's width: 0.004 dB; and for a fan's ray with steps that end at the levels
+TUBE, FAN_TUBE = 1e-3, 2e-3
 LEAST_WIDTH = 0.05  # minimum width of a tube for the error control, in lengths of the ray
 
 # Dormand and Prince (1980), the pair RK5(4)7M; the tests compare it with scipy.integrate.RK45

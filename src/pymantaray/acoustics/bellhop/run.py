@@ -158,9 +158,8 @@ def compare_with_bellhop(
     """
     options, binary = options or BellhopOptions(), find_bellhop(program)
     a, b = (np.ascontiguousarray(np.atleast_2d(np.asarray(p, dtype=float))) for p in (source, receiver))
-    find_eigenrays(
-        medium, a, b, spreading_cutoff_db=None, threads=1
-    )  # compiles the kernels and fills the caches
+    # the first call compiles the kernels and fills the caches
+    find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1)
     start = time.process_time()
     ours = find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1).first()
     our_cpu = (time.process_time() - start) / len(a)

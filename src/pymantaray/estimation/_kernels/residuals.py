@@ -12,7 +12,7 @@ from collections import namedtuple
 from pymantaray.compile import entry, inlined, kernel
 from pymantaray.estimation._kernels.products import add_transposed_product, set_product
 
-_SMALL = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
+_SMALL_ANGLE = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
 
 
 # Scratch: blocks of six by six and matrices of three by three; the latter, by what they hold:
@@ -138,7 +138,7 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
     angle = 2.0 * math.atan2(size, scalar)
     scale = angle / size if size > 1e-12 * scalar else 2.0 / scalar
     square = angle * angle
-    if angle < _SMALL:
+    if angle < _SMALL_ANGLE:
         bend, slope = 1.0 / 12.0 + square / 720.0 * (1.0 + square / 42.0), 1.0 / 360.0 + square / 7560.0
     else:
         cot, sine = 1.0 / math.tan(0.5 * angle), math.sin(0.5 * angle)
@@ -358,7 +358,7 @@ def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # typ
 @kernel
 def _bend_way(rotation, step, a, b, square, place):  # type: ignore[no-untyped-def]
     """Add to a place that was moved straight on what the way along an arc has besides: ``b u x d + c u x (u x d)``, u the turn in the world."""
-    c = (1.0 - a) / square if square > _SMALL * _SMALL else (1.0 - square / 20.0) / 6.0
+    c = (1.0 - a) / square if square > _SMALL_ANGLE * _SMALL_ANGLE else (1.0 - square / 20.0) / 6.0
     ux = rotation[0, 0] * step[0] + rotation[0, 1] * step[1] + rotation[0, 2] * step[2]
     uy = rotation[1, 0] * step[0] + rotation[1, 1] * step[1] + rotation[1, 2] * step[2]
     uz = rotation[2, 0] * step[0] + rotation[2, 1] * step[1] + rotation[2, 2] * step[2]
@@ -380,7 +380,7 @@ def move(rotation, place, row, step, arc, new_rotation, new_place):  # type: ign
         x, y, z = step[k, 0], step[k, 1], step[k, 2]
         t2 = x * x + y * y + z * z
         t = math.sqrt(t2)
-        if t < _SMALL:
+        if t < _SMALL_ANGLE:
             a, b = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0), 0.5 - t2 / 24.0 * (1.0 - t2 / 30.0)
         else:
             a, b = math.sin(t) / t, 2.0 * math.sin(0.5 * t) ** 2 / t2
