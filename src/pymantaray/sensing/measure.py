@@ -122,9 +122,8 @@ def perturb(
 
     Notes
     -----
-    Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or sensor
-    changes no draw. A range attempt has one draw, detected or not, for both of its ranges. Therefore all conditions have
-    the same noise.
+    Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or sensor does not change any draw.
+    A range attempt has one draw for both of its ranges, detected or not. Therefore all conditions have the same noise.
     """
 
     def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:

@@ -22,10 +22,10 @@ from pymantaray.sensing.timing import ONE_WAY, Timing
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 PickRule = Literal["first-detected", "strongest-detected"]
-_SPREAD_DB = 6.0  # of an arrival's level where no sonar says another
-_FAR_DB = 1e4  # stands for an infinite loss
+_SPREAD_DB = 6.0  # dB; standard deviation of an arrival's level without a sonar
+_FAR_DB = 1e4  # dB; replaces an infinite loss
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
-_TAIL = 8.0  # standard deviations beyond which a normal level does not go
+_TAIL = 8.0  # standard deviations; limit of normal levels in integrals
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Picker:
 
 
 def by_rank(group: NDArray[np.int64]) -> list[Indices]:
-    """First row of each group, then second row of each group that has one, and so on; rows of a group are consecutive."""
+    """First rows of all groups, then second rows of groups with two or more, and so on; rows of a group are consecutive."""
     _, start, count = np.unique(group, return_index=True, return_counts=True)
     return [start[count > rank] + rank for rank in range(int(count.max(initial=0)))]
 
@@ -138,7 +138,7 @@ def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) ->
 
 
 def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
-    """Probability that each row is detected first, and that none of a link is."""
+    """Probability that each row is detected first, and probability that no row of a link is detected."""
     first, missed = np.empty(detected.size), np.ones(link.max(initial=-1) + 1)
     for rows in ranks:
         first[rows] = detected[rows] * missed[link[rows]]
@@ -147,7 +147,7 @@ def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array,
 
 
 def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | None) -> Array:
-    """Probability that each row is the loudest, above its lowest level; levels have standard deviation 1."""
+    """Probability that each row is the loudest and above the lowest level; levels have a standard deviation of 1."""
     from scipy.special import ndtr
 
     low = np.full(level.size, -_TAIL) if lowest is None else np.clip(lowest, -_TAIL, _TAIL)
@@ -175,11 +175,11 @@ class Candidates(Record):
 
     attempt: Column = column("candidate", "1", "row of the range table", "i8")
     travel_time: Column = column(
-        "candidate", "s", "travel time, two-way half of the round trip as in the range table"
+        "candidate", "s", "travel time; two-way, half of the round trip as in the range table"
     )
-    probability: Column = column("candidate", "1", "probability that the receiver takes this one")
+    probability: Column = column("candidate", "1", "probability that the receiver picks this arrival")
     direct: Column = column("candidate", "1", "1 for the arrival of a range without mistakes, else 0", "i1")
-    bounces: Column = column("candidate", "1", "reflections, two-way of both ways", "i2")
+    bounces: Column = column("candidate", "1", "reflections; two-way, those of both legs", "i2")
 
     @property
     def expected_mistaken(self) -> float:
@@ -277,7 +277,7 @@ def find_candidates(
 
 
 def pick_receptions(receptions: Receptions, picker: Picker) -> Receptions:
-    """Receptions with the probability that the picker takes each; those of a link and direction compete."""
+    """Receptions with the probability of being picked; receptions of the same link and direction compete."""
     lossless = bool(np.isnan(receptions.loss_db).all())
     if picker.sonar is not None and lossless and receptions.link.size:
         raise SensingError(

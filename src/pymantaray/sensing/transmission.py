@@ -1,4 +1,4 @@
-"""Sound between pairs of ends: from a medium to receptions in both directions, with losses, leaks and the selection rule."""
+"""Sound between pairs of ends: receptions in both directions from a medium, with losses, leaks and the selection rule."""
 
 from dataclasses import fields, replace
 from typing import NamedTuple
@@ -48,15 +48,15 @@ class ReceptionOptions(NamedTuple):
     Parameters
     ----------
     spreading_cutoff_db : float or None
-        Weakest eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
+        Maximum spreading of an eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
     max_surface_bounces, max_bottom_bounces : int
-        Reflections that an arrival may have.
+        Maximum numbers of reflections of an arrival.
     arrival : {"direct", "first", "strongest"}
         Rule that selects the arrival of a range, see `pymantaray.acoustics.select`.
     detector : Detector, optional
-        Gives the probability of detection. By default every arrival is detected.
+        Model of the probability of detection. Default: every arrival is detected.
     leakage : Leakage, optional
-        Model of sound that arrives without a ray, at the detector's frequency. By default there is none.
+        Model of sound that arrives without a ray, at the detector's frequency. Default: no such sound.
     cone : float, optional
         Width of the fan of launch angles about the chord at the end that sends, half of it on either side. Rays launched outside
         are lost. [rad]
@@ -146,20 +146,20 @@ def find_receptions(
     looks_again = reception.arrival == "direct" and bounced
     total = n * (1 + looks_again + follows)
 
-    def tell(before: int) -> CountProgress | None:
+    def progress_from(before: int) -> CountProgress | None:
         return None if progress is None else lambda done, _: progress(before + done, total)
 
     most = reception.max_surface_bounces, reception.max_bottom_bounces
-    arrivals, near = _rays(reception, medium, ends, most, tell(0))
+    arrivals, near = _rays(reception, medium, ends, most, progress_from(0))
     status = _status(arrivals, reception.arrival)
     if looks_again:
         lost = np.flatnonzero(status != RayStatus.OK)
         some = source[lost], receiver[lost]
-        bare, near_bare = _rays(reception, medium, some, (0, 0), tell(2 * n - lost.size))
+        bare, near_bare = _rays(reception, medium, some, (0, 0), progress_from(2 * n - lost.size))
         near[lost] |= near_bare
         status[lost] = bare.status
         arrivals = _with_more(arrivals, bare, lost)
-    last = tell(n * (1 + looks_again))
+    last = progress_from(n * (1 + looks_again))
     along = _along_rays(reception, medium, currents, ends, arrivals, last)
     receptions = receptions_of(arrivals, along)
     if reception.detector is not None:
@@ -176,7 +176,7 @@ def find_receptions(
 
 
 def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:
-    """Status of links by a rule: SHADOW where there are arrivals, but none that ``direct`` admits."""
+    """Status of links by a rule; SHADOW for links with reflected arrivals only, if the rule is ``direct``."""
     status: NDArray[np.int8] = arrivals.status.copy()
     if rule == "direct":
         bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
@@ -186,7 +186,7 @@ def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:
 
 
 def _with_no_ray(status: NDArray[np.int8], receptions: Receptions) -> NDArray[np.int8]:
-    """Status of links, with that of sound that arrives without a ray."""
+    """Status of links, including sound that arrives without a ray."""
     for path, code in NO_RAY.items():
         status[receptions.link[receptions.path == path]] = code
     return status
@@ -222,7 +222,7 @@ def _with_leaks(
     reception: ReceptionOptions,
     currents: Currents | None,
 ) -> Receptions:
-    """Receptions, and those of sound that leaks or is scattered to links without a ray."""
+    """Add receptions of leaked or scattered sound on links without a ray."""
     detector, leakage = reception.detector, reception.leakage
     if leakage is None or detector is None:
         raise SensingError(
@@ -230,7 +230,9 @@ def _with_leaks(
         )
     dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)
-    backwards = solved_backwards(source, receiver)[:, None]  # as rays are: the same from either end
+    backwards = solved_backwards(source, receiver)[
+        :, None
+    ]  # as for rays, so that both ends give the same result
     start, end = np.where(backwards, receiver, source), np.where(backwards, source, receiver)
     direct = reception.arrival == "direct"
     leaks = find_leaks(
