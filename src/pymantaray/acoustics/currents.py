@@ -81,13 +81,13 @@ class Currents:
         return cls(north, east, depth, velocity)
 
     @classmethod
-    def uniform(cls, north: float, east: float) -> Self:
+    def uniform(cls, current_north: float, current_east: float) -> Self:
         """
         Current that is the same everywhere.
 
         Parameters
         ----------
-        north, east : float
+        current_north, current_east : float
             Components to the north and to the east. [m/s]
 
         Returns
@@ -95,7 +95,7 @@ class Currents:
         Currents
         """
         zero = np.zeros(1)
-        return cls(zero, zero, zero, np.array([north, east]).reshape(1, 1, 1, 2))
+        return cls(zero, zero, zero, np.array([current_north, current_east]).reshape(1, 1, 1, 2))
 
     def at(self, position: ArrayLike) -> Array:
         """
