@@ -149,7 +149,7 @@ class Cast:
         """
         return sound_speed(self.temperature, self.salinity, self.depth, self.lat, self.lon, equation=equation)
 
-    def with_repaired_salinity(self) -> "Cast":
+    def with_repaired_salinity(self) -> Cast:
         """Cast with the salinity of the freezing line at levels below the freezing point; a note gives their number."""
         salinity, repairs = repair_salinity(self.temperature, self.salinity, self.depth, self.lat, self.lon)
         if not repairs:
