@@ -41,7 +41,7 @@ from pymantaray.sensing.noise import NoiseModel
 
 if TYPE_CHECKING:
     from pymantaray.acoustics import Absorption, IceCover, Leakage, SeaSurface, Sonar
-    from pymantaray.sensing import Picker, Timing
+    from pymantaray.sensing import Picker, ReceptionOptions, Timing
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 
