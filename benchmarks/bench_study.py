@@ -117,10 +117,10 @@ def print_run(stages: list, looks: list, end: float) -> None:
 def print_figures(folder: Path) -> None:
     """CPU time of each figure of a run: made, as the page's PNG, as PDF."""
     start = time.process_time()
-    from pymantaray.report.figures import Results, run_figure_specs
+    from pymantaray.report.figures import RunResults, run_figure_specs
     from pymantaray.study import open_run
 
-    results, now = Results(open_run(folder)), time.process_time
+    results, now = RunResults(open_run(folder)), time.process_time
     imports = now() - start
     start = now()
     specs = run_figure_specs(results)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pymantaray.report.figures import Results
+from pymantaray.report.figures import RunResults
 from pymantaray.study import Run, open_run
 
 LEVELS = (0.0, 100.0, 400.0, 1000.0)  # m
@@ -46,7 +46,7 @@ def fleet(run: Run) -> Iterator[tuple[str, str]]:
     yield "links: mean, longest [km]", f"{distance.mean():.1f}, {distance.max():.1f}"
 
 
-def ranges(results: Results) -> Iterator[tuple[str, str]]:
+def ranges(results: RunResults) -> Iterator[tuple[str, str]]:
     """Dropouts, and the range error with its parts, over all links."""
     lost = results.tables["dropouts"].frame.query("category == 'all links'").iloc[0]
     yield "dropouts [%]", f"{lost['percent']:.1f} ({lost['shadow']} in a shadow, {lost['weak']} weak)"
@@ -54,7 +54,7 @@ def ranges(results: Results) -> Iterator[tuple[str, str]]:
         yield f"range error, {row['part']}: mean, sd [m]", f"{row['mean_m']:+.1f}, {row['sd_m']:.1f}"
 
 
-def estimates(results: Results) -> Iterator[tuple[str, str]]:
+def estimates(results: RunResults) -> Iterator[tuple[str, str]]:
     """Errors under water at the pings, NEES beside them."""
     nees = {}
     if "consistency" in results.tables:
@@ -78,7 +78,7 @@ def main() -> None:
     folders = parser.parse_args().runs
     columns = []
     for folder in folders:
-        results = Results(open_run(folder))
+        results = RunResults(open_run(folder))
         run = results.run
         columns.append(dict([*water(run), *fleet(run), *ranges(results), *estimates(results)]))
     print(f"| | {' | '.join(folders)} |")

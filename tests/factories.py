@@ -20,7 +20,7 @@ from pymantaray.estimation import GraphValues, dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
 from pymantaray.jobs.pool import Pool
 from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
-from pymantaray.sensing import Landmark, OneWay, PingSchedule, Reception, measure_ranges
+from pymantaray.sensing import Landmark, OneWay, PingSchedule, ReceptionOptions, measure_ranges
 
 TINY = tomllib.loads("""
 conditions = ["odometry", "no-ranges", "straight", "refracted", "straight-all"]
@@ -379,7 +379,7 @@ def range_fleet(truth, landmarks, medium, *, currents=None, timing=None, progres
         landmarks,
         medium,
         PingSchedule(800.0),
-        Reception(**reception),
+        ReceptionOptions(**reception),
         currents=currents,
         timing=timing or OneWay(),
         progress=progress,

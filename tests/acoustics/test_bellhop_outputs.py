@@ -115,10 +115,10 @@ def test_rays_are_straight_and_mirrored_at_the_boundaries(name, n_rays):
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("plane.arr", b"'2D'", b"10000.0", r"starts with '10000\.0'; '2D' or '3D' is expected, as written since 2018"),
+        ("plane.arr", b"'2D'", b"10000.0", r"starts with '10000\.0'; it must start with '2D' or '3D'"),
         ("plane.arr", b"0.669983149", b"none", "could not convert string to float: 'none'"),
-        ("plane.arr", b"  4\n           2", b"  1\n           2", "2 arrivals where at most 1 are announced"),
-        ("plane.arr", b" 1   500.000000", b" 1.5   500.000000", r"found 1\.5 where a count is expected"),
+        ("plane.arr", b"  4\n           2", b"  1\n           2", "2 arrivals, but the header announces at most 1"),
+        ("plane.arr", b" 1   500.000000", b" 1.5   500.000000", r"found 1\.5; a count must be here"),
         ("plane.arr", b"\n", b" 1 2 3\n", "3 numbers follow the last arrival"),
         ("plane.ray", b"'rz'", b"'xy'", "neither 'xyz' nor 'rz'"),
         *((name, None, b"", "the file ends early") for name in ("plane.arr", "fan_binary.arr", "fan.ray")),

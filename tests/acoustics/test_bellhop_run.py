@@ -42,12 +42,12 @@ def test_the_program_is_found_by_name_by_path_or_by_default(path_with, env):
     assert find_bellhop() == find_bellhop("bellhop3d") == find_bellhop(path) == path
     first = path_with("bellhopcxx3d")
     assert find_bellhop() == first
-    with pytest.raises(AcousticsError, match="no bellhopcuda on PATH; install it, or name the program"):
+    with pytest.raises(AcousticsError, match="no bellhopcuda on PATH; install it, or give the path"):
         find_bellhop("bellhopcuda")
     path.write_text("no program")
     refused(AcousticsError, "cannot be run: Exec format error", run_bellhop, path, env)
     path.chmod(0o644)
-    refused(AcousticsError, "is there but may not be run; make it executable", find_bellhop, path)
+    refused(AcousticsError, "is not executable; change its permissions", find_bellhop, path)
 
 
 @pytest.mark.parametrize(("name", "arguments"), [("bellhopcxx", "--3D -1 link"), ("bellhop3d.exe", "link")])
@@ -103,7 +103,7 @@ def test_beams_double_until_a_direct_arrival_appears_or_400(path_with, mode, bea
 def test_a_smooth_medium_is_not_bellhops_ocean(path_with):
     path_with()
     smooth = Medium.from_profile([0.0, 2000.0], [1500.0, 1500.0], bottom_depth=2000.0)
-    with pytest.raises(AcousticsError, match="made with interpolation='linear' or by linear_medium"):
+    with pytest.raises(AcousticsError, match="interpolation='linear', or one from linear_medium"):
         compare_with_bellhop(smooth, SOURCE, RECEIVER)
 
 

@@ -268,7 +268,7 @@ def test_casts_are_converted_for_other_programs_and_refused_in_one_line(mantaray
     assert (thin.code, len(Path("thin.asvp").read_text().splitlines()) < 50) == (0, True)
     for words, says in (
         (("cast.csv", "new.asvp"), "the time of cast is unknown"),
-        (("cast.csv", "new.asvp", *time), "1501 levels, echo sounders take 1000 at most"),
+        (("cast.csv", "new.asvp", *time), "1501 levels; echo sounders accept at most 1000"),
         (("cast.csv", "new.asvp", "--name", "b"), "no cast 'b'; available: cast"),
         (("cast.csv", "new.txt"), "the output's name must end in .asvp or .nc"),
         (("cast.csv", "new.nc", "--lat", 3), "--lat and --lon must be used together"),

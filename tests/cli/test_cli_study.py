@@ -237,7 +237,7 @@ def test_causes_of_lost_ranges_are_in_the_page_s_words_the_commonest_first(capsy
     counts = {"category": ALL_LINKS} | {status.name.lower(): 0 for status in RayStatus}
     counts |= {"attempts": 90, "dropouts": 12, "shadow": 3, "blocked": 7, "unheard": 2, "leaked": 20}
     study_commands._print_causes(Printer(quiet=False), pd.DataFrame([counts]), 15.0)
-    assert capsys.readouterr().out == "12 of 90 lost: 7 blocked by the bottom, 3 shadow, 2 not heard\n"
+    assert capsys.readouterr().out == "12 of 90 lost: 7 blocked by the bottom, 3 shadow, 2 not detected\n"
     study_commands._print_causes(
         Printer(quiet=False), pd.DataFrame([dict.fromkeys(counts, 0) | {"category": ALL_LINKS}]), 15.0
     )

@@ -9,7 +9,7 @@ from refusals import refused
 
 from pymantaray.acoustics import BoundarySurface
 from pymantaray.errors import FleetError, GeometryError
-from pymantaray.fleet.kernel import Water, bed_depth, surface_depth
+from pymantaray.fleet.kernel import OceanArrays, bed_depth, surface_depth
 
 NORTH, EAST = np.array([-3e3, -1e3, 500.0, 4e3]), np.array([-2e3, 0.0, 5e3])
 
@@ -33,7 +33,7 @@ def test_a_bilinear_depth_is_exact_between_the_grid_points(slope):
 def test_kernels_and_python_give_the_same_depth(slope):
     place = np.random.default_rng(3).uniform([-3e3, -2e3], [4e3, 5e3], (50, 2))
     none = np.zeros((1, 1, 1, 1))
-    water = Water(
+    water = OceanArrays(
         0.0, 0.0, 1.0, 1.0, np.zeros(1), np.zeros(1), none, none, slope.grid, BoundarySurface(1.0).grid
     )
     compiled = [bed_depth(water, *one) for one in place]

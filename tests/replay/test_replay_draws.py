@@ -11,7 +11,7 @@ from pymantaray.acoustics import BoundarySurface, Medium
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.replay import Events, PredictionOptions, replay_events
-from pymantaray.sensing import Reception
+from pymantaray.sensing import ReceptionOptions
 from pymantaray.water import Water
 
 ENDS = np.array([[72.0, -145.0, 90.0], [72.0135, -145.0, 90.0]])
@@ -34,7 +34,7 @@ def water(slope=0.5, bounces=3):
     rough = None if slope is None else Roughness(np.radians(slope), 20.0)
     ice = BoundarySurface(1.5, roughness=rough)
     medium = Medium.from_profile(DEPTH, cast(), bottom_depth=BOTTOM, ice_draft=ice)
-    return Water(medium, reception=Reception(max_surface_bounces=bounces), uniform=True)
+    return Water(medium, reception=ReceptionOptions(max_surface_bounces=bounces), uniform=True)
 
 
 def test_candidates_of_draws_are_the_same_in_both_directions():

@@ -11,7 +11,7 @@ from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.replay import DetectionRule, Events, read_events, replay_events
 from pymantaray.replay.water import choose_water, ends_of
-from pymantaray.sensing import Detector, Reception
+from pymantaray.sensing import Detector, ReceptionOptions
 from pymantaray.water import Water
 
 HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
@@ -155,7 +155,7 @@ def test_an_event_in_shadow_is_predicted_by_what_leaks_where_that_is_asked_for()
         travel_time=[2.76],
         geographic=False,
     )
-    bare = Reception(detector=Detector(modem))
+    bare = ReceptionOptions(detector=Detector(modem))
     for reception, status in ((bare, "blocked"), (bare._replace(leakage=Leakage(250.0)), "leaked")):
         replay = replay_events(events, Water(ridged(), reception=reception))
         (row,) = replay.events.to_dict("records")
@@ -174,7 +174,9 @@ def test_rules_that_are_none_are_refused(word):
 
 def test_rules_and_references_that_do_not_fit_are_refused():
     events = events_at([0.0])
-    sonar = Reception(detector=Detector(Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0)))
+    sonar = ReceptionOptions(
+        detector=Detector(Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0))
+    )
     for waters in (Water(WATER), [Water(WATER, reception=sonar), Water(WATER)]):
         refused(ReplayError, "rule threshold: it needs a sonar", replay_events, events, waters, "threshold")
     refused(
@@ -186,7 +188,9 @@ def test_rules_and_references_that_do_not_fit_are_refused():
         reference="Z",
     )
     assert str(DetectionRule.parse("within:6")) == "within:6"
-    assert replay_events(events, Water(WATER, reception=Reception())).rule == DetectionRule("within", 6.0)
+    assert replay_events(events, Water(WATER, reception=ReceptionOptions())).rule == DetectionRule(
+        "within", 6.0
+    )
 
 
 def test_positions_of_located_nodes_take_the_place_of_the_events_own(tmp_path):

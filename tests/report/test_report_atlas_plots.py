@@ -72,7 +72,7 @@ def test_classes_are_those_of_the_largest_error_of_a_place(look):
         "≤ 20 m",
         "> 20 m",
         "no direct path",
-        "on most links none",
+        "none on most links",
         "land",
         "edge of the data",
         "too shallow",

@@ -12,7 +12,7 @@ from pymantaray.errors import JobError, ReportError
 from pymantaray.report import compare, write_comparison
 from pymantaray.report import write as write_module
 from pymantaray.report.compare import by_name, comparison_figure_specs, comparison_tables
-from pymantaray.report.figures import Results
+from pymantaray.report.figures import RunResults
 from pymantaray.study import load_study, open_run
 
 
@@ -53,7 +53,7 @@ def test_one_page_has_all_figures_and_tables_of_the_paper(run_folder, other_fold
 
 
 def test_settings_stand_side_by_side_with_unit_and_meaning(run, other_folder):
-    tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
+    tables = comparison_tables({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
     timing = tables["timing"].frame.set_index("key")
     assert timing.loc["mission.duration_h", ["one", "unit"]].tolist() == [
         run.config.mission.duration_h,
@@ -73,7 +73,7 @@ def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, 
 
 
 def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_folder, run):
-    tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
+    tables = comparison_tables({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
     table = tables["range_drop_category_compare"].frame
     assert list(table.columns) == ["link category", "one [%]", "other [%]"]
     assert table["link category"].iloc[-1] == "all links"
@@ -95,7 +95,7 @@ def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_
 
 
 def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_folder):
-    tables = comparison_tables({"one": Results(run), "other": Results(open_run(other_folder))})
+    tables = comparison_tables({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
     assert next(iter(tables)) == "configuration"
     ((key, *values),) = tables["configuration"].frame.to_numpy().tolist()
     assert (key, values[0], values[1].endswith("somewhere.nc")) == (
@@ -103,7 +103,7 @@ def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_fo
         "synthetic:beaufort",
         True,
     )
-    again = comparison_tables({"one": Results(run), "other": Results(open_run(run_folder))})
+    again = comparison_tables({"one": RunResults(run), "other": RunResults(open_run(run_folder))})
     assert again["configuration"].frame.empty
 
 
@@ -128,7 +128,7 @@ def test_a_vehicle_that_differs_is_named_by_its_key():
 
 
 def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
-    runs = {name: Results(run) for name in ("one", "two", "three")}
+    runs = {name: RunResults(run) for name in ("one", "two", "three")}
     rows = [
         ["noise.range_sigma", "1", "2", "3"],
         ["ocean.source", "a", "a", "b"],
@@ -140,15 +140,15 @@ def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
 
 
 def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):
-    specs = comparison_figure_specs({"one": Results(run), "other": Results(open_run(other_folder))})
+    specs = comparison_figure_specs({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
     figure = specs[0].draw()
     assert figure.get_suptitle() == "one and other; synthetic ocean: one"
 
 
 def test_runs_of_one_region_are_told_apart_by_their_folders(run, made_run, tmp_path):
     again = open_run(made_run().write(tmp_path / "again"))
-    assert list(by_name([Results(run), Results(again)])) == ["run", "again"]
-    assert list(by_name([Results(run), Results(run)])) == ["quick (1)", "quick (2)"]
+    assert list(by_name([RunResults(run), RunResults(again)])) == ["run", "again"]
+    assert list(by_name([RunResults(run), RunResults(run)])) == ["quick (1)", "quick (2)"]
 
 
 def test_a_folder_that_is_not_empty_is_refused_and_kept(run_folder, other_folder, tmp_path):
@@ -174,7 +174,7 @@ def test_six_runs_have_a_column_each_and_figures_without_collisions(made_run, lo
     for i in range(6):
         name = f"a run with a rather long name, number {i}"
         made = made_run(realizations=2 + i, title=f"Sea {i % 2} (synthetic)")
-        runs[name] = Results(open_run(made.write(tmp_path / str(i))))
+        runs[name] = RunResults(open_run(made.write(tmp_path / str(i))))
     tables = comparison_tables(runs)
     configuration = tables["configuration"].frame.set_index("key")
     assert list(configuration.columns) == list(runs)

@@ -57,7 +57,7 @@ def test_dropout_map_shows_every_attempt_under_its_status(look, records):
     distance, depths = look.draw(dropout_map(*ends, status, HEADER)).axes
     drawn = {line.get_label(): line for line in distance.lines}
     counts = {s: int((status == s).sum()) for s in RayStatus}
-    assert f"heard ({counts[RayStatus.OK]:,})" in drawn
+    assert f"received ({counts[RayStatus.OK]:,})" in drawn
     assert f"shadow ({counts[RayStatus.SHADOW]:,})" in drawn
     assert sum(len(line.get_xdata()) for line in drawn.values()) == status.size
     weak = drawn[f"too weak ({counts[RayStatus.WEAK]:,})"]

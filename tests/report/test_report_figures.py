@@ -13,7 +13,7 @@ from pymantaray.ocean import synthetic_ocean
 from pymantaray.records import RayStatus
 from pymantaray.report import figures, ocean_plots, style, write_ray_plot
 from pymantaray.report.compare import comparison_figure_specs
-from pymantaray.report.figures import Results, register, run_figure_specs
+from pymantaray.report.figures import RunResults, register, run_figure_specs
 from pymantaray.report.figures_consistency import consistency_over_time
 from pymantaray.report.figures_estimators import error_and_consistency
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
@@ -33,9 +33,9 @@ def every_figure(run, made_run, tables, tmp_path_factory):
     """All that are registered, of a run with long names and many conditions; comparisons; plots of an ocean."""
     conditions = (*style.CONDITION_COLOURS, *(f"estimator-{i}" for i in range(style.DISTINCT)))
     made = made_run(landmarks=2, lost=0.3, title=f"{NAME}(synthetic)", conditions=conditions)
-    results = Results(open_run(made.write(tmp_path_factory.mktemp("long") / "run")))
+    results = RunResults(open_run(made.write(tmp_path_factory.mktemp("long") / "run")))
     truth, fixes = results.run.truth, results.fixes
-    specs = [*run_figure_specs(results), *comparison_figure_specs({NAME: results, "b": Results(run)})]
+    specs = [*run_figure_specs(results), *comparison_figure_specs({NAME: results, "b": RunResults(run)})]
     ocean, header = synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4)), results.header
     return [spec.draw() for spec in specs] + [
         error_over_time(truth.time, truth.name.tolist(), results.errors, fixes, header),
@@ -78,11 +78,11 @@ def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(loo
 
 def test_a_figure_that_registers_itself_is_in_the_report_where_it_says(run, monkeypatch):
     monkeypatch.setattr(figures, "_REGISTER", dict(figures._REGISTER))
-    before = [spec.name for spec in run_figure_specs(Results(run))]
+    before = [spec.name for spec in run_figure_specs(RunResults(run))]
     draw = {"draw": lambda r: style.new_figure(style.COLUMN, 2.0, r.header)}
     register("mine", place=-1, caption="Of {r.attempts:,} attempts.", **draw)
     register("not_here", place=-2, caption="", needs=lambda r: "unknowns" in r.tables, **draw)
-    specs = run_figure_specs(Results(run))
+    specs = run_figure_specs(RunResults(run))
     assert [spec.name for spec in specs] == ["mine", *before]
     assert specs[0].caption == "Of 72 attempts. Synthetic ocean."
     assert specs[0].draw().get_suptitle() == "Test Sea, synthetic ocean, 2014-07-15 12:00 UTC"
@@ -153,7 +153,7 @@ def test_rays_of_links_are_told_apart_by_what_reflects_them_over_one_scale(look,
 def test_rays_are_drawn_into_png_or_pdf_only(tmp_path):
     refused(
         ReportError,
-        "rays.svg: a figure ends in .png or .pdf",
+        "rays.svg: a figure must have the suffix .png or .pdf",
         write_ray_plot,
         [],
         tmp_path / "rays.svg",
@@ -223,7 +223,7 @@ def test_a_condition_has_one_colour_on_all_figures(tables):
 
 
 def test_the_page_begins_with_the_result(run):
-    names = [spec.name for spec in run_figure_specs(Results(run))]
+    names = [spec.name for spec in run_figure_specs(RunResults(run))]
     assert names[:4] == ["range_error", "range_error_split", "ape_pooled", "error_over_time"]
     assert names.index("sound_speed") > names.index("fleet_layout")
 

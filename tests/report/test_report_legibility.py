@@ -13,7 +13,7 @@ from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
 from pymantaray.report import replay as replay_page
 from pymantaray.report import style
-from pymantaray.report.figures import Results, run_figure_specs
+from pymantaray.report.figures import RunResults, run_figure_specs
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_trajectory import error_over_time
 from pymantaray.report.run_page import run_page
@@ -134,7 +134,7 @@ def test_a_replay_calls_the_share_of_predicted_events_by_its_name(made_replay, t
 
 
 def test_the_page_says_what_its_words_mean_and_how_to_cite_it(run):
-    text = run_page(Results(run), [], "[]").html()
+    text = run_page(RunResults(run), [], "[]").html()
     digest = hashlib.sha256((run.path / "config.toml").read_bytes()).hexdigest()
     assert f"configuration {digest[:12]}" in text
     assert "@software{mantaray," in text
@@ -166,7 +166,7 @@ def test_gnss_is_in_the_legend_exactly_where_there_is_a_fix(look, run, made_run,
         errors = {"straight": np.ones((3, 2, 50))}
         figure = error_over_time(np.arange(50.0), ["A", "B"], errors, fixes, "Sea")
         assert ("GNSS fix" in look.texts(figure)) == fix
-    results = Results(run)
+    results = RunResults(run)
     for fixed in (True, False):
         results.__dict__["fixes"] = np.full_like(results.fixes, fixed)
         caption = next(p.caption for p in run_figure_specs(results) if p.name == "error_over_time")

@@ -107,4 +107,4 @@ def test_all_are_written_or_the_reason_is_given(ocean, tmp_path, monkeypatch):
     ):
         refused(ReportError, said, write_ocean_plots, ocean, tmp_path / "b", **options)
     (tmp_path / "file").touch()
-    refused(WriteError, "file: cannot be made: File exists", write_ocean_plots, ocean, tmp_path / "file")
+    refused(WriteError, "file: cannot be created: File exists", write_ocean_plots, ocean, tmp_path / "file")

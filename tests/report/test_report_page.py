@@ -17,7 +17,7 @@ from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.report import write, write_report
-from pymantaray.report.figures import Results
+from pymantaray.report.figures import RunResults
 from pymantaray.report.folder import ReportProcess
 from pymantaray.report.run_page import headlines, run_page
 from pymantaray.study import open_run
@@ -253,7 +253,7 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
 
 def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
     """Drawn while realizations are solved: all that are not of them must be, or they are seconds later on the page."""
-    mission = {p.name for p in write.run_figure_specs(Results(run), of_mission=True)}
+    mission = {p.name for p in write.run_figure_specs(RunResults(run), of_mission=True)}
     assert mission == FIGURES - {"ape_pooled", "error_by_vehicle", "error_over_time", "consistency"}
 
 
@@ -301,25 +301,25 @@ def test_a_folder_that_is_no_run_is_one_clear_line(tmp_path):
 
 
 def test_one_realization_has_no_interval_and_three_have_one(made_run, run, tmp_path):
-    one = Results(open_run(made_run(realizations=1).write(tmp_path / "run")))
+    one = RunResults(open_run(made_run(realizations=1).write(tmp_path / "run")))
     assert not any("95 %" in remark or "– to –" in remark for _, _, remark in headlines(one))
-    assert any("(95 %)" in remark for _, _, remark in headlines(Results(run)))
+    assert any("(95 %)" in remark for _, _, remark in headlines(RunResults(run)))
 
 
 def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, reported, tmp_path):
     conditions = tuple(f"estimator-{i}" for i in range(7))
     many = run_page(
-        Results(open_run(made_run(conditions=conditions).write(tmp_path / "run"))), [], "[]"
+        RunResults(open_run(made_run(conditions=conditions).write(tmp_path / "run"))), [], "[]"
     ).html()
-    few = run_page(Results(run), [], "[]").html()
+    few = run_page(RunResults(run), [], "[]").html()
     assert many.count('class="card"') == 3
     assert all(f"Position error, {name}" in many for name in conditions)
-    assert few.count('class="card"') == len(headlines(Results(run))) <= 8
-    assert "Refracted ranges: the same graph" in few
+    assert few.count('class="card"') == len(headlines(RunResults(run))) <= 8
+    assert "Refracted ranges: same graph" in few
     assert "NEES: Squared position error" in reported.text
     assert "NEES: Squared position error" not in few, "it has no covariances"
     assert "water of 2014-07-15 12:00 UTC, seed 20140715" in few
-    assert "Again with: mantaray study run config.toml" in few
+    assert "Repeat with: mantaray study run config.toml" in few
 
 
 def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):
@@ -328,7 +328,7 @@ def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):
     status = run.truth.status.copy()
     status[1, 60:] = 1
     run.__dict__["truth"] = type(run.truth)(**{**vars(run.truth), "status": status})
-    text = run_page(Results(run), [], "[]").html()
+    text = run_page(RunResults(run), [], "[]").html()
     assert "Vehicle B stopped after 10 h 00 min: GROUNDED." in text
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from pymantaray.acoustics import Medium
 from pymantaray.records import RayPaths
-from pymantaray.report.figures import Results, run_figure_specs
+from pymantaray.report.figures import RunResults, run_figure_specs
 
 
 @pytest.fixture(autouse=True)
@@ -40,7 +40,7 @@ def test_every_plot_returns_the_given_axes_or_new_ones_with_labels(run):
 def test_the_histogram_has_all_errors_and_their_mean(run):
     axes = run.plot.range_error(log=True)
     (histogram,) = axes.patches
-    errors = Results(run).ranges.total
+    errors = RunResults(run).ranges.total
     errors = errors[np.isfinite(errors)]
     counts, edges, _ = histogram.get_data()
     assert counts.sum() == errors.size
@@ -52,7 +52,7 @@ def test_the_histogram_has_all_errors_and_their_mean(run):
 
 def test_the_figure_by_vehicle_shows_its_table_and_is_that_of_the_report(run):
     table = run.tables["ate_per_vehicle"].frame
-    figure = next(p for p in run_figure_specs(Results(run)) if p.name == "error_by_vehicle").draw()
+    figure = next(p for p in run_figure_specs(RunResults(run)) if p.name == "error_by_vehicle").draw()
     for axes in (run.plot.error_by_vehicle(), figure.axes[0]):
         dots = [line for line in axes.lines if line.get_marker() == "o"]
         shown = np.stack([line.get_ydata() for line in dots])

@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 
 from pymantaray.report import write_atlas_page, write_sweep_page
 from pymantaray.report.compare import _page, comparison_tables
-from pymantaray.report.figures import Results
+from pymantaray.report.figures import RunResults
 from pymantaray.report.page import Page
 from pymantaray.report.replay import _explorer
 from pymantaray.report.run_page import run_page
@@ -97,7 +97,7 @@ PAGES = {
 @pytest.fixture(params=PAGES)
 def page(request, run, tmp_path):
     """Name of a page and its parts."""
-    return request.param, Parts(PAGES[request.param](Results(run), tmp_path))
+    return request.param, Parts(PAGES[request.param](RunResults(run), tmp_path))
 
 
 def test_a_page_has_its_own_script_after_what_all_share(page):

@@ -9,7 +9,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.config.load import load_study
 from pymantaray.errors import MantaRayError
 from pymantaray.records import RayStatus
-from pymantaray.sensing import Reception, find_receptions
+from pymantaray.sensing import ReceptionOptions, find_receptions
 from pymantaray.water import open_water
 
 GRADIENT, SPEED = 0.05, 1400.0  # 1/s, m/s at the surface
@@ -29,7 +29,7 @@ def link(distance):
 @pytest.mark.parametrize(("share", "status"), [(1.001, RayStatus.OK), (0.999, RayStatus.SHADOW)])
 def test_ray_is_lost_at_half_the_width_of_the_fan(share, status):
     medium, source, receiver, angle = link(8000.0)
-    sound = find_receptions(source, receiver, medium, Reception(cone=2.0 * share * angle))
+    sound = find_receptions(source, receiver, medium, ReceptionOptions(cone=2.0 * share * angle))
     assert sound.status[0] == status
     assert np.isfinite(sound.selected("travel_time")).all() == (status == RayStatus.OK)
 
@@ -42,7 +42,7 @@ def test_a_fan_may_lose_one_direction_only():
     slope = math.atan2(650.0, 6000.0)
     away = abs(free.receptions.departure_angle - np.array([slope, -slope]))
     assert abs(away[0] - away[1]) > 0.005
-    sound = find_receptions(source, receiver, medium, Reception(cone=away.sum()))
+    sound = find_receptions(source, receiver, medium, ReceptionOptions(cone=away.sum()))
     received = np.isfinite(sound.selected("travel_time")[:, 0])
     np.testing.assert_array_equal(received, away < 0.5 * away.sum())
     assert sound.status[0] == RayStatus.OK

@@ -15,7 +15,7 @@ from pymantaray.sensing import (
     NoiseModel,
     OneWay,
     Picker,
-    Reception,
+    ReceptionOptions,
     SoundPath,
     TwoWay,
     assemble,
@@ -115,7 +115,7 @@ def test_beyond_reach_nothing_leaks_and_without_a_frequency_nobody_knows(truth, 
 def test_what_leaks_takes_as_long_from_either_end():
     source = np.array([[-2e3, 0.0, 260.0], [-1e3, 300.0, 240.0]])
     receiver = np.array([HIDDEN.position] * 2)
-    reception = Reception(detector=LOUD, leakage=Leakage(250.0))
+    reception = ReceptionOptions(detector=LOUD, leakage=Leakage(250.0))
     for currents in (None, Currents.uniform(0.5, 0.2)):
         one = find_receptions(source, receiver, WATER, reception, currents=currents)
         other = find_receptions(receiver, source, WATER, reception, currents=currents)

@@ -7,7 +7,7 @@ import pytest
 from factories import TINY
 
 from pymantaray.acoustics import Medium, Sonar
-from pymantaray.sensing import Detector, Reception, TwoWay
+from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
 from pymantaray.service import RangingService, make_server
 from pymantaray.study import parse_study
 from pymantaray.study.mission import range_fleet, simulate_fleet
@@ -33,7 +33,7 @@ def service(medium):
 @pytest.fixture(scope="session")
 def loud(medium):
     """Two-way, with a sonar and one reflection at either boundary."""
-    reception = Reception(max_surface_bounces=1, max_bottom_bounces=1, detector=Detector(SONAR))
+    reception = ReceptionOptions(max_surface_bounces=1, max_bottom_bounces=1, detector=Detector(SONAR))
     return RangingService(medium, reception=reception, timing=TwoWay(turn_around=0.25))
 
 

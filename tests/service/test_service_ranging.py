@@ -17,7 +17,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.records import RayStatus
 from pymantaray.records.writing import write_netcdf
-from pymantaray.sensing import Detector, Reception, TwoWay
+from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
 from pymantaray.sensing.timing import velocities
 from pymantaray.service import RangingService
 from pymantaray.study import load_sound
@@ -134,7 +134,7 @@ def test_a_round_trip_ends_where_the_moving_ends_meet_the_sound():
 
 def test_a_level_is_that_of_the_source_less_the_spherical_spreading():
     sonar = Sonar(source_level_db=180.0, frequency_hz=10e3, bandwidth_hz=2e3, noise=40.0, spread_db=0.0)
-    service = RangingService(STILL, reception=Reception(detector=Detector(sonar)))
+    service = RangingService(STILL, reception=ReceptionOptions(detector=Detector(sonar)))
     distance = np.array([100.0, 1000.0])
     ping = service.ping(0.0, (0.0, 0.0, 500.0), [(d, 0.0, 500.0) for d in distance])
     np.testing.assert_allclose(ping.level_db, 180.0 - 20.0 * np.log10(distance), atol=1e-3)
@@ -164,7 +164,7 @@ def test_a_service_that_varies_works_in_processes(varying, in_varying):
 
 
 def test_nothing_is_compiled_after_construction(medium, links):
-    reception = Reception(max_surface_bounces=1, detector=Detector(Sonar(180.0, 20e3, 4e3, 50.0)))
+    reception = ReceptionOptions(max_surface_bounces=1, detector=Detector(Sonar(180.0, 20e3, 4e3, 50.0)))
     service = RangingService(medium, reception=reception, currents=Currents.uniform(0.2, 0.1))
     compiled = [list(entry.signatures) for entry in (solve_links, trace_arrivals)]
     service.ping(0.0, *links(25))

@@ -6,11 +6,11 @@ import pytest
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.errors import StudyError
 from pymantaray.estimation import Mixture, RangeLinks
-from pymantaray.sensing import OneWay, Picker, Reception, TwoWay
+from pymantaray.sensing import OneWay, Picker, ReceptionOptions, TwoWay
 from pymantaray.study.range_models.candidate_rays import CandidateRays
 
 DEPTH = np.linspace(0.0, 1000.0, 21)
-BOUNCED = Reception(spreading_cutoff_db=40.0, max_surface_bounces=2, max_bottom_bounces=1)
+BOUNCED = ReceptionOptions(spreading_cutoff_db=40.0, max_surface_bounces=2, max_bottom_bounces=1)
 STEP = 0.5  # m
 MULTIPATH = {
     "study": {"realizations": 1},

@@ -18,8 +18,8 @@ from pymantaray.jobs.keys import sha256
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.records import write_netcdf
-from pymantaray.report.explore import Ends, mission_rays
-from pymantaray.report.figures import Results
+from pymantaray.report.explore import PageLinks, mission_rays
+from pymantaray.report.figures import RunResults
 from pymantaray.study import open_run, run_study
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.water.ocean import build_currents, build_medium, mission_start
@@ -240,8 +240,8 @@ def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(run_tiny
 def check_page_rays(run):
     """Rays on the page take as long as those that the study has found; how many of them."""
     rays, ends = (
-        json.loads(mission_rays(Results(run))),
-        Ends(Results(run), np.unique(run.measurements.range_sample)),
+        json.loads(mission_rays(RunResults(run))),
+        PageLinks(RunResults(run), np.unique(run.measurements.range_sample)),
     )
     first, links = run.arrivals.first().travel_time, run.links
     for section in rays:
@@ -261,7 +261,7 @@ def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path
     run = run_tiny(study=ONE, conditions=["straight"], ocean={"source": files, "time_varying": True})
     assert check_page_rays(run) > 3
     Path(files[1]).unlink()
-    assert json.loads(mission_rays(Results(open_run(run.path)))) == []
+    assert json.loads(mission_rays(RunResults(open_run(run.path)))) == []
 
 
 def test_rays_on_the_page_run_through_the_internal_tide_of_their_ping(run_tiny):

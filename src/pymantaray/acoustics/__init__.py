@@ -19,12 +19,13 @@ from pymantaray.acoustics.paths import (
 from pymantaray.acoustics.profile_files import write_asvp, write_profiles
 from pymantaray.acoustics.profiles import read_profile, read_profiles, smooth_profile, thin_profile
 from pymantaray.acoustics.reflection import FluidBottom, GrainSizeBottom, IceCover, SeaSurface
-from pymantaray.acoustics.selection import Rule, choose_arrivals, select
+from pymantaray.acoustics.selection import ArrivalRule, choose_arrivals, select
 from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
 from pymantaray.geometry.boundary import BoundarySurface
 
 __all__ = [
     "Absorption",
+    "ArrivalRule",
     "BoundarySurface",
     "Coherent",
     "Currents",
@@ -34,7 +35,6 @@ __all__ = [
     "Leakage",
     "Leaks",
     "Medium",
-    "Rule",
     "SeaSurface",
     "Sonar",
     "Tails",

@@ -42,7 +42,18 @@ class Absorption:
 
     @classmethod
     def constant(cls, db_per_km: float) -> Self:
-        """One coefficient everywhere, at every frequency. [dB/km]"""
+        """
+        Absorption with the same coefficient everywhere and at every frequency.
+
+        Parameters
+        ----------
+        db_per_km : float
+            Coefficient. [dB/km]
+
+        Returns
+        -------
+        Absorption
+        """
         check_number(AcousticsError, "absorption", db_per_km, "dB/km")
         return cls(partial(_everywhere, float(db_per_km)))
 

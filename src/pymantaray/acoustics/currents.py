@@ -81,10 +81,21 @@ class Currents:
         return cls(north, east, depth, velocity)
 
     @classmethod
-    def uniform(cls, north: float, east: float) -> Self:
-        """Return the same current everywhere, by its components to the north and to the east. [m/s]"""
+    def uniform(cls, current_north: float, current_east: float) -> Self:
+        """
+        Current that is the same everywhere.
+
+        Parameters
+        ----------
+        current_north, current_east : float
+            Components to the north and to the east. [m/s]
+
+        Returns
+        -------
+        Currents
+        """
         zero = np.zeros(1)
-        return cls(zero, zero, zero, np.array([north, east]).reshape(1, 1, 1, 2))
+        return cls(zero, zero, zero, np.array([current_north, current_east]).reshape(1, 1, 1, 2))
 
     def at(self, position: ArrayLike) -> Array:
         """

@@ -287,11 +287,35 @@ class Medium:
         return self.earth.straight_distance(*(x.copy() for x in np.broadcast_arrays(a, b)))
 
     def bottom_depth(self, position: ArrayLike) -> Array:
-        """Depth of the sea bed at positions, see `BoundarySurface.depth_at`. [m]"""
+        """
+        Depth of the sea bed at positions.
+
+        Parameters
+        ----------
+        position : array_like, shape (n, 2), (n, 3) or one position
+            North, east and, without effect, down. [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Depth, positive down. [m]
+        """
         return self.bed.depth_at(position)
 
     def surface_depth(self, position: ArrayLike) -> Array:
-        """Depth of the surface, or of the underside of ice, at positions, see `BoundarySurface.depth_at`. [m]"""
+        """
+        Depth of the surface, or of the underside of ice, at positions.
+
+        Parameters
+        ----------
+        position : array_like, shape (n, 2), (n, 3) or one position
+            North, east and, without effect, down. [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Depth, positive down. [m]
+        """
         return self.surface.depth_at(position)
 
     @property

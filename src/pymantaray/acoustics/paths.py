@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _STEEPEST = 1.5  # rad; a ray of a fan may not be launched steeper
-_LONGEST = 4  # paths of most nodes for which a thread has room
+_LONGEST_PATHS = 4  # paths of most nodes for which a thread has room
 _GAUSS_NODES, _GAUSS_WEIGHTS = (
     0.5 * (v + shift) for v, shift in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True)
 )
@@ -193,7 +193,7 @@ def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
     from pymantaray.acoustics._kernels.layout import N_NODE, workspace
 
     work = workspace(medium.depth.size)
-    return work, np.empty((_LONGEST * len(work.path), N_NODE))
+    return work, np.empty((_LONGEST_PATHS * len(work.path), N_NODE))
 
 
 def _as_paths(table: Array, counts: NDArray[np.int64], medium: Medium) -> RayPaths:

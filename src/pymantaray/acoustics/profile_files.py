@@ -1,4 +1,4 @@
-"""Profiles in the files that other programs read: Kongsberg's ``.asvp``, and CF data sets of profiles."""
+"""Writers of profiles for other programs: Kongsberg's ``.asvp``, and CF data sets of profiles."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,40 +10,42 @@ from pymantaray.errors import AcousticsError
 from pymantaray.records import whole_file, write_netcdf
 
 _DEEPEST = 12_000.0  # m; to where Kongsberg's systems want a profile extended
-_MOST_LEVELS = 1000  # of EM 122 and later, by the description of the format in SIS
+_MAX_LEVELS = 1000  # of EM 122 and later, by the description of the format in SIS
 
 
 def write_asvp(path: str | Path, profile: Profile) -> None:
     """
     Write a profile of sound speed as Kongsberg's ``.asvp``, which SIS and Sound Speed Manager read.
 
-    Depths are written to 1 cm and sound speeds to 1 cm/s. The format ends at 12,000 m: the last sound speed is repeated there.
+    Depths have a resolution of 1 cm, and sound speeds of 1 cm/s. The format ends at 12,000 m, where the last sound speed is repeated.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        File to make or replace; its folder must exist.
+        New or existing file, which is replaced; its folder must exist.
     profile : Profile
-        Its position is `Profile.place`, its time `Profile.time`; the format needs both.
+        Profile with position (`Profile.place`) and time (`Profile.time`), which the format requires.
 
     Raises
     ------
     AcousticsError
-        If the position or the time is unknown, levels are less than 1 cm apart, or there are more than 1000.
+        If the position or the time is unknown, two levels differ by less than 1 cm, or there are more than 1000 levels.
     """
     lat, lon = _place(path, profile)
     if np.isnat(profile.time):
         raise AcousticsError(f"{path}: the time of {profile.name} is unknown; the format needs one")
     depth, speed = np.round(profile.depth, 2), np.round(profile.sound_speed, 2)
     if np.any(np.diff(depth) <= 0.0):
-        raise AcousticsError(f"{path}: {profile.name} has levels less than 1 cm apart; thin it first")
+        raise AcousticsError(
+            f"{path}: {profile.name} has levels that differ by less than 1 cm; thin it first"
+        )
     if depth[0] > 0.0:
         depth, speed = np.append(0.0, depth), np.append(speed[0], speed)
     if depth[-1] < _DEEPEST:
         depth, speed = np.append(depth, _DEEPEST), np.append(speed, speed[-1])
-    if depth.size > _MOST_LEVELS:
+    if depth.size > _MAX_LEVELS:
         raise AcousticsError(
-            f"{path}: {depth.size} levels, echo sounders take {_MOST_LEVELS} at most; thin it first: thin_profile, or --thin"
+            f"{path}: {depth.size} levels; echo sounders accept at most {_MAX_LEVELS}; thin it first with --thin (in Python: thin_profile)"
         )
     stamp = profile.time.astype("datetime64[s]").item()
     head = (
@@ -56,14 +58,14 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
 
 def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
     """
-    Write profiles as a CF data set (incomplete multidimensional arrays), which `read_profiles` and `read_casts` take back.
+    Write profiles as a CF data set (incomplete multidimensional arrays) that `read_profiles` and `read_casts` can read.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        NetCDF file to make or replace; its folder must exist.
+        New or existing NetCDF file, which is replaced; its folder must exist.
     profiles : sequence of Profile
-        At least one. Temperature and salinity are written if all have them.
+        One or more profiles. The file contains temperature and salinity if all profiles do.
 
     Raises
     ------

@@ -20,27 +20,27 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _RAW_SPACING = 2.0  # m
-_POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s, in any sea
+_POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s; limits for all seas
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
-_CUT_OFF = 4.0  # standard deviations at which the weights of a Gaussian end
+_CUT_OFF = 4.0  # standard deviations beyond which Gaussian weights are zero
 
 
 class Profile(NamedTuple):
-    """Levels [m], sound speed [m/s], and latitude and longitude if TEOS-10 computed one of them there [degrees]."""
+    """Levels [m], sound speed [m/s], and the latitude and longitude that TEOS-10 used, if any [degrees]."""
 
     depth: Array
     sound_speed: Array
     position: tuple[float, float] | None
     name: str
-    """Its station in the table, else the file's name."""
+    """Station in the table, or name of the file."""
     time: np.datetime64
-    """UTC, NaT where the table does not say."""
+    """UTC; NaT if unknown."""
     water: tuple[Array, Array] | None
-    """In-situ temperature [degC] and practical salinity of all levels, None where the table lacks one."""
+    """In-situ temperature [degC] and practical salinity of all levels; None if the table lacks one of them."""
     notes: tuple[str, ...]
-    """What is doubtful about it."""
+    """Doubts about the profile."""
     place: tuple[float, float] | None = None
-    """Latitude and longitude that the file or the caller names. [degrees]"""
+    """Latitude and longitude from the file or the caller. [degrees]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,32 +71,35 @@ def read_profile(
     path: str | Path, place: tuple[float, float] | None = None, *, repair_freezing: bool = False
 ) -> Profile:
     """
-    Read a profile of sound speed, computed by TEOS-10 if the file has temperature and salinity instead.
+    Read a profile of sound speed, or compute it by TEOS-10 from temperature and salinity.
 
     Parameters
     ----------
     path : str or Path
-        File of one cast as `pymantaray.ocean.read_cast` takes it, or of sound speed alone, such as a Kongsberg ``.asvp``; or a CSV
-        file with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``. Names of
-        columns may end in their units, as in ``depth_m``.
+        File with one cast in a format of `pymantaray.ocean.read_cast`; a file with sound speed alone, such as a Kongsberg
+        ``.asvp``; or a CSV file with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical
+        ``salinity``. Names of columns may end in their units, as in ``depth_m``.
     place : tuple of float, optional
-        Latitude and longitude. By default that of the file, or of a comment line with ``lat ...`` and ``lon ...``. [degrees]
+        Latitude and longitude. Default: from the file, or from a comment line with ``lat ...`` and ``lon ...``. [degrees]
     repair_freezing : bool
         True to raise the salinity of water below its freezing point to the freezing line, where it gives the sound speed.
 
     Returns
     -------
     Profile
+        Levels [m] and sound speed [m/s].
 
     Raises
     ------
     AcousticsError
-        If the file holds several casts, lacks a column, or its depth does not increase; the message names the line.
+        If the file contains several casts, lacks a column, or its depth does not increase; the message gives the line.
     """
     profiles = read_profiles(path, place, repair_freezing=repair_freezing)
     if len(profiles) > 1:
         names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
-        raise AcousticsError(f"{path}: holds {len(profiles)} casts ({names}); one is needed: keep one")
+        raise AcousticsError(
+            f"{path}: contains {len(profiles)} casts ({names}); only one is allowed; keep one"
+        )
     return profiles[0]
 
 
@@ -114,7 +117,7 @@ def read_profiles(
     Returns
     -------
     list of Profile
-        Each with its name and, if the file has it, its time.
+        Profiles with name and, if the file contains it, time.
     """
     from pymantaray.ocean.casts import cast_tables, holds_argo, read_casts
 
@@ -143,8 +146,8 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
     if not all(there.values()):
         lacks = ", ".join(name for name, present in there.items() if not present)
         raise AcousticsError(
-            f"{table.path}: lacks {lacks}; found {', '.join(table.header)}; pressure serves for depth,"
-            " temperature and salinity for sound_speed"
+            f"{table.path}: no column {lacks}; the columns are {', '.join(table.header)}; pressure can replace depth, and temperature with"
+            " salinity can replace sound_speed"
         )
     used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
     level, *values = (table.values(name, complete=True) for name in used)
@@ -180,13 +183,13 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
 
 
 def _of_cast(cast: Cast) -> Profile:
-    """Profile of a cast whose sound speed is computed."""
+    """Profile of a cast with computed sound speed."""
     place, water = (cast.lat, cast.lon), (cast.temperature, cast.salinity)
     return Profile(cast.depth, cast.sound_speed(), place, cast.name, cast.time, water, cast.notes, place)
 
 
 def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:
-    """Profile of an instrument's file or a data set: rows downward that are whole and possible, by its own sound speed if it has one."""
+    """Profile of an instrument's file or a data set: complete, plausible rows of the downcast, with its own sound speed if it has one."""
     import gsw
 
     from pymantaray.ocean.cast import usable_rows
@@ -212,7 +215,7 @@ def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | No
 
 
 def is_raw_cast(depth: ArrayLike) -> bool:
-    """True if levels are so close (median below 2 m) that a spline through them would follow the instrument's errors."""
+    """True if the median distance of levels is below 2 m: a spline through them would follow the instrument's errors."""
     spacing = np.diff(np.asarray(depth, dtype=float))
     return bool(spacing.size and np.median(spacing) < _RAW_SPACING)
 
@@ -225,37 +228,37 @@ def thin_profile(
     interpolation: Interpolation = "smooth",
 ) -> ReducedProfile:
     """
-    Leave out levels of a cast as long as the interpolation stays near those left out.
+    Omit levels of a cast while the interpolation stays within a tolerance of the omitted levels.
 
     Parameters
     ----------
     depth, sound_speed : array_like, shape (n_levels,)
-        Levels of the cast, strictly increasing, and the sound speed there. [m, m/s]
+        Levels of the cast, strictly increasing, and their sound speed. [m, m/s]
     tolerance : float
-        Greatest departure from the cast at any of its levels. [m/s]
+        Maximum difference from the cast at any of its levels. [m/s]
     interpolation : {"smooth", "linear"}
-        That of the `Medium` to be made.
+        Interpolation of the `Medium` that will use the profile.
 
     Returns
     -------
     ReducedProfile
-        Its levels are the surface and levels of the cast, the last among them.
+        Its levels are the surface and levels of the cast, including the last.
 
     Notes
     -----
-    ``linear`` keeps the fewest levels that the tolerance allows: the shortest chain of chords, each within
-    the tolerance of all levels that it passes [1]_. ``smooth`` adds levels where a natural cubic spline
-    departs most until it fits, then takes out each one that it can spare: few, but not provably the fewest.
+    ``linear`` keeps the minimum number of levels: the shortest chain of chords, each within the tolerance of all levels between
+    its ends [1]_. ``smooth`` adds levels where a natural cubic spline differs most until the spline is within the tolerance. It then
+    removes every level that the tolerance does not require. The result has few levels, but not provably the minimum number.
 
-    The time t of the fastest path between two places changes by at most a fraction ``tolerance`` / c of t (within
-    what two splines differ more between the cast's levels than at them): in either medium the other's path
-    takes no longer than that. The fastest path is the earliest arrival unless it runs along the surface, the
-    sea bed, or a level where a ``linear`` profile has a maximum, which is no ray.
+    The time t of the fastest path between two positions changes by at most a fraction ``tolerance`` / c of t, because the fastest
+    path in one medium takes at most this much longer in the other. (Two splines may differ by more between the cast's levels than
+    at them.) The fastest path is the earliest arrival, unless it runs along the surface, the sea bed, or a maximum of a ``linear``
+    profile, where no ray exists.
 
     References
     ----------
     .. [1] Imai, H. and Iri, M. (1988), Polygonal approximations of a curve, in Computational Morphology,
-       71-86; cited second-hand, for the shortest path in the graph of admissible chords.
+       71-86; cited from secondary sources, for the shortest path in the graph of admissible chords.
 
     Examples
     --------
@@ -275,31 +278,32 @@ def smooth_profile(
     depth: ArrayLike, sound_speed: ArrayLike, *, length: float = 10.0, interpolation: Interpolation = "smooth"
 ) -> ReducedProfile:
     """
-    Average a cast over a length, on even levels half a length apart.
+    Average a cast over a length, on equally spaced levels at half this length.
 
     Parameters
     ----------
     depth, sound_speed : array_like, shape (n_levels,)
-        Levels of the cast, strictly increasing, and the sound speed there. [m, m/s]
+        Levels of the cast, strictly increasing, and their sound speed. [m, m/s]
     length : float
-        Full width of the weights at half their height. [m]
+        Full width at half maximum of the weights. [m]
     interpolation : {"smooth", "linear"}
-        That of the `Medium` to be made.
+        Interpolation of the `Medium` that will use the profile.
 
     Returns
     -------
     ReducedProfile
+        Averaged profile.
 
     Raises
     ------
     AcousticsError
-        If the levels do not increase, a value is not finite, or the length is below the widest gap between
-        levels or above half the depth of the cast.
+        If the levels do not increase, a value is not finite, or the length is less than the largest gap between levels or more
+        than half the depth of the cast.
 
     Notes
     -----
-    At each level the value of a straight line fitted with Gaussian weights, each times the share of depth
-    that the cast's level stands for. A constant gradient is kept exactly, at the ends too.
+    The value at each level is that of a straight line, fitted with Gaussian weights times the depth interval of each level of the
+    cast. The average preserves a constant gradient exactly, also at the ends.
     """
     cast = _checked(depth, sound_speed)
     z, c = up_to_surface(*cast)
@@ -327,11 +331,11 @@ def _place(table: CastTable, position: tuple[float, float] | None) -> tuple[floa
     place = position or cast_place(table)
     if place is None:
         raise AcousticsError(
-            f"{table.path}: sound speed or depth has to be computed, for which --position LAT LON is needed"
+            f"{table.path}: computing sound speed or depth needs a position; give --position LAT LON (in Python: place)"
         )
     if not (-90.0 <= place[0] <= 90.0 and -360.0 <= place[1] <= 360.0):
         raise AcousticsError(
-            f"{table.path}: position {place[0]:g} {place[1]:g}; latitude and longitude in degrees are needed"
+            f"{table.path}: position {place[0]:g} {place[1]:g}; latitude must be -90 to 90 and longitude -360 to 360 degrees"
         )
     return place
 
@@ -339,7 +343,7 @@ def _place(table: CastTable, position: tuple[float, float] | None) -> tuple[floa
 def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
     z = checked_array(AcousticsError, "profile: depth", depth, (None,), rising=True)
     if z.size < 2:
-        raise AcousticsError("profile: one level; at least 2 are needed")
+        raise AcousticsError("profile: has one level; at least 2 are required")
     return z, checked_array(AcousticsError, "profile: sound_speed", sound_speed, z.shape)
 
 
@@ -399,7 +403,7 @@ def _fewest_chords(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
 
 
 def _spline_levels(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
-    """Rows through which a natural cubic spline stays within the tolerance of all."""
+    """Rows whose natural cubic spline is within the tolerance of all levels."""
 
     def departure(kept: NDArray[np.int64]) -> Array:
         return np.abs(_interpolated(z[kept], c[kept], z, "smooth") - c)
@@ -407,7 +411,7 @@ def _spline_levels(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
     rows = np.array([0, z.size - 1])
     while True:
         off = departure(rows)
-        off[rows] = 0.0  # by construction, but for rounding
+        off[rows] = 0.0  # exact except for rounding
         if off.max() <= tolerance:
             break
         worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows)]

@@ -56,7 +56,21 @@ class _PlaneWave:
     """Reflection that has a complex coefficient of pressure."""
 
     def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
-        """Reflection coefficient, by grazing angle [rad] and sound speed of the water [m/s], time as exp(-i omega t)."""
+        """
+        Reflection coefficient of plane waves, with time as exp(-i omega t).
+
+        Parameters
+        ----------
+        grazing_angle : array_like, shape (n,)
+            Grazing angles. [rad]
+        sound_speed : array_like, shape (n,)
+            Sound speed of the water at the boundary. [m/s]
+
+        Returns
+        -------
+        ndarray of complex, shape (n,)
+            Coefficients. [-]
+        """
         raise NotImplementedError
 
     def loss_and_phase(
@@ -73,7 +87,23 @@ class _Scattering:
     """Reflection at the surface, with phase pi and a loss."""
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
-        """Loss of each reflection, by grazing angle [rad], frequency [Hz] and sound speed of the water [m/s]. [dB]"""
+        """
+        Loss of each reflection.
+
+        Parameters
+        ----------
+        grazing_angle : array_like, shape (n,)
+            Grazing angles. [rad]
+        frequency_hz : float
+            Frequency. [Hz]
+        sound_speed : array_like, shape (n,)
+            Sound speed of the water at the boundary. [m/s]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Loss of each reflection. [dB]
+        """
         raise NotImplementedError
 
     def loss_and_phase(
@@ -110,16 +140,41 @@ class FluidBottom(_PlaneWave):
     @classmethod
     def standard(cls, name: str) -> Self:
         """
-        Return one of five sediments of the table of Jensen et al. (section 1.3): clay, silt, sand, gravel or moraine.
+        Return one of five sediments of the table of Jensen et al. (section 1.3).
 
-        Shear waves are neglected: they are slow in these sediments (50 to 600 m/s). Rock is missing because it is not a fluid.
+        Parameters
+        ----------
+        name : {"clay", "silt", "sand", "gravel", "moraine"}
+            Sediment.
+
+        Returns
+        -------
+        FluidBottom
+
+        Notes
+        -----
+        The model neglects shear waves, which are slow in these sediments (50 to 600 m/s). Rock is missing because it is not a fluid.
         """
         if name not in _SEDIMENTS:
             raise AcousticsError(f"sediment {name!r} is unknown; there are {', '.join(_SEDIMENTS)}")
         return cls(*_SEDIMENTS[name])
 
     def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
-        """Rayleigh coefficient, see `rayleigh_coefficient`."""
+        """
+        Rayleigh reflection coefficient, see `rayleigh_coefficient`.
+
+        Parameters
+        ----------
+        grazing_angle : array_like, shape (n,)
+            Grazing angles. [rad]
+        sound_speed : array_like, shape (n,)
+            Sound speed of the water at the boundary. [m/s]
+
+        Returns
+        -------
+        ndarray of complex, shape (n,)
+            Coefficients. [-]
+        """
         loss_tangent = math.log(10.0) * self.attenuation_db_per_wavelength / (40.0 * math.pi)
         index = np.asarray(sound_speed, dtype=float) / self.sound_speed * (1.0 + 1j * loss_tangent)
         return rayleigh_coefficient(grazing_angle, index, self.density / _WATER_DENSITY)
@@ -147,7 +202,23 @@ class SeaSurface(_Scattering):
             raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed are 'bubbles' and 'coherent'")
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
-        """Loss of each reflection, by grazing angle [rad], frequency [Hz] and sound speed of the water [m/s]. [dB]"""
+        """
+        Loss of each reflection.
+
+        Parameters
+        ----------
+        grazing_angle : array_like, shape (n,)
+            Grazing angles. [rad]
+        frequency_hz : float
+            Frequency. [Hz]
+        sound_speed : array_like, shape (n,)
+            Sound speed of the water at the boundary. [m/s]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Loss of each reflection. [dB]
+        """
         if self.model == "bubbles":
             return bubble_loss_db(grazing_angle, frequency_hz, wind_speed=self.wind_speed)
         return coherent_surface_loss_db(
@@ -180,7 +251,23 @@ class IceCover(_Scattering):
         check_fields(AcousticsError, self, "dB", "db_per_bounce")
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:  # noqa: ARG002
-        """Loss of each reflection, the same at every angle and frequency. [dB]"""
+        """
+        Loss of each reflection, the same at every angle and frequency.
+
+        Parameters
+        ----------
+        grazing_angle : array_like, shape (n,)
+            Grazing angles. [rad]
+        frequency_hz : float
+            Frequency. [Hz]
+        sound_speed : array_like, shape (n,)
+            Sound speed of the water at the boundary. [m/s]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Loss of each reflection. [dB]
+        """
         return np.full(np.shape(grazing_angle), self.db_per_bounce)
 
 
@@ -252,7 +339,21 @@ class GrainSizeBottom(_PlaneWave):
         return float(np.polynomial.polynomial.polyval(self.grain_size, coefficients))
 
     def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
-        """Rayleigh coefficient, see `rayleigh_coefficient`; the same at every sound speed of the water."""
+        """
+        Rayleigh reflection coefficient, see `rayleigh_coefficient`.
+
+        Parameters
+        ----------
+        grazing_angle : array_like, shape (n,)
+            Grazing angles. [rad]
+        sound_speed : array_like, shape (n,)
+            Sound speed of the water, without effect. [m/s]
+
+        Returns
+        -------
+        ndarray of complex, shape (n,)
+            Coefficients. [-]
+        """
         index = np.full(np.shape(sound_speed), (1.0 + 1j * self.loss_tangent) / self.sound_speed_ratio)
         return rayleigh_coefficient(grazing_angle, index, self.density_ratio)
 

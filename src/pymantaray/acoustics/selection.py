@@ -13,7 +13,7 @@ from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
 Array = NDArray[np.float64]
-Rule = Literal["direct", "first", "strongest"]
+ArrivalRule = Literal["direct", "first", "strongest"]
 """Which arrival is picked: the earliest that met no boundary, the earliest of all, or the one of least loss."""
 NEAR_DB = 1.0
 """A pick that another limit, so much higher or lower, would change is marked. [dB]"""
@@ -28,7 +28,7 @@ class Chosen(NamedTuple):
 
 def choose_arrivals(
     arrivals: Arrivals,
-    rule: Rule,
+    rule: ArrivalRule,
     *,
     loss_db: ArrayLike | None = None,
     delay: ArrayLike | None = None,
@@ -57,8 +57,8 @@ def choose_arrivals(
     Chosen
         Links that have such an arrival, increasing, and its row.
     """
-    if rule not in get_args(Rule):
-        raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(Rule))}")
+    if rule not in get_args(ArrivalRule):
+        raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(ArrivalRule))}")
     time = _delayed(arrivals, delay)
     allowed = np.ones(time.size, dtype=bool) if heard is None else heard
     if rule == "direct":
@@ -77,7 +77,7 @@ def first_rows(link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[
     return Chosen(link=links.astype(np.int64), row=order[at].astype(np.int64))
 
 
-def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: Rule) -> NDArray[np.bool_]:
+def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> NDArray[np.bool_]:
     """
     True for each link (n_links,) on which a spreading cut-off that is `NEAR_DB` higher or lower would change the selected arrival.
 
@@ -111,7 +111,7 @@ def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
 
 
 def select(
-    arrivals: Arrivals, rule: Rule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
+    arrivals: Arrivals, rule: ArrivalRule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
 ) -> FirstArrivals:
     """
     Select one arrival of each link by a rule.

@@ -55,7 +55,19 @@ class WenzNoise:
             raise AcousticsError(f"WenzNoise: shipping is {self.shipping:g}; must lie in 0 to 1")
 
     def components_db(self, frequency_hz: ArrayLike) -> Array:
-        """Spectral level (4, ...) of turbulence, shipping, wind and thermal agitation. [dB re 1 µPa²/Hz]"""
+        """
+        Spectral levels of turbulence, shipping, wind and thermal agitation.
+
+        Parameters
+        ----------
+        frequency_hz : array_like, shape (...)
+            Frequencies. [Hz]
+
+        Returns
+        -------
+        ndarray, shape (4, ...)
+            Levels. [dB re 1 µPa²/Hz]
+        """
         f = np.asarray(frequency_hz, dtype=float) / 1000.0
         check_number(AcousticsError, "frequency_hz", 1000.0 * float(f.min()), "Hz", positive=True)
         lg = np.log10(f)
@@ -69,11 +81,37 @@ class WenzNoise:
         )
 
     def level_db(self, frequency_hz: ArrayLike) -> Array:
-        """Spectral level of all sources together. [dB re 1 µPa²/Hz]"""
+        """
+        Spectral level of all sources together.
+
+        Parameters
+        ----------
+        frequency_hz : array_like, shape (...)
+            Frequencies. [Hz]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Level. [dB re 1 µPa²/Hz]
+        """
         return np.asarray(10.0 * np.log10(np.sum(10.0 ** (self.components_db(frequency_hz) / 10.0), axis=0)))
 
     def band_level_db(self, frequency_hz: float, bandwidth_hz: float) -> float:
-        """Level in a band, by its middle and width: the spectrum's integral. [dB re 1 µPa²]"""
+        """
+        Level in a band: the integral of the spectrum.
+
+        Parameters
+        ----------
+        frequency_hz : float
+            Middle of the band. [Hz]
+        bandwidth_hz : float
+            Width of the band. [Hz]
+
+        Returns
+        -------
+        float
+            Level. [dB re 1 µPa²]
+        """
         low, high = _band(frequency_hz, bandwidth_hz)
         x, weight = np.polynomial.legendre.leggauss(_NODES)
         half = 0.5 * math.log(high / low)
@@ -148,11 +186,35 @@ class Sonar:
         return self.source_level_db - self.noise_level_db + self.processing_gain_db - self.threshold_db
 
     def snr_db(self, loss_db: ArrayLike) -> Array:
-        """Signal-to-noise ratio after processing, by transmission loss (n,) [dB]. [dB]"""
+        """
+        Signal-to-noise ratio after processing.
+
+        Parameters
+        ----------
+        loss_db : array_like, shape (n,)
+            Transmission loss. [dB]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Signal-to-noise ratio. [dB]
+        """
         return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
 
     def probability_heard(self, loss_db: ArrayLike) -> Array:
-        """Probability of detection, by transmission loss (n,) of arrivals or links [dB]; 0 at infinite loss."""
+        """
+        Probability of detection.
+
+        Parameters
+        ----------
+        loss_db : array_like, shape (n,)
+            Transmission loss of arrivals or links; may be infinite. [dB]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Probability; 0 at infinite loss. [-]
+        """
         return probability_of_excess(self.snr_db(loss_db) - self.threshold_db, self.spread_db)
 
 

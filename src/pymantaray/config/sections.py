@@ -41,7 +41,7 @@ from pymantaray.sensing.noise import NoiseModel
 
 if TYPE_CHECKING:
     from pymantaray.acoustics import Absorption, IceCover, Leakage, SeaSurface, Sonar
-    from pymantaray.sensing import Picker, Reception, Timing
+    from pymantaray.sensing import Picker, ReceptionOptions, Timing
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
 
@@ -437,10 +437,10 @@ class SoundConfig(Section):
         """Build the modems; None if every arrival is detected."""
         return None if self.detection is None else self.detection.build_sonar()
 
-    def build_reception(self, absorption: "Absorption | None") -> "Reception":
+    def build_reception(self, absorption: "Absorption | None") -> "ReceptionOptions":
         """Build search, losses and detection of arrivals, with the absorption of the water."""
         from pymantaray.acoustics.reflection import bed_reflection
-        from pymantaray.sensing import Detector, Reception
+        from pymantaray.sensing import Detector, ReceptionOptions
 
         search, detection, detector = self.acoustics, self.detection, None
         if detection is not None:
@@ -451,7 +451,7 @@ class SoundConfig(Section):
                 surface=search.build_surface(detection.wind_speed),
                 coherent=detection.coherent,
             )
-        return Reception(
+        return ReceptionOptions(
             spreading_cutoff_db=search.cutoff_db,
             max_surface_bounces=search.max_surface_bounces,
             max_bottom_bounces=search.max_bottom_bounces,

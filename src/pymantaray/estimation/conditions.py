@@ -269,6 +269,10 @@ def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[st
     solutions : sequence of mapping of str to Solution
         Results of `solve_conditions`, one for each realization.
 
+    Returns
+    -------
+    Estimates
+
     Raises
     ------
     EstimationError

@@ -1,5 +1,7 @@
 """Pose covariances at fixed epochs, from batch solves and from dead reckoning."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +32,7 @@ class EpochCovariances:
     range_dimension: Indices
 
     @classmethod
-    def unknown(cls, n_epochs: int, n_vehicles: int) -> "EpochCovariances":
+    def unknown(cls, n_epochs: int, n_vehicles: int) -> EpochCovariances:
         """Covariances of NaN, for a solve without any."""
         return cls(
             np.full((n_epochs, n_vehicles, 3, n_vehicles, 3), np.nan),
@@ -50,6 +52,11 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
         Increasing times since the start. [s]
     interval : float
         Time between epochs. [s]
+
+    Returns
+    -------
+    ndarray of int, shape (n_epochs,)
+        Samples in ascending order.
 
     Raises
     ------
@@ -151,6 +158,10 @@ def collect_covariances(
         Samples of the covariances.
     solutions : sequence of mapping of str to EpochCovariances or None
         One mapping for each realization, by condition; None if a solve was not usable.
+
+    Returns
+    -------
+    PoseCovariances
 
     Raises
     ------

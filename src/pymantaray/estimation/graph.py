@@ -306,11 +306,33 @@ class FactorGraph(Record):
         return self.factors.get(name) or kind.table([], [[]] * len(kind.columns), [])
 
     def of_residual(self, *residuals: Residual) -> list[Factors]:
-        """Tables of all kinds that have one of these residuals, in the order of `KINDS`."""
+        """
+        Tables of all kinds of factors with one of these residuals, in the order of `KINDS`.
+
+        Parameters
+        ----------
+        *residuals : Residual
+            Kinds of residuals.
+
+        Returns
+        -------
+        list of Factors
+        """
         return [self[name] for name, kind in KINDS.items() if kind.residual in residuals]
 
     def with_factors(self, **tables: Factors) -> "FactorGraph":
-        """Copy with some tables replaced, by the names of `KINDS`."""
+        """
+        Copy of the graph with other tables of factors.
+
+        Parameters
+        ----------
+        **tables : Factors
+            New tables by the names of `KINDS`.
+
+        Returns
+        -------
+        FactorGraph
+        """
         return replace(self, factors={**self.factors, **tables})
 
     @property
@@ -333,7 +355,18 @@ class FactorGraph(Record):
         return int(rows - pose * self.n_poses - landmark * self.landmark_name.size)
 
     def variable_name(self, variable: int) -> str:
-        """Readable name of a variable: ``A17``, ``float-1:17`` if the vehicle's name is longer, ``L0``."""
+        """
+        Readable name of a variable: ``A17``, ``float-1:17`` if the vehicle's name is longer, or ``L0``.
+
+        Parameters
+        ----------
+        variable : int
+            Index of a pose or landmark.
+
+        Returns
+        -------
+        str
+        """
         if variable >= self.n_poses:
             return str(self.landmark_name[variable - self.n_poses])
         name, number = str(self.vehicle_name[self.pose_vehicle[variable]]), int(self.pose_number[variable])
@@ -359,7 +392,18 @@ class FactorGraph(Record):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Read a graph from a data set of `to_dataset`."""
+        """
+        Read a graph from a data set.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Data set of `to_dataset`.
+
+        Returns
+        -------
+        FactorGraph
+        """
         factors = {
             name: kind.table(
                 dataset[f"{name}_variables"].values,

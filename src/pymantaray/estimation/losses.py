@@ -1,5 +1,7 @@
 """Robust losses: cost and weight of ranges with errors larger than their noise."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -72,7 +74,19 @@ class Loss:
             raise EstimationError(f"loss {self.kind} cannot be graduated; only geman-mcclure can")
 
     def cost(self, residual: ArrayLike) -> Array:
-        """Cost of whitened residuals, half the square near zero. [-]."""
+        """
+        Cost of whitened residuals, half the square near zero.
+
+        Parameters
+        ----------
+        residual : array_like, shape (...)
+            Whitened residuals. [-]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Cost. [-]
+        """
         u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
         if self.kind == "huber":
             return np.asarray(np.where(u <= k, 0.5 * u**2, k * (u - 0.5 * k)))
@@ -81,7 +95,19 @@ class Loss:
         return np.asarray(0.5 * u**2 / (1.0 + (u / k) ** 2))
 
     def weight(self, residual: ArrayLike) -> Array:
-        """Weight relative to least squares: the slope of the cost divided by the residual, 1 at zero. [-]."""
+        """
+        Weight relative to least squares: the slope of the cost divided by the residual.
+
+        Parameters
+        ----------
+        residual : array_like, shape (...)
+            Whitened residuals. [-]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Weight; 1 at zero. [-]
+        """
         u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
         if self.kind == "huber":
             return np.asarray(k / np.maximum(u, k))

@@ -35,6 +35,10 @@ def covariances_at(
 
     Parameters
     ----------
+    graph : FactorGraph
+        Graph.
+    values : GraphValues
+        Values for the linearization.
     poses : ndarray of int, shape (n_epochs, n_vehicles)
         Each pose needs a prior or odometry.
     innovations : bool

@@ -5,6 +5,8 @@ A range model is anything with `RangeModel.predict`. The unknowns are amplitudes
 offset and skew of clocks; they are estimated with the poses.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -33,7 +35,7 @@ class TimedRanges(NamedTuple):
     sound_speed: Array  # measured at the transmitter [m/s]
     travel_time: Array  # measured, with its noise [s]
 
-    def links(self, transmitter: Array, receiver: Array) -> "RangeLinks":
+    def links(self, transmitter: Array, receiver: Array) -> RangeLinks:
         """Links of these ranges between positions, shape (n, 3)."""
         return RangeLinks(self.time, transmitter, receiver, self.sound_speed)
 
@@ -71,7 +73,7 @@ class AdjustableModel(RangeModel, Protocol):
 
     amplitude_sigma: Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m/s]
 
-    def adjusted(self, amplitudes: Array) -> "AdjustableModel":
+    def adjusted(self, amplitudes: Array) -> AdjustableModel:
         """Copy of the model with these amplitudes relative to the initially assumed ocean. [m/s]."""
         ...
 

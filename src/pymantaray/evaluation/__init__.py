@@ -1,4 +1,4 @@
-"""Trajectory errors and statistics of range errors. Truth and estimate are compared only here."""
+"""Trajectory errors and statistics of range errors; the only folder that compares estimates with the truth."""
 
 from pymantaray.evaluation.bound import DegreesOfFreedom, bound_table, error_bound
 from pymantaray.evaluation.comparison import comparison_table

@@ -24,7 +24,7 @@ _RANK = 1e-9  # of the largest singular value; a direction below is not seen
 
 
 def ping_samples(measurements: Measurements) -> NDArray[np.intp]:
-    """Samples at which ranges were tried."""
+    """Sample indices of range attempts."""
     return np.unique(measurements.range_sample).astype(np.intp)
 
 
@@ -47,10 +47,10 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
     ----------
     truth : Trajectories
     measurements : Measurements
-        Without noise: which there are, and how good they are.
+        Measurements without noise, with their standard deviations.
     condition : str
-        Key of `CONDITIONS`: ``odometry`` is dead reckoning, ``no-ranges`` has depths and GNSS besides; of all others ranges
-        are distances, over their links.
+        Key of `CONDITIONS`. ``odometry`` is dead reckoning; ``no-ranges`` adds depths and GNSS; all other conditions add the
+        ranges of their links as straight distances.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
     Raises
     ------
     EvaluationError
-        If the vehicles of both records differ, or there is no such condition.
+        If the vehicles of both records differ, or the condition does not exist.
 
     Notes
     -----
@@ -180,28 +180,31 @@ def _bound_graph(e: Estimator, o: Measurements) -> FactorGraph:
 
 
 def rms_bound(bound: Array, submerged: NDArray[np.bool_]) -> float:
-    """Root mean square of the position error that a bound allows to vehicles under water at pings; NaN for none. [m]"""
+    """Lower bound of the root mean square position error of vehicles under water at pings; NaN without such vehicles. [m]"""
     variance = np.einsum("eaiai->ea", bound)[submerged]
     return float(np.sqrt(variance.mean())) if variance.size else float("nan")
 
 
 def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame:
     """
-    The bound at each ping, without ranges and with them, and what the ranges of that ping alone leave open.
+    Bound at each ping, without ranges and with them, and the directions that the ranges of this ping alone do not determine.
 
     Parameters
     ----------
+    truth : Trajectories
+        True trajectories.
     measurements : Measurements
-        Without noise.
+        Measurements without noise.
 
     Returns
     -------
     pandas.DataFrame
-        ``time_h``; ``anchors``, vehicles with a GNSS fix, and landmarks; ``submerged``, vehicles without; ``no_ranges_rmse_m`` and
-        ``bound_rmse_m`` of these, with odometry, depth and GNSS of all times, without and with all ranges;
-        ``unseen``, directions of all positions that ranges, depths and fixes of this ping do not see; ``rotation_deg``,
-        standard deviation in the bound with ranges of a rotation of the vehicles under water about the mean of the anchors,
-        and ``rotation_percent``, its share of the horizontal variance; NaN without an anchor.
+        One row per ping. ``time_h``; ``anchors``, number of vehicles with a GNSS fix plus landmarks; ``submerged``, number of
+        vehicles without a fix; ``no_ranges_rmse_m`` and ``bound_rmse_m``, bounds of the RMSE of submerged vehicles from odometry,
+        depth and GNSS of all times, without and with all ranges; ``unseen``, number of directions of all positions that ranges,
+        depths and fixes of this ping do not determine; ``rotation_deg``, standard deviation of the rotation of the submerged
+        vehicles about the mean of the anchors, in the bound with ranges; ``rotation_percent``, its share of the horizontal
+        variance. The last two are NaN without an anchor.
 
     Raises
     ------
@@ -210,8 +213,8 @@ def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame
 
     Notes
     -----
-    Ranges and depths do not change when a fleet turns about the vertical through its only anchor: odometry alone holds that
-    direction, or a second anchor.
+    If a fleet turns about the vertical through its only anchor, ranges and depths do not change. Only odometry or a second anchor
+    determines this rotation.
     """
     samples, submerged = ping_samples(measurements), submerged_at_pings(truth, measurements)
     blind, best = (error_bound(truth, measurements, name) for name in ("no-ranges", "straight"))
@@ -243,7 +246,7 @@ def _rotation(place: Array, anchors: Array, covariance: Array) -> tuple[float, f
     if not (len(anchors) and len(place)):
         return np.nan, np.nan
     arm = place[:, :2] - anchors[:, :2].mean(axis=0)
-    tangent = np.stack([-arm[:, 1], arm[:, 0]], axis=1).ravel()  # moved by a radian
+    tangent = np.stack([-arm[:, 1], arm[:, 0]], axis=1).ravel()  # displacement per radian
     length = float(np.linalg.norm(tangent))
     joint = covariance.reshape(tangent.size, tangent.size)
     variance = float(tangent @ joint @ tangent) / length**2
@@ -251,13 +254,13 @@ def _rotation(place: Array, anchors: Array, covariance: Array) -> tuple[float, f
 
 
 def _unseen(truth: Trajectories, o: Measurements, sample: int, fixed: NDArray[np.bool_]) -> int:
-    """Directions of the positions of active vehicles that the measurements of one sample, odometry aside, do not see."""
+    """Number of directions of active vehicles' positions that the measurements of one sample without odometry do not determine."""
     active = np.flatnonzero(truth.status[:, sample] == VehicleStatus.ACTIVE)
     column = np.full(len(truth.name) + o.landmark_name.size, -1)
     column[active] = np.arange(active.size)
     place = np.concatenate([truth.position[:, sample], o.landmark_position])
-    heard = np.flatnonzero((o.range_sample == sample) & np.isin(o.range_status, ARRIVES))
-    ends = np.stack([o.range_transmitter[heard], o.range_receiver[heard]], axis=1)
+    received = np.flatnonzero((o.range_sample == sample) & np.isin(o.range_status, ARRIVES))
+    ends = np.stack([o.range_transmitter[received], o.range_receiver[received]], axis=1)
     apart = place[ends[:, 1]] - place[ends[:, 0]]
     unit = apart / np.linalg.norm(apart, axis=1, keepdims=True)
     by = np.zeros((len(ends), active.size, 3))

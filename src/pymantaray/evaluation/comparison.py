@@ -1,4 +1,4 @@
-"""Paired comparison of ranging conditions: every condition of a realization saw the same noise."""
+"""Paired comparison of ranging conditions: all conditions of a realization have the same noise."""
 
 from collections.abc import Sequence
 
@@ -50,26 +50,30 @@ def comparison_table(
 
     Parameters
     ----------
+    truth : Trajectories
+        True trajectories.
+    estimates : Estimates
+        Estimates of all conditions and realizations.
     pairs : sequence of (str, str), optional
-        Condition and the baseline that is subtracted. By default those of `PAIRS` that were run.
+        Condition, and baseline to subtract. Default: the pairs of `PAIRS` whose conditions exist in the estimates.
     confidence : float
-        Of the intervals. [-]
+        Confidence level of the intervals. [-]
     root_seed : int
-        Seed of the bootstrap's stream.
+        Seed of the bootstrap.
 
     Returns
     -------
     pandas.DataFrame
-        One row for each pair and each of the statistics ``mean`` and ``rmse`` of the APE. ``realizations``
-        in which both solves are good enter, ``excluded`` do not. ``pooled_difference_m`` is the difference
-        of the statistic pooled over vehicles and realizations, with its bootstrap percentile interval
-        ``bootstrap_low_m``, ``bootstrap_high_m`` over whole realizations. ``mean_difference_m`` is the
-        mean of each realization's own difference, with its Student interval ``t_low_m``, ``t_high_m``.
+        One row for each pair and each of the statistics ``mean`` and ``rmse`` of the APE. ``realizations`` is the number of
+        realizations in which both solves are usable; ``excluded`` is the number of other realizations. ``pooled_difference_m`` is
+        the difference of the statistic pooled over vehicles and realizations, with its bootstrap percentile interval
+        ``bootstrap_low_m``, ``bootstrap_high_m`` over realizations. ``mean_difference_m`` is the mean over realizations of the
+        difference in each realization, with its Student interval ``t_low_m``, ``t_high_m``.
 
     Raises
     ------
     EvaluationError
-        If a condition of a pair was not run, or for what `trajectory_errors` refuses.
+        If the estimates lack a condition of a pair, or as `trajectory_errors`.
     """
     present = estimates.condition.tolist()
     chosen = [p for p in PAIRS if set(p) <= set(present)] if pairs is None else list(pairs)
@@ -101,7 +105,7 @@ def comparison_table(
 def _differences(
     a: Array, b: Array, resample: NDArray[np.int64], *, root: bool
 ) -> tuple[Array, float, Array]:
-    """Differences of each realization, of the pool, and of resampled pools, from each realization's moment."""
+    """Differences of each realization, of the pool, and of resampled pools, from the moments of the realizations."""
     if a.size == 0:
         return np.empty(0), float("nan"), np.full(resample.shape[0], np.nan)
     finish = np.sqrt if root else np.asarray

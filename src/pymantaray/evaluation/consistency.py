@@ -1,4 +1,4 @@
-"""Is the estimator as good as it thinks: NEES, range innovations and coverage, each in its 95 % bounds."""
+"""Consistency of estimators: NEES, range innovations and coverage with their 95 % bounds."""
 
 from functools import cache
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ _SIGMAS = (1.0, 3.0)
 
 
 class Errors(NamedTuple):
-    """Errors at the epochs, NaN where a solve is not usable; (conditions, realizations, epochs, vehicles, 3 or 6)."""
+    """Errors at the epochs, shape (conditions, realizations, epochs, vehicles, 3 or 6); NaN if a solve is not usable."""
 
     position: Array
     """Estimate minus truth. [m]"""
@@ -29,7 +29,7 @@ class Errors(NamedTuple):
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
-    """Normalized estimation error squared, whose expectation is the last axis' length; NaN where either is not finite."""
+    """Normalized estimation error squared; its expectation is the length of the last axis. NaN if error or covariance is not finite."""
     e, p = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
     if p.shape != (*e.shape, e.shape[-1]):
         raise EvaluationError(
@@ -43,25 +43,25 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
     try:
         root = np.linalg.cholesky(p * scale[..., :, None] * scale[..., None, :])
     except np.linalg.LinAlgError:
-        raise EvaluationError("a covariance is not positive definite; NEES needs one that is") from None
+        raise EvaluationError("a covariance is not positive definite, as NEES requires") from None
     out[good] = np.sum(np.linalg.solve(root, (e * scale)[..., None])[..., 0] ** 2, axis=-1)
     return out
 
 
 def mean_chi_square_bounds(degrees_of_freedom: ArrayLike, confidence: float = 0.95) -> tuple[Array, Array]:
-    """Interval that holds a chi-square variable by its degrees of freedom, half of the rest on either side; NaN for none."""
+    """Central confidence interval of a chi-square variable divided by its degrees of freedom; NaN for 0 degrees of freedom."""
     k = np.asarray(degrees_of_freedom, dtype=float)
     k = np.where(k > 0.0, k, np.nan)
-    low, high = (2.0 * special.gammaincinv(k / 2.0, p) / k for p in _ends(confidence))
+    low, high = (2.0 * special.gammaincinv(k / 2.0, p) / k for p in _tail_probabilities(confidence))
     return np.asarray(low), np.asarray(high)
 
 
 def epoch_errors(truth: Trajectories, estimates: Estimates, covariances: PoseCovariances) -> Errors:
     """
-    Errors of positions and poses at the epochs for which there are covariances, rotation and translation apart.
+    Errors of positions and poses at the epochs of the covariances, with separate rotation and translation.
 
-    The twist of the whole motion has the same covariance to first order only: half the rotation error, 1e-2 rad, times metres
-    of horizontal error leans into the vertical by centimetres, where depth is known to one, and NEES is up to ten times too large.
+    The twist of the whole motion has the same covariance only to first order. Half a rotation error of 1e-2 rad times metres of
+    horizontal error is a vertical error of centimetres. Depth is known to one centimetre, so NEES would be up to ten times too large.
     """
     c = covariances
     for what, a, b in (
@@ -104,19 +104,25 @@ def consistency_table(
 
     Parameters
     ----------
+    truth : Trajectories
+        True trajectories.
+    estimates : Estimates
+        Estimates of all conditions and realizations.
+    covariances : PoseCovariances
+        Marginal covariances of the same solves.
     by_vehicle : bool
-        One row for each vehicle instead of one for the fleet.
+        If True, one row for each vehicle instead of one for the fleet.
     confidence : float
-        Of the bounds. [-]
+        Confidence level of the bounds. [-]
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``vehicle`` if asked, ``time_h``, ``statistic``, ``realizations``, ``degrees_of_freedom``
-        (dimension times realizations), ``ratio`` (sum over the realizations divided by the degrees of freedom, expected 1),
-        ``low`` and ``high`` (its bounds), ``inside`` and ``p_value`` (two-sided).
-        Statistics of the fleet are ``horizontal`` and ``position``, 2 and 3 dimensions a vehicle in the joint
-        covariance of all, and ``ranges``, the innovation of all ranges of the epoch. Those of a vehicle are
+        Columns ``condition``, ``vehicle`` (with ``by_vehicle``), ``time_h``, ``statistic``, ``realizations``,
+        ``degrees_of_freedom`` (dimension times realizations), ``ratio`` (sum over the realizations divided by the degrees of
+        freedom, expectation 1), ``low`` and ``high`` (bounds of the ratio), ``inside`` and ``p_value`` (two-sided).
+        Statistics of the fleet are ``horizontal`` and ``position``, with 2 and 3 dimensions per vehicle and the joint
+        covariance of all vehicles, and ``ranges``, the innovation of all ranges of the epoch. Statistics of a vehicle are
         ``horizontal``, ``position`` and ``pose`` (6 dimensions).
 
     Raises
@@ -126,8 +132,8 @@ def consistency_table(
 
     Notes
     -----
-    Vehicles at one epoch are tied by ranges, and epochs of one run by odometry; realizations alone are
-    independent. The fleet is therefore judged by one joint statistic for each epoch, and epochs are not pooled.
+    Ranges correlate the vehicles of one epoch, and odometry correlates the epochs of one run. Only realizations are independent.
+    Therefore the fleet has one joint statistic for each epoch, and epochs are not pooled.
     """
     errors = epoch_errors(truth, estimates, covariances)
     statistics = _by_vehicle(errors, covariances) if by_vehicle else _of_fleet(errors, covariances)
@@ -135,7 +141,7 @@ def consistency_table(
     for name, (value, dimension) in statistics.items():
         good = np.isfinite(value) & (dimension > 0)
         freedom = np.sum(np.where(good, dimension, 0), axis=1)
-        place = np.nonzero(freedom)  # condition, epoch and, if asked, vehicle
+        place = np.nonzero(freedom)  # condition, epoch and, with by_vehicle, vehicle
         k, total = freedom[place], np.sum(np.where(good, value, 0.0), axis=1)[place]
         ratio, upper = total / k, special.chdtrc(k, total)
         low, high = mean_chi_square_bounds(k, confidence)
@@ -170,14 +176,14 @@ def consistency_summary(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``statistic``, ``tests`` (rows), ``inside`` (how many are in their bounds), ``median_ratio``,
-        ``min_ratio``, ``max_ratio``, ``p_bonferroni`` (least p-value times tests, at most 1) and ``consistent``
-        (that is 0.05 or more).
+        Columns ``condition``, ``statistic``, ``tests`` (number of rows), ``inside`` (number of rows within their bounds),
+        ``median_ratio``, ``min_ratio``, ``max_ratio``, ``p_bonferroni`` (smallest p-value times tests, at most 1) and
+        ``consistent`` (True if ``p_bonferroni`` is at least 0.05).
 
     Notes
     -----
-    Bonferroni's correction holds however the tests depend on each other, as epochs of one run do; of 20 epochs of
-    a consistent estimator one is expected outside its bounds.
+    Bonferroni's correction is valid for any dependence between the tests, such as that between epochs of one run. Of 20 epochs of
+    a consistent estimator, one is expected outside its bounds.
     """
     summary = (
         table.groupby(["condition", "statistic"], sort=False)
@@ -203,8 +209,14 @@ def coverage_table(
 
     Parameters
     ----------
+    truth : Trajectories
+        True trajectories.
+    estimates : Estimates
+        Estimates of all conditions and realizations.
+    covariances : PoseCovariances
+        Marginal covariances of the same solves.
     confidence : float
-        Of the bounds. [-]
+        Confidence level of the bounds. [-]
 
     Returns
     -------
@@ -219,10 +231,10 @@ def coverage_table(
 
     Notes
     -----
-    Errors of the vehicles at one epoch are correlated, by :math:`\rho_{ij}` of their joint covariance, hence so are their
-    hits. If the covariance is right the share of one realization has the variance
-    :math:`n^{-2} \sum_{ij} [P(|x_i| < k, |x_j| < k) - p^2]`. The bounds are those of a binomial of as many draws as
-    have this variance, ``effective_n``, rounded down.
+    Errors of the vehicles at one epoch have the correlations :math:`\rho_{ij}` of their joint covariance, so the events
+    :math:`|x_i| < k` are correlated too. If the covariance is correct, the share of one realization has the variance
+    :math:`n^{-2} \sum_{ij} [P(|x_i| < k, |x_j| < k) - p^2]`. The bounds are those of a binomial distribution with
+    ``effective_n`` draws: the number of draws with this variance, rounded down.
     """
     errors = epoch_errors(truth, estimates, covariances)
     c = covariances
@@ -240,7 +252,9 @@ def coverage_table(
             p = float(special.chdtr(1, k * k))
             effect = float(np.sum(_hit_covariance(rho, k)) / (p * (1.0 - p) * len(rho)))
             n = max(int(z.size / effect + 1e-9), 1)
-            low, high = np.searchsorted(special.bdtr(np.arange(n + 1), n, p), _ends(confidence)) / n
+            low, high = (
+                np.searchsorted(special.bdtr(np.arange(n + 1), n, p), _tail_probabilities(confidence)) / n
+            )
             share = float(np.mean(z <= k))
             keys = (str(c.condition[i]), float(c.time[e] / 3600.0), _AXES[axis], k, z.size, n)
             rows.append((*keys, share, p, float(low), float(high), bool(low <= share <= high)))
@@ -250,7 +264,7 @@ def coverage_table(
 
 
 def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
-    """Statistic and its dimension by condition, realization and epoch."""
+    """Statistics of the fleet and their dimensions by condition, realization and epoch."""
     out: dict[str, tuple[Array, NDArray[Any]]] = {}
     for name, axes in (("horizontal", 2), ("position", 3)):
         error = errors.position[..., :axes]
@@ -263,7 +277,7 @@ def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDAr
 
 
 def _by_vehicle(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
-    """Statistic and its dimension by condition, realization, epoch and vehicle."""
+    """Statistics of vehicles and their dimensions by condition, realization, epoch and vehicle."""
     block = np.einsum("creaiaj->creaij", c.position_covariance)
     statistics = {
         "horizontal": nees(errors.position[..., :2], block[..., :2, :2]),
@@ -274,19 +288,19 @@ def _by_vehicle(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, ND
     return {name: (value, np.full(value.shape, dimension[name])) for name, value in statistics.items()}
 
 
-def _ends(confidence: float) -> tuple[float, float]:
-    """Probabilities below the ends of an interval."""
+def _tail_probabilities(confidence: float) -> tuple[float, float]:
+    """Cumulative probabilities at the lower and upper limit of a central interval."""
     return 0.5 - confidence / 2.0, 0.5 + confidence / 2.0
 
 
 @cache
 def _quadrature() -> tuple[Array, Array]:
-    """Nodes and weights of Gauss and Legendre, whose making takes longer than their use."""
+    """Gauss-Legendre nodes and weights, cached because their computation takes longer than their use."""
     return np.polynomial.legendre.leggauss(200)
 
 
 def _hit_covariance(rho: Array, k: float) -> Array:
-    """Covariance of two normal variables' being within k sigma, by their correlation."""
+    """Covariance of the events that two normal variables with a correlation are within k sigma."""
     x, weight = (k * values for values in _quadrature())
     p = special.chdtr(1, k * k)
     r = np.minimum(np.abs(rho), 1.0)[..., None]

@@ -1,4 +1,4 @@
-"""Errors where ranges act: of vehicles under water at the pings, from the truth, from straight ranges, and beside the bound."""
+"""Position errors of vehicles under water at the pings: from the truth, from the estimate with straight ranges, and compared with the bound."""
 
 from collections.abc import Mapping
 
@@ -22,12 +22,18 @@ def ping_error_table(
     freedom: Mapping[str, DegreesOfFreedom] | None = None,
 ) -> pd.DataFrame:
     r"""
-    Position errors of vehicles under water at the pings, for each condition; ``ate`` is set by the hours between.
+    Position errors of vehicles under water at the pings, for each condition.
+
+    Ranges act at the pings, whereas the APE over all poses depends mainly on the hours between pings.
 
     Parameters
     ----------
+    truth : Trajectories
+        True trajectories.
+    estimates : Estimates
+        Estimates of all conditions and realizations.
     measurements : Measurements
-        Without noise: when ranges were tried, and who had a GNSS fix then.
+        Measurements without noise, which give the times of pings and the vehicles with a GNSS fix.
     bounds : mapping of str to ndarray, optional
         For each condition what `error_bound` gives for what it measures.
     freedom : mapping of str to DegreesOfFreedom, optional
@@ -52,7 +58,7 @@ def ping_error_table(
     submerged, samples = submerged_at_pings(truth, measurements), ping_samples(measurements)
 
     def at_pings(values: Array) -> Array:
-        """Of shape (realizations, places)."""
+        """Values of shape (realizations, pings and vehicles)."""
         return np.asarray(values[..., samples].swapaxes(-1, -2)[..., submerged])
 
     errors = trajectory_errors(truth, estimates)

@@ -15,7 +15,7 @@ from pymantaray.records.status import ARRIVES
 Array = NDArray[np.float64]
 
 ALL_LINKS = "all links"
-"""Row of tables in which every kind of link is counted."""
+"""Category of the table rows that include all links."""
 _KINDS = ("landmark", "station-keeping", "float", "vehicle")
 _KIND_OF_ROLE = {"station": "station-keeping", "float": "float"}
 _TAILS = (1, 5, 95, 99)
@@ -24,18 +24,18 @@ _TAILS = (1, 5, 95, 99)
 @dataclass(frozen=True, eq=False)
 class RangeErrors:
     """
-    Signed range errors of all attempts, and their exact split; NaN for a dropout.
+    Signed range errors of all attempts, and their exact split into two parts; NaN for a dropout.
 
     Parameters
     ----------
     total : ndarray, shape (n_ranges,)
         Refracted minus straight range. [m]
     reference_speed : ndarray, shape (n_ranges,)
-        Because the speed at the transmitter is not the chord's mean: that speed times the chord's travel
-        time, minus the distance. [m]
+        Part due to the difference between the sound speed at the transmitter and the mean along the chord: this sound speed
+        times the travel time along the chord, minus the distance. [m]
     bending : ndarray, shape (n_ranges,)
-        Because the ray is not the chord: the same speed times the difference of travel times. Never
-        positive for the globally earliest arrival, by Fermat's principle. [m]
+        Part due to the difference between ray and chord: the same sound speed times the difference of the travel times. By
+        Fermat's principle, it is never positive for the globally earliest arrival. [m]
     """
 
     total: Array
@@ -44,19 +44,50 @@ class RangeErrors:
 
 
 def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
-    """Signed errors of the refracted ranges."""
+    """
+    Signed errors of the refracted ranges.
+
+    Parameters
+    ----------
+    ranging_truth : RangingTruth
+        True values of all range attempts.
+
+    Returns
+    -------
+    RangeErrors
+        Errors and their two parts, shape (n_ranges,). [m]
+    """
     t = ranging_truth
-    heard = np.isfinite(t.travel_time)
+    received = np.isfinite(t.travel_time)
     chord = t.sound_speed * t.chord_travel_time
     return RangeErrors(
         total=t.refracted_range - t.distance,
-        reference_speed=np.where(heard, chord - t.distance, np.nan),
+        reference_speed=np.where(received, chord - t.distance, np.nan),
         bending=t.refracted_range - chord,
     )
 
 
 def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[np.str_]:
-    """Kind of each range attempt, such as "station-keeping to float", whichever end transmits; shape (n_ranges,)."""
+    """
+    Category of each range attempt by the behaviours at both ends, such as "station-keeping to float".
+
+    Parameters
+    ----------
+    measurements : Measurements
+        Range attempts.
+    truth : Trajectories
+        Vehicles with their behaviours.
+
+    Returns
+    -------
+    ndarray of str, shape (n_ranges,)
+        Categories, which do not depend on the end that transmits.
+
+    Raises
+    ------
+    EvaluationError
+        If the vehicles of both records differ.
+    """
     if truth.name.tolist() != measurements.name.tolist():
         raise EvaluationError(
             f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
@@ -77,15 +108,17 @@ def range_error_table(
     Parameters
     ----------
     measurements : Measurements
-        Its ``range_sigma`` is the level that the estimator believes in.
+        Range attempts; ``range_sigma`` is the standard deviation that the estimator assumes.
     ranging_truth : RangingTruth
-        Of the same attempts.
+        True values of the same attempts.
+    truth : Trajectories
+        Vehicles with their behaviours.
 
     Returns
     -------
     pandas.DataFrame
-        One row for each kind and one for all: ``category``, ``attempts``, ``n`` (heard), ``mean_m``,
-        ``sd_m``, ``skewness``, ``excess_kurtosis`` (of the moments, no small-sample correction), ``p1_m``,
+        One row for each category and one for all links: ``category``, ``attempts``, ``n`` (received ranges), ``mean_m``,
+        ``sd_m``, ``skewness``, ``excess_kurtosis`` (from the moments, without small-sample correction), ``p1_m``,
         ``p5_m``, ``p95_m``, ``p99_m``, ``min_m``, ``max_m``, ``percent_beyond_3_sigma``.
 
     Raises
@@ -97,9 +130,9 @@ def range_error_table(
     rows = []
     for category, mask in _groups(measurements, truth):
         e, sigma = errors[mask], measurements.range_sigma[mask]
-        heard = ~np.isnan(e)
-        beyond = np.abs(e[heard]) > 3.0 * sigma[heard]
-        e = e[heard]
+        received = ~np.isnan(e)
+        beyond = np.abs(e[received]) > 3.0 * sigma[received]
+        e = e[received]
         rows.append(
             {
                 "category": category,
@@ -122,13 +155,17 @@ def range_split_table(
 
     Parameters
     ----------
+    measurements : Measurements
+        Range attempts.
     ranging_truth : RangingTruth
-        Of the same attempts.
+        True values of the same attempts.
+    truth : Trajectories
+        Vehicles with their behaviours.
 
     Returns
     -------
     pandas.DataFrame
-        One row for each kind of link and each ``part``: "total", "reference speed", "bending"; columns
+        One row for each category of links and each ``part``: "total", "reference speed", "bending"; columns
         ``category``, ``part``, ``n``, ``mean_m``, ``sd_m``, ``p1_m``, ``p5_m``, ``p95_m``, ``p99_m``,
         ``min_m``, ``max_m``.
 
@@ -152,11 +189,18 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     """
     Dropouts by kind of link and by cause.
 
+    Parameters
+    ----------
+    measurements : Measurements
+        Range attempts with their status.
+    truth : Trajectories
+        Vehicles with their behaviours.
+
     Returns
     -------
     pandas.DataFrame
-        ``category``, ``attempts``, ``dropouts``, ``percent``, and the count of each `RayStatus` but OK
-        under its name in small letters; of those by which something arrives, which are no dropouts, only where they occur.
+        ``category``, ``attempts``, ``dropouts``, ``percent``, and one column per `RayStatus` except OK, with its name in lower
+        case and its count. Columns of sound without a ray, which is not a dropout, are absent if their counts are zero.
 
     Raises
     ------
@@ -165,7 +209,7 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     """
     rows: list[dict[str, Any]] = []
     present = set(measurements.range_status.tolist())
-    told = [s for s in RayStatus if s not in ARRIVES or (s in present and s != RayStatus.OK)]
+    named = [s for s in RayStatus if s not in ARRIVES or (s in present and s != RayStatus.OK)]
     for category, mask in _groups(measurements, truth):
         status = measurements.range_status[mask]
         dropouts = int(np.count_nonzero(~np.isin(status, ARRIVES)))
@@ -176,7 +220,7 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
                 "dropouts": dropouts,
                 "percent": 100.0 * dropouts / status.size if status.size else np.nan,
             }
-            | {s.name.lower(): int(np.count_nonzero(status == s)) for s in told}
+            | {s.name.lower(): int(np.count_nonzero(status == s)) for s in named}
         )
     return pd.DataFrame(rows)
 
@@ -200,7 +244,7 @@ def _moments(e: Array) -> dict[str, float]:
 
 
 def _shape(e: Array) -> dict[str, float]:
-    """Third and fourth moment about the mean by powers of the second; what is all the same has none."""
+    """Skewness and excess kurtosis; NaN if all values are equal."""
     if not (e.size > 1 and np.ptp(e) > 0.0):
         return {"skewness": np.nan, "excess_kurtosis": np.nan}
     square = (e - e.mean()) ** 2

@@ -1,4 +1,4 @@
-"""Absolute trajectory errors: per pose, per vehicle, per realization and pooled; nothing is aligned."""
+"""Absolute trajectory errors without alignment: per pose, per vehicle, per realization and pooled."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,7 +21,26 @@ _AXES = {"condition": 0, "realization": 1, "vehicle": 2}
 
 
 def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
-    """Distance of each estimated position from the true one, not aligned: a shift of the frame is an error. [m]"""
+    """
+    Distance of each estimated position from the true one, without alignment: a shift of the frame is an error.
+
+    Parameters
+    ----------
+    estimate_position : array_like, shape (..., n_times, 3)
+        Estimated positions. [m]
+    truth_position : array_like, shape (..., n_times, 3)
+        True positions; they broadcast with the estimates. [m]
+
+    Returns
+    -------
+    ndarray, shape (..., n_times)
+        Distances. [m]
+
+    Raises
+    ------
+    EvaluationError
+        If the last two dimensions differ.
+    """
     estimate, truth = np.asarray(estimate_position, dtype=float), np.asarray(truth_position, dtype=float)
     if estimate.ndim < 2 or truth.ndim < 2 or estimate.shape[-2:] != truth.shape[-2:] or truth.shape[-1] != 3:
         raise EvaluationError(
@@ -31,7 +50,19 @@ def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
 
 
 def ate_statistics(errors: ArrayLike) -> dict[str, float]:
-    """Statistics of absolute trajectory errors, all entries together; those that are NaN are left out. [m]"""
+    """
+    Statistics of absolute trajectory errors, pooled over all entries.
+
+    Parameters
+    ----------
+    errors : array_like
+        Errors; NaN entries are ignored. [m]
+
+    Returns
+    -------
+    dict of str to float
+        ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``, ``p95_m`` and ``max_m``.
+    """
     e = np.asarray(errors, dtype=float).ravel()
     e = e[~np.isnan(e)]
     if e.size == 0:
@@ -52,13 +83,22 @@ def graph_errors(
     graph: FactorGraph, values: GraphValues, truth: GraphValues | None
 ) -> dict[str, dict[str, float]]:
     """
-    Absolute trajectory errors of a graph's values by vehicle and pooled, nothing aligned.
+    Absolute trajectory errors of the values of a graph without alignment, by vehicle and pooled.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+        Graph with the names of the vehicles.
+    values : GraphValues
+        Estimated values.
+    truth : GraphValues, optional
+        True values.
 
     Returns
     -------
     dict of str to dict
-        From each vehicle's name, and ``"(all)"``, to ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``,
-        ``p95_m`` and ``max_m`` of its errors; empty without a truth.
+        For each vehicle's name and ``"(all)"``: ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``,
+        ``p95_m`` and ``max_m`` of the errors; empty without a truth.
     """
     if truth is None:
         return {}
@@ -71,18 +111,24 @@ def graph_errors(
 
 def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
     """
-    Absolute pose errors of all solves.
+    Absolute trajectory errors of all solves.
+
+    Parameters
+    ----------
+    truth : Trajectories
+        True trajectories.
+    estimates : Estimates
+        Estimates of all conditions and realizations.
 
     Returns
     -------
     ndarray, shape (n_conditions, n_realizations, n_vehicles, n_times)
-        NaN for a solve that failed. [m]
+        Position errors; NaN for a failed solve. [m]
 
     Raises
     ------
     EvaluationError
-        If truth and estimates have different vehicles or times, or a solve that counts as healthy has
-        poses that are not finite.
+        If truth and estimates have different vehicles or times, or a usable solve has poses that are not finite.
     """
     if truth.name.tolist() != estimates.name.tolist():
         raise EvaluationError(
@@ -111,10 +157,14 @@ def error_table(
     freedom: Mapping[str, DegreesOfFreedom] | None = None,
 ) -> pd.DataFrame:
     """
-    Error statistics for each condition, and for each vehicle or realization if asked.
+    Error statistics for each condition, and optionally for each vehicle or realization.
 
     Parameters
     ----------
+    truth : Trajectories
+        True trajectories.
+    estimates : Estimates
+        Estimates of all conditions and realizations.
     by : sequence of {"realization", "vehicle"}
         What not to pool over besides the condition; pooling joins the errors of all poses into one set.
     freedom : mapping of str to DegreesOfFreedom, optional
@@ -130,7 +180,7 @@ def error_table(
     Raises
     ------
     EvaluationError
-        If ``by`` has another word, or for what `trajectory_errors` refuses.
+        If ``by`` contains another word, or as `trajectory_errors`.
     """
     if not set(by) <= {"realization", "vehicle"}:
         raise EvaluationError(f"by={list(by)}; allowed are 'realization' and 'vehicle'")
@@ -170,11 +220,17 @@ def attitude_table(truth: Trajectories, estimates: Estimates) -> pd.DataFrame:
     """
     Errors of the estimated attitudes for each condition, pooled over vehicles, times and realizations.
 
+    Parameters
+    ----------
+    truth : Trajectories
+        True trajectories.
+    estimates : Estimates
+        Estimates of all conditions and realizations.
+
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``tilt_rmse_deg`` (about each horizontal axis) and ``heading_rmse_deg``, NaN where every
-        solve failed.
+        Columns ``condition``, ``tilt_rmse_deg`` (per horizontal axis) and ``heading_rmse_deg``; NaN if all solves failed.
     """
     usable = np.isin(estimates.solve_status, USABLE)
     rotation = matrix_from_quaternion(truth.quaternion)

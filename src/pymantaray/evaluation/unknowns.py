@@ -1,4 +1,4 @@
-"""Information of ranges about water and clocks: each unknown before and after, and the best and least determined combinations."""
+"""Information of ranges about water and clocks: prior and posterior of each unknown, and of their independent combinations."""
 
 from typing import Any
 
@@ -9,26 +9,32 @@ from numpy.typing import NDArray
 from pymantaray.records import SharedUnknowns
 
 Array = NDArray[np.float64]
-_LARGE = 0.3  # of the largest share in a combination; smaller ones are not named
-_NAMED = 4  # shares of a combination at most
+_NAMED_SHARE = 0.3  # of the largest coefficient of a combination; smaller coefficients are not listed
+_NAMED_COUNT = 4  # maximum number of listed coefficients
 
 
 def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     r"""
-    Every unknown of every condition: how well it was known beforehand, and how well and how rightly after.
+    Prior and posterior standard deviations and errors of every unknown of every condition.
+
+    Parameters
+    ----------
+    unknowns : SharedUnknowns
+        Unknowns of all conditions and realizations.
 
     Returns
     -------
     pandas.DataFrame
-        ``condition``, ``unknown``, ``unit``; ``prior_sigma`` and ``sigma``, the root mean square of the standard
-        deviations that the solves give, in the unit; ``resolution``, the share of the prior variance that the
-        measurements took away: 0 where they say nothing, 1 where they say everything; ``mean_value`` and ``rms_error`` of the
-        estimates in the unit; ``error_ratio``, the mean square of error over standard deviation, 1 for a consistent estimator; and
-        ``realizations`` with a usable solve.
+        ``condition``, ``unknown``, ``unit``; ``prior_sigma`` and ``sigma``, the prior standard deviation and the root mean square
+        of the posterior ones over realizations, in the unit; ``resolution``, the fraction of the prior variance that the
+        measurements remove: 0 without information, 1 for an exactly determined unknown; ``mean_value`` and ``rms_error`` of the
+        estimates, in the unit; ``error_ratio``, the mean square of error divided by standard deviation, 1 for a consistent
+        estimator; ``realizations``, the number of usable solves.
 
     Notes
     -----
-    A standard deviation well below the prior does not make an unknown observable alone: see `directions_table`.
+    A posterior standard deviation well below the prior does not imply that the unknown alone is observable: see
+    `directions_table`.
     """
     rows: list[dict[str, Any]] = []
     for c, i in np.argwhere(np.isfinite(unknowns.prior_sigma) | np.isfinite(unknowns.value).any(axis=1)):
@@ -54,21 +60,27 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
 
 def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     r"""
-    Independent combinations of the unknowns of each condition, from the one that is seen best to the one seen least.
+    Independent combinations of the unknowns of each condition, from the best to the least observable.
+
+    Parameters
+    ----------
+    unknowns : SharedUnknowns
+        Unknowns of all conditions and realizations.
 
     Returns
     -------
     pandas.DataFrame
-        ``condition``; ``direction``, from 1; ``sigma_ratio``, standard deviation after over before;
-        ``resolution``, 1 less its square; ``seen_so_far``, the sum of resolutions down to here, of which the last is the number of
-        quantities that the measurements determine; ``combination``, its largest shares in units of the priors. A condition without covariances has no
-        rows.
+        ``condition``; ``direction``, from 1; ``sigma_ratio``, posterior divided by prior standard deviation;
+        ``resolution``, 1 minus its square; ``seen_so_far``, the cumulative sum of resolutions, whose last value is the number of
+        quantities that the measurements determine; ``combination``, its largest coefficients in units of the priors. A condition
+        without covariances has no rows.
 
     Notes
     -----
-    Eigenvectors of the mean over realizations of :math:`D^{-1} P D^{-1}`, with P the covariance of the unknowns
-    and D their prior standard deviations. An eigenvalue of 1 is a combination of which the measurements say nothing: what is
-    written for it is the prior. The trace of the resolution matrix :math:`I - D^{-1} P D^{-1}` counts what they determine.
+    The combinations are the eigenvectors of the mean over realizations of :math:`D^{-1} P D^{-1}`, with P the covariance of the
+    unknowns and D their prior standard deviations. The measurements contain no information about a combination with eigenvalue 1;
+    its posterior is the prior. The trace of the resolution matrix :math:`I - D^{-1} P D^{-1}` is the number of quantities that
+    the measurements determine.
     """
     rows: list[dict[str, Any]] = []
     for c, name in enumerate(unknowns.condition):
@@ -97,16 +109,16 @@ def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
 
 
 def _mean(values: Array) -> float:
-    """Mean of what is finite; NaN if nothing is."""
+    """Mean of the finite values; NaN without any."""
     finite = values[np.isfinite(values)]
     return float(finite.mean()) if finite.size else np.nan
 
 
 def _words(vector: Array, names: list[str]) -> str:
-    """Name the largest shares of a combination, the first of them positive."""
+    """Largest coefficients of a combination with the names of their unknowns; the first is positive."""
     order = np.argsort(-np.round(np.abs(vector), 2), kind="stable")
-    large = [i for i in order if abs(vector[i]) >= _LARGE * abs(vector[order[0]])]
+    large = [i for i in order if abs(vector[i]) >= _NAMED_SHARE * abs(vector[order[0]])]
     sign = 1.0 if vector[order[0]] > 0.0 else -1.0
-    shown = [f"{sign * vector[i]:+.2f} {names[i]}" for i in large[:_NAMED]]
+    shown = [f"{sign * vector[i]:+.2f} {names[i]}" for i in large[:_NAMED_COUNT]]
     more = len(large) - len(shown)
     return " ".join(shown) + (f" and {more} more" if more else "")

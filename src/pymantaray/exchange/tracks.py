@@ -1,5 +1,7 @@
 """Imported trajectories: poses of each vehicle at its own times, and their interpolation to common times in a local frame."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,5 +1,7 @@
 """Reader and writer of the text format of the TUM RGB-D benchmark, which evo and other programs read."""
 
+from __future__ import annotations
+
 import warnings
 from pathlib import Path
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import FleetError
-from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, Water, bed_depth, place
+from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, OceanArrays, bed_depth, place
 from pymantaray.geometry.checks import check_fields, checked_array, distinct_digits
 
 Array = NDArray[np.float64]
@@ -69,7 +69,14 @@ class FloatCycle:
 
 @dataclass(frozen=True)
 class StationKeeping:
-    """Stay at the start position in any current; ``depth`` [m] must equal the vehicle's start depth."""
+    """
+    Stay at the start position in any current.
+
+    Parameters
+    ----------
+    depth : float
+        Depth, which must equal the vehicle's start depth. [m]
+    """
 
     role: ClassVar[str] = "station"
 
@@ -108,9 +115,14 @@ class Drifting:
 @dataclass(frozen=True, eq=False)
 class ConstantTwist:
     """
-    Move with a constant body twist ``[omega, v]`` [rad/s, m/s] over ground: a helix.
+    Move with a constant body twist over ground: a helix.
 
-    With ``current``, the twist is relative to the water, and the current moves the vehicle in addition.
+    Parameters
+    ----------
+    twist : array_like, shape (6,)
+        Twist ``[omega, v]`` in the body frame. [rad/s, m/s]
+    current : bool
+        If True, the twist is relative to the water, and the current moves the vehicle in addition.
     """
 
     role: ClassVar[str] = "twist"
@@ -238,7 +250,7 @@ def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
     return names
 
 
-def check_placement(vehicle: Vehicle, water: Water) -> None:
+def check_placement(vehicle: Vehicle, water: OceanArrays) -> None:
     """Raise an error if the start, the target depth there, or a waypoint is outside the ocean or below the sea floor."""
     owner = f"vehicle {vehicle.name!r}"
     behaviour = vehicle.behaviour
@@ -254,7 +266,7 @@ def check_placement(vehicle: Vehicle, water: Water) -> None:
             _check_point(owner, f"waypoint {index}", point, water)
 
 
-def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
+def _check_point(owner: str, what: str, point: Array, water: OceanArrays) -> None:
     north, east, depth = (float(value) for value in point)
     state = place(water, north, east, depth)
     if state == LEFT_DOMAIN:
@@ -275,7 +287,7 @@ def _check_point(owner: str, what: str, point: Array, water: Water) -> None:
         )
 
 
-def check_step(vehicle: Vehicle, physics_step: float, water: Water) -> None:
+def check_step(vehicle: Vehicle, physics_step: float, water: OceanArrays) -> None:
     """Raise an error if a step [s] is so long that a float's depth would overshoot or a swimmer could miss a waypoint."""
     behaviour = vehicle.behaviour
     if isinstance(behaviour, FloatCycle):

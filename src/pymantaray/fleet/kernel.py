@@ -1,7 +1,8 @@
-"""Compiled fixed-step integrators: vehicles that swim, a body twist a step, and floats, carried by currents.
+"""
+Compiled fixed-step integrators of vehicles with a body twist, swimmers and floats in currents.
 
-Vehicles do not act on each other, so each is integrated on its own from start to end and its path
-cannot depend on the rest of the fleet. Sample k is written after exactly k times `steps` steps.
+Vehicles do not affect each other, so each is integrated separately from start to end, and its path is independent of the rest of
+the fleet. Sample k is the state after exactly k times `steps` steps.
 """
 
 import math
@@ -18,13 +19,13 @@ ACTIVE = int(VehicleStatus.ACTIVE)
 GROUNDED = int(VehicleStatus.GROUNDED)
 LEFT_DOMAIN = int(VehicleStatus.LEFT_DOMAIN)
 
-TOUCH = 1e-6  # m; a vehicle this far below the sea bed still lies on it: interpolation rounds
-_SAME = 1e-6  # of a cell; nodes closer than this are one
-_SMALL = 1e-4  # rad; below it Taylor series replace the closed forms
+TOUCH = 1e-6  # m; tolerance for rounding of a vehicle on the sea bed
+_SAME_NODE = 1e-6  # of a cell; closer nodes count as one
+_SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
-class Water(NamedTuple):
-    """Ocean as the kernels read it: uniform horizontal axes, currents by time (one, if still), north, east and depth."""
+class OceanArrays(NamedTuple):
+    """Arrays of an ocean for the kernels: uniform horizontal axes, currents (time, north, east, depth) with one time if constant."""
 
     north: float
     east: float
@@ -41,7 +42,7 @@ class Water(NamedTuple):
 
 @entry
 def place(water, north, east, depth):
-    """Tell the status of a vehicle at a position; the domain's edge and, to within `TOUCH`, the sea floor are inside."""
+    """Return the status of a vehicle at a position; the edge of the domain and, within `TOUCH`, the sea floor are inside."""
     x = (north - water.north) * water.per_north
     y = (east - water.east) * water.per_east
     _, n, m, _ = water.current_north.shape
@@ -54,13 +55,13 @@ def place(water, north, east, depth):
 
 @entry
 def bed_depth(water, north, east):
-    """Depth of the sea bed, bilinear; constant beyond its edges. [m]"""
+    """Depth of the sea bed by bilinear interpolation, constant beyond its edges. [m]"""
     return _depth(water.bed, north, east)
 
 
 @entry
 def surface_depth(water, north, east):
-    """Depth of the surface, or of the ice's underside, bilinear; constant beyond its edges. [m]"""
+    """Depth of the surface or the ice's underside by bilinear interpolation, constant beyond its edges. [m]"""
     if water.surface.depth.size == 1:
         return water.surface.depth[0, 0]
     return _depth(water.surface, north, east)
@@ -68,7 +69,7 @@ def surface_depth(water, north, east):
 
 @kernel
 def _depth(boundary, north, east):
-    """Depth of a boundary at a position moved onto its grid. [m]"""
+    """Depth of a boundary at a position, which is limited to its grid. [m]"""
     return depth_at(boundary, _within(boundary.north, north), _within(boundary.east, east))
 
 
@@ -80,7 +81,7 @@ def _within(axis, x):
 
 @kernel
 def cell_of(x, n):
-    """Find the cell of an axis that holds a coordinate, counted in cells, and the place in it; clamped."""
+    """Return the cell of an axis of n nodes that contains a coordinate in cells, and the fraction in it; both are limited to the axis."""
     x = min(max(x, 0.0), n - 1.0)
     i = min(int(x), n - 2)
     return i, x - i
@@ -93,12 +94,12 @@ def _cross(a, b):
 
 @kernel
 def _exponential(omega, v, dt):
-    """Give the quaternion and translation of a body twist held for a time."""
+    """Return quaternion and translation after a time under a constant body twist."""
     phi = (omega[0] * dt, omega[1] * dt, omega[2] * dt)
     rho = (v[0] * dt, v[1] * dt, v[2] * dt)
     t2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     t = math.sqrt(t2)
-    if t < _SMALL:
+    if t < _SMALL_ANGLE:
         half, b, c = 0.5 - t2 / 48.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
     else:
         half, b, c = math.sin(0.5 * t) / t, (1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t)
@@ -115,7 +116,7 @@ def _exponential(omega, v, dt):
 
 @kernel
 def _rotate(q, a):
-    """Turn a body vector into the world by a unit quaternion."""
+    """Rotate a vector from body to world by a unit quaternion."""
     axis = (q[1], q[2], q[3])
     s = _cross(axis, a)
     s = (s[0] + q[0] * a[0], s[1] + q[0] * a[1], s[2] + q[0] * a[2])
@@ -125,7 +126,7 @@ def _rotate(q, a):
 
 @kernel
 def _compose(water, q, p, quaternion, translation):
-    """Move a pose by a motion in its body frame; a vehicle does not rise out of the water, or into the ice."""
+    """Move a pose by a motion in its body frame; the vehicle cannot rise out of the water or into the ice."""
     moved = _rotate(q, translation)
     w = q[0] * quaternion[0] - q[1] * quaternion[1] - q[2] * quaternion[2] - q[3] * quaternion[3]
     x = q[0] * quaternion[1] + q[1] * quaternion[0] + q[2] * quaternion[3] - q[3] * quaternion[2]
@@ -148,7 +149,7 @@ def _write(sample, q, p, state, position, quaternion, status):
 
 @kernel
 def _current(water, north, east, depth, now):
-    """Current at a place, clamped to the ocean, and a time, linear in all."""
+    """Current at a position, limited to the ocean, and a time, by linear interpolation in space and time."""
     _, n, m, _ = water.current_north.shape
     i, x = cell_of((north - water.north) * water.per_north, n)
     j, y = cell_of((east - water.east) * water.per_east, m)
@@ -170,7 +171,7 @@ def _current(water, north, east, depth, now):
 
 @kernel
 def _carry(water, p, swum, now, dt):
-    """End of a step through the water, carried by the current at its middle."""
+    """Position after a step through the water that the current at its middle displaces."""
     north, east, depth = 0.5 * (p[0] + swum[0]), 0.5 * (p[1] + swum[1]), 0.5 * (p[2] + swum[2])
     middle = now + 0.5 * dt
     u, v = _current(water, north, east, depth, middle)
@@ -181,7 +182,7 @@ def _carry(water, p, swum, now, dt):
 
 @entry
 def run_twist(water, twist, carried, dt, steps, position, quaternion, status):
-    """Integrate a constant body twist, carried by the current or not; row 0 of the poses is the start, the others are filled."""
+    """Integrate a constant body twist, with or without the current; row 0 of the poses is the start, the other rows are output."""
     p = (position[0, 0], position[0, 1], position[0, 2])
     q = (quaternion[0, 0], quaternion[0, 1], quaternion[0, 2], quaternion[0, 3])
     turn, move = _exponential((twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5]), dt)
@@ -200,18 +201,19 @@ def run_twist(water, twist, carried, dt, steps, position, quaternion, status):
 
 @kernel
 def _pursue(q, p, point, turn_rate, dt):
-    """Angular velocity that turns body x towards a point by the shortest way, within the limit."""
+    """Angular velocity, within the limit, that turns body x towards a point by the shortest rotation."""
     inverse = (q[0], -q[1], -q[2], -q[3])
     aim = _rotate(inverse, (point[0] - p[0], point[1] - p[1], point[2] - p[2]))
     across = math.sqrt(aim[1] * aim[1] + aim[2] * aim[2])
     rate = min(math.atan2(across, aim[0]) / dt, turn_rate)
     if across > 0.0:
         return 0.0, -rate * aim[2] / across, rate * aim[1] / across
-    return 0.0, 0.0, rate  # dead ahead (rate 0), or dead astern, where any way round is as short
+    # straight ahead (rate 0), or straight astern, where all rotations are equally short
+    return 0.0, 0.0, rate
 
 
-class Course(NamedTuple):
-    """A swimmer's points (n, 3) and how it goes from one to the next."""
+class Route(NamedTuple):
+    """Waypoints (n, 3) of a swimmer, its speed and limits, and whether the current carries it."""
 
     points: np.ndarray
     speed: float
@@ -222,9 +224,9 @@ class Course(NamedTuple):
 
 
 @entry
-def run_waypoints(water, course, dt, steps, position, quaternion, status):
-    """Integrate a swim from point to point; row 0 of the poses is the start, the others are filled."""
-    points = course.points
+def run_waypoints(water, route, dt, steps, position, quaternion, status):
+    """Integrate a swim from waypoint to waypoint; row 0 of the poses is the start, the other rows are output."""
+    points = route.points
     p = (position[0, 0], position[0, 1], position[0, 2])
     q = (quaternion[0, 0], quaternion[0, 1], quaternion[0, 2], quaternion[0, 3])
     state = ACTIVE
@@ -233,18 +235,18 @@ def run_waypoints(water, course, dt, steps, position, quaternion, status):
         for step in range(steps if state == ACTIVE else 0):
             if leg < points.shape[0]:
                 away = (points[leg, 0] - p[0], points[leg, 1] - p[1], points[leg, 2] - p[2])
-                if away[0] ** 2 + away[1] ** 2 + away[2] ** 2 <= course.capture_radius**2:
+                if away[0] ** 2 + away[1] ** 2 + away[2] ** 2 <= route.capture_radius**2:
                     leg += 1
-                    if course.loop and leg == points.shape[0]:
+                    if route.loop and leg == points.shape[0]:
                         leg = 0
             next_q, next_p = q, p
             if leg < points.shape[0]:
-                omega = _pursue(q, p, points[leg], course.turn_rate, dt)
-                turn, move = _exponential(omega, (course.speed, 0.0, 0.0), dt)
+                omega = _pursue(q, p, points[leg], route.turn_rate, dt)
+                turn, move = _exponential(omega, (route.speed, 0.0, 0.0), dt)
                 next_q, next_p = _compose(water, q, p, turn, move)
-            elif not course.carried:
+            elif not route.carried:
                 break
-            if course.carried:
+            if route.carried:
                 next_p = _carry(water, p, next_p, ((sample - 1) * steps + step) * dt, dt)
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
@@ -254,7 +256,7 @@ def run_waypoints(water, course, dt, steps, position, quaternion, status):
 
 
 class Cycle(NamedTuple):
-    """A float's cycle, times counted in steps."""
+    """Cycle of a float, with times in steps."""
 
     target: float
     surface: float
@@ -265,12 +267,12 @@ class Cycle(NamedTuple):
     hold_depth: int
     hold_surface: int
     drogue: float
-    """How much deeper than the float the current is felt."""
+    """Depth of the current that acts on the float, relative to the float."""
 
 
 @kernel
 def _shallowest(water, i, j):
-    """Depth of the shallowest grid point of the sea bed under a cell of the ocean, which the bed does not exceed there. [m]"""
+    """Smallest depth of the sea bed under a cell of the ocean, that of a grid point. [m]"""
     bed, shallowest = water.bed, math.inf
     start, stop = _under(bed.north, water.north + i / water.per_north, 1.0 / water.per_north)
     left, right = _under(bed.east, water.east + j / water.per_east, 1.0 / water.per_east)
@@ -282,14 +284,14 @@ def _shallowest(water, i, j):
 
 @kernel
 def _under(axis, near, side):
-    """First grid point, and the one after the last, between which a cell of the ocean lies."""
-    start = interval_of(axis, near + _SAME * side)
-    return start, min(interval_of(axis, near + (1.0 - _SAME) * side) + 2, axis.size)
+    """First grid point of the sea bed under a cell of the ocean, and the one after the last."""
+    start = interval_of(axis, near + _SAME_NODE * side)
+    return start, min(interval_of(axis, near + (1.0 - _SAME_NODE) * side) + 2, axis.size)
 
 
 @kernel
 def _form(values, i, j, k, thickness):
-    """Write the trilinear interpolant of a cell as a polynomial: 1, x, y, xy and the same times z."""
+    """Coefficients of the trilinear interpolant of a cell: for 1, x, y, xy, and these times z."""
     a = values[i, j, k]
     b = values[i + 1, j, k] - a
     c = values[i, j + 1, k] - a
@@ -303,7 +305,7 @@ def _form(values, i, j, k, thickness):
 
 @kernel
 def _change(before, after, per_second):
-    """Write how fast a polynomial changes from one instant to the next."""
+    """Rates of change of the coefficients between two instants."""
     a, b, c, d, e, f, g, h = after
     return (
         (a - before[0]) * per_second,
@@ -325,7 +327,7 @@ def _evaluate(form, x, y, z):
 
 @kernel
 def _level(depth, k, z):
-    """Find the layer that holds a depth, starting from the one last visited."""
+    """Return the layer that contains a depth; the search starts from layer k."""
     while k > 0 and z < depth[k]:
         k -= 1
     while k < depth.size - 2 and z >= depth[k + 1]:
@@ -335,7 +337,7 @@ def _level(depth, k, z):
 
 @kernel
 def _phase_at(cycle, phase, step, depth, top):
-    """State of a float under ice that begins at top: descending, holding, last step of the hold, and target depth."""
+    """State of a float below a surface at depth ``top``: descending, holding, last step of the hold, and target depth."""
     down, holding, until, aim = phase
     if holding:
         if step >= until:
@@ -349,7 +351,7 @@ def _phase_at(cycle, phase, step, depth, top):
 
 @kernel
 def _forms(water, instant, i, j, k):
-    """Both currents in a cell at an instant, north and east."""
+    """Coefficients of both components of the current in a cell at an instant, north and east."""
     thickness = water.depth[k + 1] - water.depth[k]
     u = _form(water.current_north[instant], i, j, k, thickness)
     return u, _form(water.current_east[instant], i, j, k, thickness)
@@ -357,36 +359,46 @@ def _forms(water, instant, i, j, k):
 
 @kernel
 def _rates(water, before, after, i, j, k):
-    """Rates of change of both currents in a cell between two instants."""
+    """Rates of change of both components of the current in a cell between two instants."""
     per_second = 1.0 / (water.time[after] - water.time[before])
     u, v = _forms(water, before, i, j, k)
     next_u, next_v = _forms(water, after, i, j, k)
     return _change(u, next_u, per_second), _change(v, next_v, per_second)
 
 
+@kernel
+def _enclosing(water, north, east, depth, k):
+    """Return the cell that contains a position limited to the ocean (indices, and corner and thickness [m]), and the position in it."""
+    _, n, m, _ = water.current_north.shape
+    i, x = cell_of((north - water.north) * water.per_north, n)
+    j, y = cell_of((east - water.east) * water.per_east, m)
+    z = min(max(depth, water.depth[0]), water.depth[-1])
+    k = _level(water.depth, k, z)
+    upper = water.depth[k]
+    corner = (water.north + i / water.per_north, water.east + j / water.per_east, upper)
+    return (i, j, k), corner, water.depth[k + 1] - upper, (x, y, z - upper)
+
+
 def _float_kernel(varying):
-    """Two integrators, so that a float in still currents pays nothing for time."""
+    """Return an integrator of floats; two variants exist so that constant currents need no interpolation in time."""
 
     @entry
     def run_float(water, cycle, dt, steps, position, status):
-        _, n, m, _ = water.current_north.shape
-        level = water.depth
         north, east, depth = position[0]
-        per_north, per_east = water.per_north, water.per_east
         k = 0
         cell_north, cell_east, cell_depth, shallowest = 0.0, 0.0, 0.0, 0.0
-        thickness = -1.0  # no cell visited yet: no depth lies in it
+        thickness = -1.0  # no cell yet: no depth is inside
         form_u = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         form_v, rate_u, rate_v = form_u, form_u, form_u
-        before, after, since = 0, 0, 0.0  # instants about the step's middle, and the time since the first
-        u, v = 0.0, 0.0
-        half = 0.0  # the first evaluation is at the start itself: nothing predicts its middle yet
-        state = ACTIVE
+        # instants before and after the middle of the step, and time since the first
+        before, after, since = 0, 0, 0.0
+        # the first evaluation is at the start because no current predicts the middle yet
+        u, v, half = 0.0, 0.0, 0.0
+        state, step = ACTIVE, 0
         phase = (False, True, cycle.delay, cycle.surface)
-        step = 0
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
-                top = surface_depth(water, north, east)  # under ice a float holds at its underside
+                top = surface_depth(water, north, east)  # under ice, a float holds at the underside
                 phase = _phase_at(cycle, phase, step, depth, top)
                 goal = max(phase[3], top)
                 w = min(max(cycle.gain * (goal - depth), -cycle.speed), cycle.speed)
@@ -395,20 +407,16 @@ def _float_kernel(varying):
                         now = step * dt + half
                         while after == before or (now >= water.time[after] and after < water.time.size - 1):
                             before, after = after, after + 1
-                            thickness = -1.0  # the cell's interpolants are of other instants
+                            thickness = -1.0  # the coefficients are from other instants
                         since = now - water.time[before]
-                    x = (north + half * u - cell_north) * per_north
-                    y = (east + half * v - cell_east) * per_east
+                    x = (north + half * u - cell_north) * water.per_north
+                    y = (east + half * v - cell_east) * water.per_east
                     z = depth + cycle.drogue + half * w - cell_depth
                     if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and 0.0 <= z <= thickness):
-                        i, x = cell_of((north + half * u - water.north) * per_north, n)
-                        j, y = cell_of((east + half * v - water.east) * per_east, m)
-                        z = min(max(depth + cycle.drogue + half * w, level[0]), level[-1])
-                        k = _level(level, k, z)
-                        z -= level[k]
-                        thickness = level[k + 1] - level[k]
-                        cell_north, cell_east = water.north + i / per_north, water.east + j / per_east
-                        cell_depth = level[k]
+                        (i, j, k), corner, thickness, (x, y, z) = _enclosing(
+                            water, north + half * u, east + half * v, depth + cycle.drogue + half * w, k
+                        )
+                        cell_north, cell_east, cell_depth = corner
                         form_u, form_v = _forms(water, before, i, j, k)
                         if varying:
                             rate_u, rate_v = _rates(water, before, after, i, j, k)
@@ -420,8 +428,8 @@ def _float_kernel(varying):
                     half = 0.5 * dt
                 new_north, new_east = north + u * dt, east + v * dt
                 new_depth = max(depth + w * dt, surface_depth(water, new_north, new_east))
-                x = (new_north - cell_north) * per_north
-                y = (new_east - cell_east) * per_east
+                x = (new_north - cell_north) * water.per_north
+                y = (new_east - cell_east) * water.per_east
                 if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and new_depth <= shallowest):
                     state = place(water, new_north, new_east, new_depth)
                     if state != ACTIVE:
@@ -439,15 +447,20 @@ _run_float_varying = _float_kernel(True)
 
 
 def run_float(
-    water: Water, cycle: Cycle, dt: float, steps: int, position: NDArray[np.float64], status: NDArray[np.int8]
+    water: OceanArrays,
+    cycle: Cycle,
+    dt: float,
+    steps: int,
+    position: NDArray[np.float64],
+    status: NDArray[np.int8],
 ) -> None:
     """
-    Integrate a float; row 0 of `position` is its start, the others are filled.
+    Integrate a float; row 0 of `position` is its start, the other rows are output.
 
-    The current of a step is that at its middle, in place and time, which last step's current predicts: second
-    order with one interpolation. The body never turns, so the exponential map of the body twist ``R^T u`` is
-    the translation ``u dt`` itself, and the rotation drops out. A float stays in one cell of the ocean for
-    thousands of steps, so the cell's interpolant, its rate of change, box and shallowest corner are kept.
+    A step uses the current at its middle in space and time, where the current of the previous step predicts the position. This is
+    second order with one interpolation per step. The body does not rotate, so the exponential map of the body twist ``R^T u`` is
+    the translation ``u dt``. A float stays in one cell of the ocean for thousands of steps. The integrator therefore keeps the
+    coefficients of the cell, their rates of change, the limits of the cell and its smallest sea-bed depth.
     """
     run = _run_float_still if water.time.size == 1 else _run_float_varying
     run(water, cycle, dt, steps, position, status)

@@ -118,7 +118,9 @@ def fleet_refusals(vehicles: Sequence[Vehicle], ocean: xr.Dataset, physics_step:
     return list(_refusals(vehicles, _water(ocean), physics_step))
 
 
-def _refusals(vehicles: Sequence[Vehicle], water: kernel.Water, physics_step: float) -> Iterator[FleetError]:
+def _refusals(
+    vehicles: Sequence[Vehicle], water: kernel.OceanArrays, physics_step: float
+) -> Iterator[FleetError]:
     for vehicle in vehicles:
         try:
             check_placement(vehicle, water)
@@ -164,7 +166,7 @@ def _check_memory(n_vehicles: int, n_samples: int) -> None:
 
 def _run(
     vehicle: Vehicle,
-    water: kernel.Water,
+    water: kernel.OceanArrays,
     step: float,
     steps: int,
     position: Array,
@@ -192,7 +194,7 @@ def _run(
         twist, current = behaviour.twist, behaviour.current
         kernel.run_twist(water, twist, current, step, steps, position, quaternion, status)
     elif isinstance(behaviour, Waypoints):
-        course = kernel.Course(
+        route = kernel.Route(
             points=behaviour.points,
             speed=float(behaviour.speed),
             turn_rate=float(behaviour.turn_rate),
@@ -200,7 +202,7 @@ def _run(
             loop=behaviour.loop,
             carried=behaviour.current,
         )
-        kernel.run_waypoints(water, course, step, steps, position, quaternion, status)
+        kernel.run_waypoints(water, route, step, steps, position, quaternion, status)
 
 
 def _drift_cycle(behaviour: Drifting, step: float) -> kernel.Cycle:
@@ -218,7 +220,7 @@ def _drift_cycle(behaviour: Drifting, step: float) -> kernel.Cycle:
     )
 
 
-def _water(ocean: xr.Dataset) -> kernel.Water:
+def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
     """Checked arrays of a local ocean for the integrators."""
     needed = [*_DIMS, "current_north", "current_east", "sea_floor_depth"]
     absent = [name for name in needed if name not in ocean.variables]
@@ -238,7 +240,7 @@ def _water(ocean: xr.Dataset) -> kernel.Water:
         _variable(ocean, name, dims).reshape(time.size, north.size, east.size, depth.size)
         for name in ("current_north", "current_east")
     )
-    return kernel.Water(
+    return kernel.OceanArrays(
         north=float(north[0]),
         east=float(east[0]),
         per_north=_per_metre(north),

@@ -94,7 +94,7 @@ class BoundarySurface:
 
     @classmethod
     def from_dataset(cls, ocean: xr.Dataset, name: str, error: Error = GeometryError) -> Self:
-        """Boundary from a variable of a local ocean, on (floor_north, floor_east), on (north, east) or of one value."""
+        """Make a boundary from a variable of a local ocean, on (floor_north, floor_east), on (north, east) or with one value."""
         variable = ocean[name]
         if variable.ndim == 0:
             return cls(variable.item())
@@ -120,7 +120,7 @@ class BoundarySurface:
         return type(self)(self.depth, self.north, self.east, self.reflection, roughness)
 
     def check_extent(self, north: Array, east: Array, *, name: str, error: Error) -> None:
-        """Refuse a boundary that does not extend over water with these axes."""
+        """Raise an error if the boundary does not extend over water with these axes [m]."""
         for along, own, water in (("north", self.north, north), ("east", self.east, east)):
             slack = _SLACK * max(np.ptp(water), 1.0)
             if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):

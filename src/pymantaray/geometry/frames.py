@@ -1,5 +1,7 @@
 """Local NED frame on the ellipsoid: a conformal azimuthal projection around a centre."""
 
+from __future__ import annotations
+
 import math
 from functools import cached_property
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.errors import GeometryError
 
 Array = NDArray[np.float64]
-_SMALL = 1e-4  # rad; below it Taylor series replace the closed forms
+_SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
 def hat(omega: ArrayLike) -> Array:
@@ -25,10 +25,10 @@ def hat(omega: ArrayLike) -> Array:
 def _coefficients(theta: Array) -> tuple[Array, Array, Array]:
     """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
     t2 = theta * theta
-    safe = np.where(theta < _SMALL, 1.0, theta)
-    a = np.where(theta < _SMALL, 1.0 - t2 / 6.0, np.sin(safe) / safe)
-    b = np.where(theta < _SMALL, 0.5 - t2 / 24.0, 2.0 * np.sin(safe / 2.0) ** 2 / safe**2)
-    c = np.where(theta < _SMALL, 1.0 / 6.0 - t2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    safe = np.where(theta < _SMALL_ANGLE, 1.0, theta)
+    a = np.where(theta < _SMALL_ANGLE, 1.0 - t2 / 6.0, np.sin(safe) / safe)
+    b = np.where(theta < _SMALL_ANGLE, 0.5 - t2 / 24.0, 2.0 * np.sin(safe / 2.0) ** 2 / safe**2)
+    c = np.where(theta < _SMALL_ANGLE, 1.0 / 6.0 - t2 / 120.0, (safe - np.sin(safe)) / safe**3)
     return a, b, c
 
 
@@ -118,8 +118,8 @@ def se3_log(rotation: ArrayLike, translation: ArrayLike) -> Array:
     omega = so3_log(rotation)
     theta = np.linalg.norm(omega, axis=-1)
     a, b, _ = _coefficients(theta)
-    safe = np.where(theta < _SMALL, 1.0, theta)
-    d = np.where(theta < _SMALL, 1.0 / 12.0 + theta**2 / 720.0, (1.0 - a / (2.0 * b)) / safe**2)
+    safe = np.where(theta < _SMALL_ANGLE, 1.0, theta)
+    d = np.where(theta < _SMALL_ANGLE, 1.0 / 12.0 + theta**2 / 720.0, (1.0 - a / (2.0 * b)) / safe**2)
     k = hat(omega)
     inverse_left = np.eye(3) - 0.5 * k + d[..., None, None] * (k @ k)
     v = np.einsum("...ij,...j->...i", inverse_left, np.asarray(translation, dtype=float))

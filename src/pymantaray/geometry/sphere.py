@@ -1,5 +1,7 @@
 """The Earth as a sphere in the local frame: flattened depths, distances along the surface and straight distances."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Literal, Self

@@ -30,10 +30,16 @@ _MAX_PINGS = 100_000
 @dataclass(frozen=True)
 class Pattern:
     """
-    Pattern of a platform's pings around the node's drop point: shape, radius and number of pings.
+    Pattern of a platform's pings around the node's drop point.
 
-    ``circle`` is one full circle, ``cross`` two lines at right angles, ``line`` one line, ``rose`` four petals through the middle,
-    ``lines`` five parallel lines. All extend to ``radius`` from the middle. [m]
+    Parameters
+    ----------
+    shape : {"circle", "cross", "line", "rose", "lines"}
+        One full circle, two lines at right angles, one line, four petals through the middle, or five parallel lines.
+    radius : float
+        Extent of the pattern from its middle. [m]
+    pings : int
+        Number of pings.
     """
 
     shape: Shape

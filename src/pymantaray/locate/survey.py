@@ -1,5 +1,7 @@
 """Survey: pings between a platform and nodes, or between two nodes, with priors."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -101,7 +103,18 @@ class LeverArm:
 
 @dataclass(frozen=True)
 class PlatformError:
-    """Errors of the platform's positions: horizontal and vertical standard deviations [m] and correlation time [s]."""
+    """
+    Errors of the platform's positions.
+
+    Parameters
+    ----------
+    horizontal : float
+        Standard deviation of north and of east. [m]
+    vertical : float
+        Standard deviation of depth. [m]
+    correlation : float
+        Correlation time. [s]
+    """
 
     horizontal: float = 0.0
     vertical: float = 0.0

@@ -1,5 +1,7 @@
 """One cast: a measured profile at a place and time, its CSV table, and the selection of usable rows."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -147,7 +149,7 @@ class Cast:
         """
         return sound_speed(self.temperature, self.salinity, self.depth, self.lat, self.lon, equation=equation)
 
-    def with_repaired_salinity(self) -> "Cast":
+    def with_repaired_salinity(self) -> Cast:
         """Cast with the salinity of the freezing line at levels below the freezing point; a note gives their number."""
         salinity, repairs = repair_salinity(self.temperature, self.salinity, self.depth, self.lat, self.lon)
         if not repairs:
@@ -323,7 +325,7 @@ class CastTable:
         kind = _COLUMNS[quantity][0]
         return to_our_unit(values, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}")
 
-    def _numbers(self, quantity: str, cells: "pd.Series[Any]") -> Array:
+    def _numbers(self, quantity: str, cells: pd.Series[Any]) -> Array:
         """Convert cells of text to numbers, NaN if empty; cells of a data set are numbers already."""
         if cells.dtype.kind == "f":
             return np.array(cells, dtype=float)
@@ -339,7 +341,7 @@ class CastTable:
         """Cells of the time or station column; None without such a column."""
         return self.rows[self.texts[kind]].to_list() if kind in self.texts else None
 
-    def casts(self) -> dict[str, "CastTable"]:
+    def casts(self) -> dict[str, CastTable]:
         """Rows of each cast by its name, in the order of the file; a single cast has no name."""
         keys = self.text("station")
         if self.bracketed and self.has("lat", "lon"):

@@ -1,5 +1,7 @@
 """Casts from tables, instruments, Argo and CF files, and a horizontally uniform ocean at rest from one cast."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,6 +22,7 @@ from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cas
 from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
+from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle
@@ -65,8 +68,8 @@ def read_cast(
     path : str or pathlib.Path
         One of: CSV with named columns (depth or pressure; in-situ, potential or conservative temperature; practical or
         absolute salinity); a point table of HYCOM from the NetCDF Subset Service, also with packed integers; an Argo NetCDF
-        file; a CF data set of profiles; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR, CastAway, Valeport,
-        AML).
+        file; a CF data set of profiles; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``,
+        CastAway, Valeport, AML).
     lat, lon : float, optional
         Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon -140.0``. [degrees]
     time : str or numpy.datetime64, optional
@@ -168,7 +171,9 @@ def holds_casts(path: str | Path) -> bool:
 
 
 def cast_tables(path: Path) -> dict[str, CastTable]:
-    """Casts of a text file or of a CF data set of profiles, as tables by name."""
+    """Casts of a text file, an ``.rsk`` file or a CF data set of profiles, as tables by name."""
+    if is_rsk(path):
+        return read_rsk(path)
     return read_cf_profiles(path) if is_netcdf(path) else read_cast_table(path).casts()
 
 
@@ -402,8 +407,8 @@ def cast_ocean(
         synthetic=False,
     )
     t, s = (np.interp(cast.depth, z, column) for column in (temperature, salinity))
-    averaged = sound_speed(t, s, cast.depth, cast.lat, cast.lon, equation=equation)
-    change = averaged - cast.sound_speed(equation)
+    cell_means = sound_speed(t, s, cast.depth, cast.lat, cast.lon, equation=equation)
+    change = cell_means - cast.sound_speed(equation)
     change = change[cast.depth <= bottom]
     averaging = (
         f"cast {cast.name}: {cast.depth.size} samples averaged onto {z.size} levels, sound speed changed by"

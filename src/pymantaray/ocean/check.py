@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean.local import floor_in_domain
-from pymantaray.ocean.open import Currents, read_ocean
+from pymantaray.ocean.open import CurrentsPolicy, read_ocean
 from pymantaray.ocean.schema import Finding, place_of, violations
 from pymantaray.ocean.seawater import (
     SUPERCOOLED,
@@ -143,7 +143,7 @@ def check_ocean(
     existing_trajectories: bool = False,
     sea_floor: xr.DataArray | None = None,
     equation: Equation = "teos-10",
-    currents: Currents = "required",
+    currents: CurrentsPolicy = "required",
 ) -> Findings:
     """
     List the errors and doubts about an ocean.

@@ -48,7 +48,7 @@ _QUANTITIES = (  # the first match in a column's title counts
 _UNITS = {
     "decibar": "dbar", "decibars": "dbar", "db": "dbar", "dbar": "dbar", "bar": "bar", "m": "m", "meter": "m", "meters": "m",
     "metre": "m", "metres": "m", "ft": "ft", "feet": "ft", "c": "degC", "degc": "degC", "deg c": "degC", "celsius": "degC",
-    "°c": "degC", "ºc": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
+    "°c": "degC", "ºc": "degC", "deg_c": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
     "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1", "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
 }  # fmt: skip
 _SEA_BIRD = (  # short names of Seasoft's variables
@@ -75,7 +75,8 @@ _CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
 _MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
 _DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
 _MONTH_FIRST = r"(?P<month>\d{1,2})/(?P<day>\d{1,2})/(?P<year>\d{4}|\d\d)$"
-_AIR_PRESSURE = 10.1325  # dbar
+AIR_PRESSURE = 10.1325
+"""Air pressure to subtract from absolute pressures. [dbar]"""
 
 
 def instrument_table(path: Path, lines: Lines) -> InstrumentTable | None:
@@ -258,9 +259,9 @@ def _rbr(lines: Lines) -> InstrumentTable:
         and (k := next((k for k, title in enumerate(titles) if title.startswith("pressure")), None))
         is not None
     ):
-        notes.append(f"{_AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure")
+        notes.append(f"{AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure")
         for cells in rows.values():
-            cells[k] = repr(_value(cells[k]) - _AIR_PRESSURE) if cells[k] else ""
+            cells[k] = repr(_value(cells[k]) - AIR_PRESSURE) if cells[k] else ""
     head = [line.strip() for line in lines[:start]]
     lat, lon = (_angle(_after(head, rf"{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
     first = next((line for line in lines[start + 1 :] if line.strip()), "")
@@ -298,8 +299,13 @@ def _title(cell: str) -> str:
     quantity = next((q for pattern, q in _QUANTITIES if re.search(pattern, name.strip().lower())), "")
     if not quantity:
         return ""
-    known = _UNITS.get(unit.strip().lower(), unit.strip())
+    known = known_unit(unit)
     return f"{quantity} [{known}]" if known else quantity
+
+
+def known_unit(unit: str) -> str:
+    """Convert the unit of an instrument's column to its usual spelling; other units stay as they are."""
+    return _UNITS.get(unit.strip().lower(), unit.strip())
 
 
 def _first_of_each(titles: Iterable[str]) -> list[str]:

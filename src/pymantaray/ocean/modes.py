@@ -1,5 +1,7 @@
 """Vertical modes of sound speed in an ocean's columns or in casts, and the covariance of an error in these modes."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -32,7 +32,7 @@ FileSource = str | Path | Sequence[str | Path]
 Source = FileSource | xr.Dataset | Sequence[str | Path | xr.Dataset]
 Names = Mapping[str, str]
 """CF standard names by variable, for variables without one; a unit may follow in brackets."""
-Currents = Literal["required", "rest"]
+CurrentsPolicy = Literal["required", "rest"]
 _ROLES = tuple(v.name for v in VARIABLES)
 _MAX_LISTED_FILES = 2  # in messages
 _SYNTHETIC = "synthetic:"
@@ -44,7 +44,7 @@ def open_ocean(
     *,
     time: str | np.datetime64 | None = None,
     window: GeographicWindow | None = None,
-    currents: Currents = "required",
+    currents: CurrentsPolicy = "required",
     names: Names | None = None,
 ) -> xr.Dataset:
     """
@@ -94,7 +94,7 @@ def read_ocean(
     *,
     time: str | np.datetime64 | None,
     window: GeographicWindow | None,
-    currents: Currents,
+    currents: CurrentsPolicy,
     names: Names | None = None,
 ) -> xr.Dataset:
     """Read and convert an ocean without validation; otherwise as `open_ocean`."""
@@ -112,7 +112,7 @@ def open_ocean_series(
     stop: str | np.datetime64,
     *,
     window: GeographicWindow | None = None,
-    currents: Currents = "required",
+    currents: CurrentsPolicy = "required",
     names: Names | None = None,
 ) -> tuple[xr.Dataset, ...]:
     """
@@ -331,14 +331,14 @@ class Collection:
         """All instants in the files, increasing."""
         return np.unique(np.concatenate([part.times for part in self.parts]))
 
-    def whole_times(self, currents: Currents) -> Instants:
+    def whole_times(self, currents: CurrentsPolicy) -> Instants:
         """Increasing instants with all required variables."""
         times = self.times()
         for role in self.needed(currents):
             times = np.intersect1d(times, np.concatenate([p.times for p in self.parts if p.field(role)]))
         return times
 
-    def needed(self, currents: Currents) -> tuple[str, ...]:
+    def needed(self, currents: CurrentsPolicy) -> tuple[str, ...]:
         """Required variables; with ``currents="rest"``, currents are required only if a file has one of them."""
         if currents not in ("required", "rest"):
             raise OceanError(f"currents is {currents!r}; allowed: 'required' or 'rest'")
@@ -363,7 +363,7 @@ class Collection:
             raise OceanError(f"{self.names}: no {' and no '.join(absent)} at {instant}; select another time")
         return fields
 
-    def ocean(self, instant: np.datetime64, currents: Currents) -> xr.Dataset:
+    def ocean(self, instant: np.datetime64, currents: CurrentsPolicy) -> xr.Dataset:
         """Read and convert the ocean at one of the instants, without validation."""
         fields = self.at(instant, self.needed(currents))
         try:

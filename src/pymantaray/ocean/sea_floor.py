@@ -1,4 +1,4 @@
-"""Sea floor: what an ocean's levels imply, or a file of depths or heights, and values below it for the interpolants."""
+"""Sea floor from the levels of an ocean or from a file of depths or heights, and extension of fields below it."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,12 +21,12 @@ from pymantaray.ocean.window import GeographicWindow, Window, checked_window, se
 
 Array = NDArray[np.float64]
 MAX_FLOOR_NODES = 1_000_000
-"""Nodes of a finer sea floor in the local frame at most; with more its spacing is widened."""
-_SAME_SPACING = 1.01  # a file as fine as the ocean's grid to within 1 % is not coarser
+"""Maximum number of nodes of a finer sea floor in the local frame; a larger spacing replaces that of a larger file."""
+_SAME_SPACING = 1.01  # ratio of spacings up to which a file is not coarser than the ocean's grid
 _MIN_CELLS = 2  # on either side of the centre
 MAX_POINTS = 40_000_000
-"""Grid points of a file that are read at most: 320 MB as numbers of double precision."""
-_MAX_NODES = 16_000_000  # of latitude and longitude, that a file in a map projection is put on
+"""Maximum number of grid points to read from a file: 320 MB in double precision."""
+_MAX_NODES = 16_000_000  # latitudes times longitudes onto which a file in a map projection is interpolated
 _DEEPEST, _HIGHEST = 11_100.0, 9_000.0  # m; beyond these a fill value or a unit is wrong
 _DEGREE = 111_195.0  # m, of latitude on the mean sphere
 _DOWN = (
@@ -37,7 +37,7 @@ _DOWN = (
     "sea_floor_depth",
 )
 _UP = (
-    "height_above_reference_ellipsoid",  # what GEBCO calls its heights, which are above mean sea level
+    "height_above_reference_ellipsoid",  # GEBCO's name for its heights, which are above mean sea level
     "height_above_mean_sea_level",
     "height_above_geopotential_datum",
     "surface_altitude",
@@ -53,9 +53,17 @@ _CRS_REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic ve
 
 def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     """
-    Sea floor (lat, lon) that the levels of a valid ocean imply: half-way from the deepest valid level to the next. [m]
+    Sea floor from the levels of an ocean: half-way from the deepest valid level of each column to the next.
 
-    0 on land, the deepest level itself where that is valid.
+    Parameters
+    ----------
+    ocean : xarray.Dataset
+        A valid ocean.
+
+    Returns
+    -------
+    xarray.DataArray, dimensions (lat, lon)
+        Depth; 0 on land, and the depth of the last level if it is valid. [m]
     """
     depth = np.asarray(ocean["depth"].values, dtype=float)
     levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
@@ -70,10 +78,27 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
 
 def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
     """
-    A field (depth, lat, lon) without its NaN, so that interpolants near the sea bed and the coast see no gap.
+    Replace the NaN of a field below the sea bed and on land, so that interpolation near sea bed and coast has no gaps.
 
-    In a wet column the deepest valid value is carried downward; a land column takes the filled column of the nearest
-    wet one, a degree of longitude being shortened as at the middle latitude. Nothing is meant to be there.
+    A wet column has its deepest valid value at all deeper levels. A land column is a copy of the nearest wet column, with distances
+    at the middle latitude. The new values have no physical meaning.
+
+    Parameters
+    ----------
+    field : ndarray, shape (n_depth, n_lat, n_lon)
+        Field with NaN outside the water.
+    lat : ndarray, shape (n_lat,)
+        Latitudes. [degrees]
+
+    Returns
+    -------
+    ndarray, shape (n_depth, n_lat, n_lon)
+        Field without NaN.
+
+    Raises
+    ------
+    OceanError
+        If the field has no wet column.
     """
     filled = np.array(field, dtype=float)
     wet = np.isfinite(filled[0])
@@ -94,11 +119,11 @@ def local_floor(
     sea_floor: xr.DataArray, window: Window, half_extent: tuple[float, float]
 ) -> xr.DataArray | None:
     """
-    Sea floor of a file on a regular grid of the local frame, bilinear between the file's points and spaced about as they.
+    Interpolate the sea floor of a file bilinearly to a regular grid of the local frame with about the spacing of the file.
 
-    None if the file's grid is coarser than the ocean's, by the area of a cell at the frame's centre. With more than
-    `MAX_FLOOR_NODES` at the file's own spacing the nodes are set wider apart, and the file is averaged over as many points
-    first. The attribute ``source`` says so, ``spacing`` is the file's, north and east. [m]
+    The result is None if the file's grid is coarser than the ocean's, by the area of a cell at the frame's centre. If the file's
+    spacing requires more than `MAX_FLOOR_NODES` nodes, the grid has a larger spacing and the function first averages the file over
+    this spacing. The attribute ``source`` records this; ``spacing`` is that of the file, north and east. [m]
     """
     if sea_floor.dims != ("lat", "lon") or min(sea_floor.shape) < 2:
         raise OceanError(
@@ -127,13 +152,13 @@ def local_floor(
         np.asarray(sea_floor.values, dtype=float),
         f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m",
     )
-    averaged = 2 * (int(0.5 * wider)) + 1
-    if averaged > 1:
-        depth = ndimage.uniform_filter(depth, averaged, mode="nearest")
+    points = 2 * (int(0.5 * wider)) + 1
+    if points > 1:
+        depth = ndimage.uniform_filter(depth, points, mode="nearest")
     if wider > 1.0:
         source += (
             f", on nodes {north[1] - north[0]:.0f} m by {east[1] - east[0]:.0f} m apart because at most"
-            f" {MAX_FLOOR_NODES:,} are kept, mean of {averaged} by {averaged} points"
+            f" {MAX_FLOOR_NODES:,} are kept, mean of {points} by {points} points"
         )
     bilinear = linear_interpolator((theirs.lat, theirs.lon), depth)
     nodes = bilinear(np.stack(theirs.geographic(north[:, None], east[None, :]), axis=-1))
@@ -164,40 +189,39 @@ def open_sea_floor(
     """
     Depth of the sea floor from a NetCDF file.
 
-    Known are GEBCO (``elevation``), ETOPO (``z``, also on axes ``x`` and ``y`` in degrees), IBCAO
-    (geographic, or polar stereographic in metres), GLORYS (``deptho`` with ``mask``), and any variable on
-    two horizontal axes whose CF standard name is a sea floor depth, a height or an altitude. Only the
-    window is read.
+    Supported are GEBCO (``elevation``), ETOPO (``z``, also on axes ``x`` and ``y`` in degrees), IBCAO (geographic, or polar
+    stereographic in metres), GLORYS (``deptho`` with ``mask``), and any variable on two horizontal axes with the CF standard name of
+    a sea floor depth, a height or an altitude. The function reads only the window.
 
     Parameters
     ----------
     path : str or Path
-        NetCDF-3 or NetCDF-4.
+        NetCDF-3 or NetCDF-4 file.
     window : tuple of float, optional
-        South, north, west, east; longitudes in any 360 degree window. By default the whole file; needed
-        for a file in a map projection. [degrees]
+        South, north, west, east; longitudes in any 360 degree window. Default: the whole file. Required for a file in a map
+        projection. [degrees]
     crs : str, optional
-        Coordinate reference system of a file on projected axes that names none, such as ``"EPSG:3996"``
-        for IBCAO's grids.
+        Coordinate reference system of a file on projected axes without this information, such as ``"EPSG:3996"`` for IBCAO's
+        grids.
 
     Returns
     -------
     xarray.DataArray, shape (lat, lon)
-        Positive down, 0 on land; latitudes and longitudes rise. The points that enclose the window are
-        there where the file has them. Attribute ``source`` names file and variable. [m]
+        Depth, positive down, 0 on land; latitudes and longitudes increase. It includes the points around the window if the file
+        has them. The attribute ``source`` contains file and variable. [m]
 
     Raises
     ------
     OceanError
-        If the file cannot be read, holds no such variable or several, does not reach the window, lacks
-        values in it, or is projected without saying how.
+        If the file cannot be read, contains no such variable or several, does not cover the window, lacks values in it, or is in an
+        unknown projection.
 
     Notes
     -----
-    Heights above mean sea level, the geoid and the sea surface are taken for one another: they differ by
-    up to 2 m, less than the vertical error of any of these grids. A height above the ellipsoid would
-    differ by up to 100 m; GEBCO's standard name says that, but its long name says sea level. Where a depth
-    is missing there is land, as models have it; where a height is missing the file is refused.
+    The function does not distinguish heights above mean sea level, the geoid and the sea surface: they differ by up to 2 m, less than
+    the vertical error of these grids. A height above the ellipsoid would differ by up to 100 m. GEBCO's standard name denotes this
+    height, but its long name denotes sea level, which is correct. A missing depth is land, as in models; a missing height raises an
+    error.
     """
     with open_file(path) as data:
         field = _field_of(data)
@@ -220,14 +244,14 @@ def open_sea_floor(
 
 
 class HorizontalField(NamedTuple):
-    """Variable on two horizontal axes, and which way it counts."""
+    """Variable on two horizontal axes, and its positive direction."""
 
     data: xr.Dataset
     name: str
     lat: str
     lon: str
     positive: str
-    """``"up"``, ``"down"``, or empty where only the values can tell."""
+    """``"up"``, ``"down"``, or empty if only the values show the direction."""
 
     def axis(self, name: str) -> Array:
         """Values of an axis, monotone; in metres if its unit is a length."""
@@ -249,11 +273,11 @@ class HorizontalField(NamedTuple):
         return False
 
     def on_geographic(self, window: GeographicWindow | None, crs: str | None) -> tuple[Array, Array, Array]:
-        """Latitudes and longitudes, both rising, that enclose a window, and values there."""
+        """Increasing latitudes and longitudes that enclose a window, and the values there."""
         return _projected(self, window, crs) if self.is_projected() else _cut(self, window)
 
     def read(self, rows: slice, columns: slice) -> Array:
-        """One rectangle, latitude first."""
+        """Values of a rectangle (lat, lon)."""
         dims = self.data.variables[self.name].dims
         block = numbers(self.data, self.name, {self.lat: rows, self.lon: columns})
         block = block.squeeze(tuple(k for k, dim in enumerate(dims) if dim not in (self.lat, self.lon)))
@@ -261,7 +285,7 @@ class HorizontalField(NamedTuple):
 
 
 def _field_of(data: xr.Dataset) -> HorizontalField:
-    """Variable on two horizontal axes whose standard name, or else name, is a sea floor's."""
+    """Variable of the sea floor on two horizontal axes, by standard name or otherwise by name."""
     where = file_name(data)
     by_standard_name: list[HorizontalField] = []
     by_name: list[HorizontalField] = []
@@ -295,7 +319,7 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
 
 
 def horizontal_axes(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] | None:
-    """Names of the latitude-like and the longitude-like dimension; every other one has one entry."""
+    """Names of the dimensions of latitude (or y) and longitude (or x); None if another dimension has several entries."""
     lat = lon = None
     for dim, size in zip(map(str, variable.dims), variable.shape, strict=True):
         axis = data.variables.get(dim)
@@ -317,12 +341,12 @@ def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array
     if min(part.lat.size, part.lon.size) < 2:
         raise OceanError(
             f"{file_name(field.data)}: covers latitude {lat.min():g} to {lat.max():g}, longitude {lon.min():g} to"
-            f" {lon.max():g}; the window {window} is not in it, fetch that part"
+            f" {lon.max():g}; it does not contain the window {window}; fetch this part"
         )
     if part.lat.size * part.lon.size > MAX_POINTS:
         raise OceanError(
-            f"{file_name(field.data)}: {part.lat.size * part.lon.size:,} points asked for; at most {MAX_POINTS:,}"
-            " are read, name a window (south, north, west, east)"
+            f"{file_name(field.data)}: {part.lat.size * part.lon.size:,} points requested; the limit is {MAX_POINTS:,};"
+            " give a window (south, north, west, east)"
         )
     values = np.concatenate([field.read(part.rows, block) for block in part.blocks], axis=1)
     return part.lat, part.lon, part.in_order(values)
@@ -331,10 +355,10 @@ def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array
 def _projected(
     field: HorizontalField, window: GeographicWindow | None, crs: str | None
 ) -> tuple[Array, Array, Array]:
-    """Field on projected axes, bilinear on latitudes and longitudes spaced as the file is at the window's middle."""
+    """Interpolate a field on projected axes bilinearly to latitudes and longitudes with the file's spacing at the window's middle."""
     where = file_name(field.data)
     if window is None:
-        raise OceanError(f"{where}: its axes are in metres; name a window (south, north, west, east)")
+        raise OceanError(f"{where}: its axes are in metres; give a window (south, north, west, east)")
     y, x = field.axis(field.lat), field.axis(field.lon)
     lat, lon = _nodes(checked_window(window), float(np.median(np.abs(np.diff(x)))), where)
     to_file = pyproj.Transformer.from_crs("EPSG:4326", _crs_of(field, crs), always_xy=True)
@@ -342,7 +366,7 @@ def _projected(
     rows, columns = _reach(y, at_y), _reach(x, at_x)
     size = (rows.stop - rows.start, columns.stop - columns.start)
     if min(size) < 2:
-        raise OceanError(f"{where}: the window {window} is not in it; fetch the grid that covers it")
+        raise OceanError(f"{where}: it does not contain the window {window}; fetch the grid that covers it")
     if size[0] * size[1] > _MAX_NODES:
         raise OceanError(
             f"{where}: the window needs more than {_MAX_NODES:,} of its points; choose a smaller one"
@@ -355,9 +379,9 @@ def _projected(
 
 def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
     """
-    Coordinate reference system of the axes: what the user says, else what the file does.
+    Coordinate reference system of the axes, from the user or from the file.
 
-    That is the variable that ``grid_mapping`` names (CF conventions, section 5.6), or else the only grid mapping there is.
+    In the file, it is the variable with the name in ``grid_mapping`` (CF conventions, section 5.6), otherwise the only grid mapping.
     """
     if crs is not None:
         try:
@@ -365,7 +389,9 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
         except pyproj.exceptions.CRSError:
             raise OceanError(f"crs {crs!r} is unknown to PROJ; write it as EPSG:3996") from None
         if not named.is_projected:
-            raise OceanError(f"crs {crs!r} is none of a map projection, but the file's axes are in metres")
+            raise OceanError(
+                f"crs {crs!r} is not a map projection, but the file's axes are in metres; use a projected one"
+            )
         return named
     where, variables = file_name(field.data), field.data.variables
     mapping = text(variables[field.name], "grid_mapping")
@@ -374,16 +400,14 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
     mappings = [a for a in mappings if {"grid_mapping_name", "crs_wkt", "spatial_ref"} & set(a)]
     if len(mappings) != 1:
         raise OceanError(
-            f"{where}: axes of {field.name} are projected, and {len(mappings)} grid mappings are given; {_CRS_REMEDY}"
+            f"{where}: axes of {field.name} are projected, and the file has {len(mappings)} grid mappings; {_CRS_REMEDY}"
         )
     try:
         plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in mappings[0].items()}
         return pyproj.CRS.from_cf(plain)
     except (pyproj.exceptions.CRSError, KeyError, ValueError, TypeError) as error:
         reason = one_line(error, 100)
-        raise OceanError(
-            f"{where}: its grid mapping cannot be understood ({reason}); {_CRS_REMEDY}"
-        ) from None
+        raise OceanError(f"{where}: invalid grid mapping ({reason}); {_CRS_REMEDY}") from None
 
 
 def _nodes(window: GeographicWindow, spacing: float, where: str) -> tuple[Array, Array]:
@@ -394,15 +418,15 @@ def _nodes(window: GeographicWindow, spacing: float, where: str) -> tuple[Array,
     n_lon = 1 + max(1, round((east - west) * _DEGREE * parallel / spacing))
     if n_lat * n_lon > _MAX_NODES:
         raise OceanError(
-            f"{where}: {n_lat * n_lon:,} nodes {spacing:g} m apart in the window; allowed {_MAX_NODES:,}, choose a"
-            " smaller one"
+            f"{where}: {n_lat * n_lon:,} nodes with a spacing of {spacing:g} m in the window; the limit is {_MAX_NODES:,};"
+            " choose a smaller window"
         )
     turn = whole_turns(0.5 * (west + east))
     return np.linspace(south, north, n_lat), np.linspace(west - turn, east - turn, n_lon)
 
 
 def _reach(axis: Array, values: Array) -> slice:
-    """Entries of a monotone axis that are needed for values between, one to spare on either side."""
+    """Entries of a monotone axis that enclose some values, with one additional entry on either side."""
     finite = values[np.isfinite(values)]
     rising = axis if axis[-1] > axis[0] else axis[::-1]
     if not finite.size or finite.max() < rising[0] or finite.min() > rising[-1]:
@@ -417,20 +441,22 @@ def _downward(values: Array, field: HorizontalField) -> Array:
     name, positive = f"{file_name(field.data)}: {field.name}", field.positive
     finite = values[np.isfinite(values)]
     if not finite.size:
-        raise OceanError(f"{name} has no value in the window; choose another window")
+        raise OceanError(f"{name} has no values in the window; choose another window")
     positive = positive or ("down" if finite.min() >= 0.0 else "up" if finite.max() <= 0.0 else "")
     if not positive:
-        raise OceanError(f"{name} has both signs and does not say which is down; set its attribute positive")
+        raise OceanError(
+            f"{name} has positive and negative values; set its attribute positive to 'up' or 'down'"
+        )
     depth = values if positive == "down" else -values
     low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
     if low < -_HIGHEST or high > _DEEPEST:
         raise OceanError(
-            f"{name} reaches from {-low:g} m above the sea to {high:g} m below; allowed are"
-            f" {_HIGHEST:g} and {_DEEPEST:g}, check fill value and units"
+            f"{name} is between {-low:g} m above and {high:g} m below the sea surface; allowed are"
+            f" {_HIGHEST:g} and {_DEEPEST:g} m; check fill value and units"
         )
     missing = int(np.count_nonzero(np.isnan(depth)))
     if missing and positive == "up":
         raise OceanError(
-            f"{name} has no value at {missing} of {depth.size} points of the window; choose one that the file fills"
+            f"{name} has no value at {missing} of {depth.size} points of the window; choose a window without gaps"
         )
     return np.where(np.isnan(depth), 0.0, np.maximum(depth, 0.0))

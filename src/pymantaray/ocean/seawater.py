@@ -13,6 +13,8 @@ References
    technical guide, as reprinted in several codes.
 """
 
+from __future__ import annotations
+
 from typing import Literal, get_args
 
 import gsw

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, Rule, choose_arrivals, find_eigenrays
+from pymantaray.acoustics import ArrivalRule, Medium, choose_arrivals, find_eigenrays
 from pymantaray.online.interpolation import REFERENCE_SLOWNESS
 from pymantaray.records import RayStatus
 
@@ -73,7 +73,7 @@ class Radial:
     """
 
     medium: Medium
-    rule: Rule = "direct"
+    rule: ArrivalRule = "direct"
     max_surface_bounces: int = 0
     max_bottom_bounces: int = 0
     cutoff_db: float | None = 15.0

@@ -1,5 +1,7 @@
 """Table that maps depths and travel time to horizontal range, and range to travel time."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
 from typing import Any

@@ -46,7 +46,7 @@ def show_alike(values: Sequence[Any], form: str | None = None) -> list[str]:
 
 
 def show_row(values: Sequence[Any]) -> list[str]:
-    """Text of each value of a row whose values are one quantity; a single number has four digits."""
+    """Text of each value of a row with one quantity; a single number has four digits."""
     return show_alike(values) if measured_numbers(values).size > 1 else [show(value) for value in values]
 
 
@@ -95,5 +95,5 @@ def signed_metres(value: float) -> str:
 
 
 def plain_signs(text: str) -> str:
-    """Text whose numbers have a hyphen as minus sign, so that any terminal shows and any program reads them."""
+    """Text with hyphens as minus signs, which all terminals and programs can read."""
     return text.replace(_MINUS, "-").replace(MISSING, "-")

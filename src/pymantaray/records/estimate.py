@@ -48,7 +48,7 @@ class Estimates(DatedRecord):
     )
 
     @classmethod
-    def of_nothing(cls, measurements: Measurements) -> Self:
+    def without_conditions(cls, measurements: Measurements) -> Self:
         """
         Estimates without conditions, for one realization.
 

@@ -65,7 +65,7 @@ _LATEX_SIGNS = {
 
 
 class Head(NamedTuple):
-    """Head of a column: its text with the unit in brackets, whether numbers are below it, and its meaning or nothing."""
+    """Head of a column: text with the unit in brackets, True for a column of numbers, and the meaning, which may be empty."""
 
     text: str
     numbers: bool
@@ -91,7 +91,7 @@ class ResultTable:
     words : mapping of str to str
         Heads of columns that mean something else than in other tables.
     by_row : bool
-        True if the numbers of a row are one quantity; else those of a column are.
+        True if each row is one quantity; otherwise each column is.
     folded : bool
         True if a page shows only the caption until it is clicked.
     paper : str
@@ -135,7 +135,7 @@ class ResultTable:
 
     @cached_property
     def rows(self) -> list[list[str]]:
-        """Cells that people see: numbers of a column have equal decimals, or those of a row if that is one quantity."""
+        """Cells that people see, with equal decimals in each column, or in each row if a row is one quantity."""
         frame = self.shown.astype(object)
         if _QUANTITY in frame:
             frame[_QUANTITY] = frame[_QUANTITY].map(heading)
@@ -276,7 +276,7 @@ def _formats(table: "pd.DataFrame") -> list[str]:
 
 
 def _latex(text: str) -> str:
-    """Text whose special characters LaTeX writes as they are."""
+    """Text with escaped special characters of LaTeX."""
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     special |= {sign: f"\\{sign}" for sign in "&%$#_{}"} | {"<": "$<$", ">": "$>$", "\n": " "} | _LATEX_SIGNS
     return "".join(special.get(letter, letter) for letter in text)

@@ -28,7 +28,7 @@ RAY_STATUS_WORDS = {
     RayStatus.BLOCKED: "blocked by the bottom",
     RayStatus.OUTSIDE: "outside the domain",
     RayStatus.STOPPED: "vehicle stopped",
-    RayStatus.UNHEARD: "not heard",
+    RayStatus.UNHEARD: "not detected",
     RayStatus.UNRESOLVED: "search cut short",
     RayStatus.LEAKED: "leaked, no ray",
     RayStatus.SCATTERED: "scattered, no ray",

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
 
-_MAX_BYTES = 200_000_000
+MAX_BYTES = 200_000_000
 """A 24 Hz CTD writes 600,000 rows of at most 300 bytes on a cast to 12 km and back at 1 m/s."""
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
@@ -143,14 +143,14 @@ def read_text(path: Path) -> str:
             what = "is a folder" if path.is_dir() else "not a regular file"
             raise RecordError(f"{path}: {what}; name a text table such as a .csv file")
         with path.open("rb") as file:
-            raw = file.read(_MAX_BYTES + 1)
+            raw = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         cause = getattr(error, "strerror", None) or error
         raise RecordError(f"{path}: cannot be read: {cause}; name an existing file") from None
-    if len(raw) > _MAX_BYTES:
-        raise RecordError(f"{path}: more than {_MAX_BYTES:,} bytes; use a smaller file")
+    if len(raw) > MAX_BYTES:
+        raise RecordError(f"{path}: more than {MAX_BYTES:,} bytes; use a smaller file")
     if raw.startswith(b"SQLite format 3"):
-        raise RecordError(f"{path}: a database, not text; export an RBR .rsk file as text with Ruskin")
+        raise RecordError(f"{path}: a database, not a text table; name a text table such as a .csv file")
     if b"\0" in raw[:4096]:
         raise RecordError(f"{path}: a binary file, not a text table; export it as text")
     try:

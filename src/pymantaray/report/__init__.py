@@ -1,4 +1,5 @@
-"""Tables, figures and a page for the results of a study, and for several of them side by side; pages of a sweep, of an atlas and of located nodes; plots of an ocean, of rays and of an atlas.
+"""
+Tables, figures and pages: of one study, of several studies, of a sweep, an atlas, a replay and located nodes; plots of an ocean and of rays.
 
 matplotlib is imported on first use.
 """

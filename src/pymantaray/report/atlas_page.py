@@ -1,4 +1,4 @@
-"""Page of an atlas: its error on a map and at any place, by convention, distance, depths and instant."""
+"""Page of an atlas: an interactive map of range errors by convention, distance, depths and instant, and the figures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,9 +14,9 @@ from pymantaray.report.page import Explorer, Page, Picture
 _MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]
 _CAPTIONS = {
-    "atlas_safe": "Where ranges are safe, by distance.",
+    "atlas_safe": "Locations with safe ranges, by distance.",
     "atlas_error": "Largest range error, and the share of the links without a direct path.",
-    "atlas_conventions": "Where ranges are safe, by what a range is computed with.",
+    "atlas_conventions": "Locations with safe ranges, by the sound speed that converts time to range.",
     "atlas_share": "Share of the instants at which ranges are safe.",
     "atlas_series": "Largest error and lost links at one place through time.",
 }
@@ -29,21 +29,21 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     Parameters
     ----------
     atlas : xarray.Dataset
-        From `pymantaray.atlas.open_atlas`. Of one with more than half a million errors the page has every n-th column.
+        Atlas from `pymantaray.atlas.open_atlas`. If it has more than half a million errors, the page contains every n-th column.
     figures : sequence of pathlib.Path
-        From `write_atlas_plots`.
+        Files from `write_atlas_plots`.
     folder : str or pathlib.Path
-        Where they are.
+        Folder of these files.
 
     Returns
     -------
     pathlib.Path
-        ``index.html``, whole by itself.
+        ``index.html``, one file with all its scripts and data.
 
     Raises
     ------
     WriteError
-        If it cannot be written.
+        If the page cannot be written.
     """
     errors = atlas["worst_range_error"]
     step = int(np.ceil(np.sqrt(errors.size / _MAX_NUMBERS))) if errors.size > _MAX_NUMBERS else 1
@@ -64,7 +64,9 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
         "error": values.ravel().astype(float).round(3),
     }
     instants = "1 instant" if atlas.sizes["time"] == 1 else f"{atlas.sizes['time']} instants"
-    thinned = [f"The moving map has every {step}-th column each way; the figures and the file have all."]
+    thinned = [
+        f"The interactive map shows every {step}-th column in both directions; the figures and the file contain all columns."
+    ]
     page = Page(
         title=str(atlas.attrs["title"]),
         facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {instants}"],

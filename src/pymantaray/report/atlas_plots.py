@@ -1,4 +1,4 @@
-"""Plots of an atlas: where straight-line ranging is safe, by how much it errs, where it has no direct path, and all of it through time."""
+"""Plots of an atlas: locations with safe straight-line ranges, range errors, shares of links without a direct path, and time series."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -57,38 +57,39 @@ def write_atlas_plots(
     progress: Progress | None = None,
 ) -> list[Path]:
     """
-    Draw an atlas: where ranges are safe by distance and by convention, the largest error, and the share without a direct path.
+    Draw maps of an atlas: locations with safe ranges by distance and by convention, largest error, and links without a direct path.
 
-    With several instants: the largest of all of them on the maps, and the share of them that is safe, and the errors at a place through time.
+    With several instants, the maps show the largest error of all instants. Two more figures show the share of the instants with safe
+    ranges, and the errors at one place over time.
 
     Parameters
     ----------
     atlas : xarray.Dataset
-        From `pymantaray.atlas.open_atlas`.
+        Atlas from `pymantaray.atlas.open_atlas`.
     folder : str or pathlib.Path
-        Made if it is not there; figures of the same names in it are replaced.
+        Folder, which is created if necessary. Existing figures with the same names are replaced.
     convention : str
-        One of the atlas' conventions.
+        Convention of the atlas.
     distance : float, optional
-        One of its distances, by default the middle one. [m]
+        Distance of the atlas. Default: the middle one. [m]
     pair : tuple of float, optional
-        Depths of transmitter and receiver, one of its pairs; by default the largest error of all. [m]
+        Depths of transmitter and receiver, one pair of the atlas. Default: the largest error of all pairs. [m]
     place : tuple of float, optional
-        Latitude and longitude of the series; its nearest column is drawn, by default that in the middle. [degrees]
+        Latitude and longitude of the time series, which shows the nearest column. Default: the middle of the map. [degrees]
     progress : callable, optional
-        Told ``"figures"``, how many are done and how many there are.
+        Called with ``"figures"``, the number of finished figures and the total.
 
     Returns
     -------
     list of pathlib.Path
-        PNG and PDF of each.
+        PNG and PDF files of all figures.
 
     Raises
     ------
     ReportError
-        If the atlas has no such convention, distance or pair, or is a line of columns.
+        If the atlas has no such convention, distance or pair, or has only one latitude or longitude.
     WriteError
-        If nothing can be written.
+        If a file cannot be written.
     """
     if min(atlas.sizes["lat"], atlas.sizes["lon"]) < 2:
         raise ReportError("atlas: a map needs two latitudes and two longitudes at least")
@@ -131,7 +132,7 @@ def _one_of(atlas: xr.Dataset, name: str, value: str | float) -> int:
 
 @style.styled
 def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Figure:
-    """Errors that every place stays below, a map for each title, convention and distance; the largest of all pairs, bearings and instants."""
+    """Maps of error classes, one for each title, convention and distance: largest error of all pairs, bearings and instants."""
     safe = atlas["safe"].values
     colours = [style.WATER(x) for x in np.linspace(0.97, 0.1, safe.size + 1)]
     figure, axes = _maps(atlas, len(panels), legend=True)
@@ -153,7 +154,7 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
 
 @style.styled
 def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
-    """Largest error of any pair and bearing, and the share of the links without a direct path."""
+    """Maps of the largest error of all pairs and bearings, and of the share of links without a direct path."""
     figure, axes = _maps(atlas, 2, legend=False)
     worst = worst_error(atlas, convention, distance)
     lost = _lost(atlas, distance)
@@ -186,13 +187,13 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
 
 @style.styled
 def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
-    """Share of the instants at which no direct range errs by more, a map for each error that is put up with."""
+    """Maps of the share of instants at which no direct range error is larger, one for each error threshold."""
     safe = atlas["safe"].values
     figure, axes = _maps(atlas, safe.size, legend=False)
     worst = _over_pairs(atlas, convention, distance)
-    heard = np.isfinite(worst).sum(axis=0)
+    direct = np.isfinite(worst).sum(axis=0)
     for k, limit in enumerate(safe):
-        share = np.where(heard > 0, 100.0 * (worst <= limit).sum(axis=0) / np.maximum(heard, 1), np.nan)
+        share = np.where(direct > 0, 100.0 * (worst <= limit).sum(axis=0) / np.maximum(direct, 1), np.nan)
         mesh = axes[k].pcolormesh(
             atlas["lon"], atlas["lat"], share, cmap=style.WATER, vmin=0.0, vmax=100.0, **CELLS
         )
@@ -206,7 +207,7 @@ def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
 
 @style.styled
 def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | None) -> Figure:
-    """Largest error of each convention at one place, and the share of its links without a direct path, through time."""
+    """Time series of the largest error of each convention at one place, and of the share of its links without a direct path."""
     lat, lon = atlas["lat"].values, atlas["lon"].values
     middle = 0.5 * float(lon[0] + lon[-1])
     at = (0.5 * float(lat[0] + lat[-1]), middle) if place is None else place
@@ -241,7 +242,7 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
 
 
 def worst_error(atlas: xr.Dataset, convention: int, distance: int) -> style.Array:
-    """Largest error (lat, lon) of any pair, bearing and instant; NaN where there is no direct path at all. [m]"""
+    """Largest error (lat, lon) of all pairs, bearings and instants; NaN without any direct path. [m]"""
     return np.asarray(np.fmax.reduce(_over_pairs(atlas, convention, distance), axis=0))
 
 
@@ -251,19 +252,19 @@ def _over_pairs(atlas: xr.Dataset, convention: int, distance: int) -> style.Arra
 
 
 def _lost(atlas: xr.Dataset, distance: int) -> style.Array:
-    """Share (lat, lon) of all links of a distance that have no direct path, NaN where none is in the water."""
+    """Share (lat, lon) of the links of a distance without a direct path; NaN if no link is in the water."""
     return np.asarray(atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values)
 
 
 def _hatch(axes: Axes, atlas: xr.Dataset, where: Any) -> None:
-    """Lines over the cells of some columns."""
+    """Hatch the cells of some columns."""
     if where.any():
         look: dict[str, Any] = {"colors": "none", "hatches": [_LINES], "zorder": 2}
         axes.contourf(atlas["lon"], atlas["lat"], where.astype(float), levels=[0.5, 1.5], **look)
 
 
 def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[Axes]]:
-    """Figure with maps in rows, and room for what is common to them."""
+    """Figure with rows of maps, and room for a common header and legend."""
     lat, lon = atlas["lat"].values, atlas["lon"].values
     shape, rows = map_shape(lat, lon), -(-count // _COLUMNS)
     width = (style.DOUBLE - 0.9) / _COLUMNS
@@ -276,7 +277,7 @@ def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[
 
 
 def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int) -> None:
-    """Draw land, axes and title of one map, by its position among the others."""
+    """Draw land, axes and title of one map."""
     axes.set_facecolor(style.PALE)
     others = _others(atlas, distance)
     if np.isfinite(others).any():
@@ -291,7 +292,7 @@ def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int
 
 
 def _others(atlas: xr.Dataset, distance: int) -> style.Array:
-    """Index into `_OTHERS` of each column, NaN for water with links of a distance."""
+    """Index into `_OTHERS` of each column; NaN for columns with links of a distance in the water."""
     status = atlas["column_status"].isel(time=0).values
     shallow = np.isnan(_lost(atlas, distance))
     return np.where(status != _WATER, status - 1.0, np.where(shallow, len(_OTHERS) - 1.0, np.nan))
@@ -301,7 +302,7 @@ def _other_patches(atlas: xr.Dataset) -> list[Patch]:
     patches = [
         Patch(color=style.PALE, label="no direct path"),
         Patch(
-            facecolor="white", edgecolor=style.INK, linewidth=0.0, hatch=_LINES, label="on most links none"
+            facecolor="white", edgecolor=style.INK, linewidth=0.0, hatch=_LINES, label="none on most links"
         ),
     ]
     there = [_others(atlas, k) for k in range(atlas.sizes["distance"])]

@@ -1,4 +1,4 @@
-"""Two runs or more side by side: what differs in their configurations, sound speed, range errors, dropouts and position errors."""
+"""Comparison of two or more runs: differences of configurations, sound speed, range errors, dropouts and position errors."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report.figures import FigureSpec, Results, run_figure_specs, with_source
+from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_several import quantiles_by_run
@@ -32,10 +32,10 @@ from pymantaray.study.store import open_run
 from pymantaray.study.tables import TABLES
 
 SUMMARY = ("configuration", "range_drop_category_compare", "range_error", "range_error_split", "ate_pooled")
-"""Tables that a command prints after a comparison."""
+"""Tables that `mantaray study compare` prints."""
 _NO_KEY = "–"  # of a configuration that has not the key
 _CAPTIONS = {
-    "configuration": "What differs in the configurations",
+    "configuration": "Differences of the configurations",
     "range_drop_category_compare": "Ranging failure rate by link category [%]",
     "range_error": "Signed range error, refracted minus straight",
     "range_error_split": "Mean of the range error and of its parts, all links",
@@ -83,33 +83,34 @@ def write_comparison(
     progress: Progress | None = None,
 ) -> Path:
     """
-    Write tables, figures and page that set runs side by side.
+    Write tables, figures and a page that compare runs.
 
     Parameters
     ----------
     run_dirs : sequence of str or pathlib.Path
-        Folders of the runs, two or more.
+        Folders of two or more runs.
     out : str or pathlib.Path, optional
-        Folder for the comparison, new or empty; by default a dated one in ``runs``.
+        New or empty folder for the comparison. Default: a folder in ``runs`` with the date in its name.
     formats : sequence of str
-        What is written for a paper besides: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
     progress : callable, optional
-        Called with ``"report"``, the parts done and the parts there are.
+        Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and the formats asked for).
+        The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and the additional formats).
 
     Raises
     ------
     MantaRayError
-        If there are fewer than two, a folder is no run, ``out`` is not free, or nothing can be written; then nothing is left behind.
+        If there are fewer than two folders, a folder is not a run, ``out`` is not empty, or a file cannot be written. No files
+        remain then.
     """
     checked_formats(formats)
     if len(run_dirs) < 2:
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
-    runs = by_name([Results(open_run(run_dir)) for run_dir in run_dirs])
+    runs = by_name([RunResults(open_run(run_dir)) for run_dir in run_dirs])
     tables, specs = comparison_tables(runs), comparison_figure_specs(runs)
     with staged_folder(out, "comparison", latest=False) as (stage, folder):
         pictures = draw(specs, formats=formats, progress=progress)
@@ -117,8 +118,8 @@ def write_comparison(
     return folder / PAGE
 
 
-def by_name(results: Sequence[Results]) -> dict[str, Results]:
-    """Runs by what tells them apart: their regions, else their studies, else their folders."""
+def by_name(results: Sequence[RunResults]) -> dict[str, RunResults]:
+    """Runs by a unique name: the region, otherwise the study, otherwise the folder."""
     regions, folders = [r.region for r in results], [r.run.path.name for r in results]
     studies = [r.run.config.study.name for r in results]
     numbered = [f"{study} ({i + 1})" for i, study in enumerate(studies)]
@@ -126,8 +127,8 @@ def by_name(results: Sequence[Results]) -> dict[str, Results]:
     return dict(zip(names, results, strict=True))
 
 
-def comparison_tables(runs: Mapping[str, Results]) -> dict[str, ResultTable]:
-    """Tables of several runs, one column of numbers each, by name in the order of the page."""
+def comparison_tables(runs: Mapping[str, RunResults]) -> dict[str, ResultTable]:
+    """Tables with one column per run, by name in the order of the page."""
 
     def of_all_links(table: str) -> dict[str, pd.DataFrame]:
         return {name: r.tables[table].frame.query("category == @ALL_LINKS") for name, r in runs.items()}
@@ -154,7 +155,7 @@ def comparison_tables(runs: Mapping[str, Results]) -> dict[str, ResultTable]:
 
 
 def read_comparison(folder: Path) -> dict[str, ResultTable]:
-    """Tables of a written comparison by name, in the order of the page."""
+    """Read the tables of a comparison, by name in the order of the page."""
     files = {name: folder / TABLES_FOLDER / f"{name}.csv" for name in _CAPTIONS}
     return _result_tables({name: read_csv(file) for name, file in files.items() if file.is_file()})
 
@@ -173,8 +174,8 @@ def _result_tables(frames: Mapping[str, pd.DataFrame]) -> dict[str, ResultTable]
     }
 
 
-def _settings(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
-    """Values of settings, with unit and meaning, a column for each run."""
+def _settings(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
+    """Values of settings with unit and meaning, one column per run."""
     tables = {name: r.tables[table].frame.set_index("key") for name, r in runs.items()}
     every = pd.concat(tables.values())
     words = every[~every.index.duplicated()][["unit", "meaning"]]
@@ -182,8 +183,8 @@ def _settings(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
     return table_of_runs.merge(words, left_on="key", right_index=True)
 
 
-def _differences(runs: Mapping[str, Results]) -> pd.DataFrame:
-    """Keys of the configuration, as in the file, whose values are not the same in all runs; the study's own last, its words left out."""
+def _differences(runs: Mapping[str, RunResults]) -> pd.DataFrame:
+    """Keys of the configuration with different values, without name and description; keys of ``[study]`` are last."""
     settings = {
         name: dict(entries(_by_names(r.run.config.model_dump(mode="json")))) for name, r in runs.items()
     }
@@ -197,7 +198,7 @@ def _differences(runs: Mapping[str, Results]) -> pd.DataFrame:
 
 
 def _by_names(content: Any) -> Any:
-    """Configuration with its lists of tables, vehicles and the like, as tables by their names or numbers."""
+    """Configuration whose lists of tables, such as vehicles, are mappings by name or number."""
     if isinstance(content, dict):
         return {key: _by_names(value) for key, value in content.items()}
     if isinstance(content, list) and content and all(isinstance(item, dict) for item in content):
@@ -205,12 +206,12 @@ def _by_names(content: Any) -> Any:
     return content
 
 
-def _all_solved(runs: Mapping[str, Results]) -> bool:
+def _all_solved(runs: Mapping[str, RunResults]) -> bool:
     """True if every run has estimates."""
     return all(r.run.config.solves for r in runs.values())
 
 
-def _joint_errors(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
+def _joint_errors(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
     pooled = pd.concat(
         {name: r.tables[table].frame.set_index("condition") for name, r in runs.items()},
         axis=1,
@@ -225,8 +226,8 @@ def _joint_errors(runs: Mapping[str, Results], table: str) -> pd.DataFrame:
     )
 
 
-def comparison_figure_specs(runs: Mapping[str, Results]) -> list[FigureSpec]:
-    """Figures of several runs: distributions whole of a few, their quantiles of more."""
+def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
+    """Figures of several runs: full distributions of a few runs, quantiles of more."""
     runs = dict(zip(shortened(list(runs)), runs.values(), strict=True))
     header, which = joint_header(runs), in_words(list(runs))
     synthetic, few = any(r.synthetic for r in runs.values()), len(runs) <= _MAX_RUNS_BESIDE
@@ -281,7 +282,7 @@ def comparison_figure_specs(runs: Mapping[str, Results]) -> list[FigureSpec]:
     ]
 
 
-def _of_each(runs: Mapping[str, Results]) -> list[FigureSpec]:
+def _of_each(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
     """Figures that show one run, for each run."""
     specs = {
         name: {p.name: p for p in run_figure_specs(r, of_mission=True) if p.name in _OF_EACH}
@@ -296,8 +297,8 @@ def _of_each(runs: Mapping[str, Results]) -> list[FigureSpec]:
     ]
 
 
-def _position_errors(runs: Mapping[str, Results]) -> dict[str, dict[str, Array]]:
-    """By condition and run. [m]"""
+def _position_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Array]]:
+    """Position errors by condition and run. [m]"""
     conditions = dict.fromkeys(name for r in runs.values() for name in r.errors)
     return {
         condition_label(c): {name: r.errors.get(c, np.empty(0)) for name, r in runs.items()}
@@ -305,8 +306,8 @@ def _position_errors(runs: Mapping[str, Results]) -> dict[str, dict[str, Array]]
     }
 
 
-def _range_errors(runs: Mapping[str, Results]) -> dict[str, dict[str, Array]]:
-    """By part and run. [m]"""
+def _range_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Array]]:
+    """Range errors by part and run. [m]"""
     return {
         label: {name: getattr(r.ranges, part) for name, r in runs.items()}
         for label, part in (
@@ -317,8 +318,8 @@ def _range_errors(runs: Mapping[str, Results]) -> dict[str, dict[str, Array]]:
     }
 
 
-def _profiles(runs: Mapping[str, Results]) -> list[tuple[str, xr.Dataset]]:
-    """Profiles of the runs; one for those that have the same."""
+def _profiles(runs: Mapping[str, RunResults]) -> list[tuple[str, xr.Dataset]]:
+    """Profiles of the runs; runs with equal profiles share one."""
     groups: list[tuple[list[str], xr.Dataset]] = []
     for name, r in runs.items():
         same = next((names for names, profile in groups if profile.equals(r.run.profile)), None)
@@ -333,14 +334,14 @@ def _profiles(runs: Mapping[str, Results]) -> list[tuple[str, xr.Dataset]]:
 
 
 def in_words(names: Sequence[str]) -> str:
-    """Names of a few runs, or how many they are."""
+    """Names of a few runs, or the number of runs."""
     if len(names) > _MAX_RUNS_BESIDE:
         return f"{len(names)} runs"
     return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), names[-1]])
 
 
-def joint_header(runs: Mapping[str, Results]) -> str:
-    """Line on top of figures that show several oceans; it says which of them are synthetic."""
+def joint_header(runs: Mapping[str, RunResults]) -> str:
+    """Header of figures with several oceans, which marks the synthetic ones."""
     synthetic, which = (
         [name for name in runs if runs[name].synthetic],
         in_words(list(runs)),
@@ -359,7 +360,7 @@ def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str
 
 
 def _page(
-    runs: Mapping[str, Results], tables: Mapping[str, ResultTable], pictures: Sequence[Picture]
+    runs: Mapping[str, RunResults], tables: Mapping[str, ResultTable], pictures: Sequence[Picture]
 ) -> Page:
     synthetic = [name for name, r in runs.items() if r.synthetic]
     differences, *others = tables.values()
@@ -377,10 +378,11 @@ def _page(
     )
 
 
-def _explorer(runs: Mapping[str, Results], differences: pd.DataFrame) -> Explorer | None:
-    """Position errors of all runs over what differs in their configurations, by condition.
+def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Explorer | None:
+    """
+    Interactive plot of the position errors of all runs over the differing keys of their configurations, by condition.
 
-    Keys that not all runs have are left out, and those with a value of its own in each tell no more apart than its name.
+    Keys that some runs lack are omitted. A key with a different value in every run is equivalent to the name of the run.
     """
     if not _all_solved(runs):
         return None

@@ -1,4 +1,4 @@
-"""Data of the interactive figures of a run's page: the fleet, the links of each ping, and rays, as plain numbers for its script."""
+"""Data of the interactive figures of a run's page, as JSON for its script: the fleet, the links of each ping, and rays."""
 
 import json
 import math
@@ -12,19 +12,22 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import ray_picture
 from pymantaray.records import RayStatus
-from pymantaray.report.figures import Results, range_ends
+from pymantaray.report.figures import RunResults, range_ends
 from pymantaray.report.figures_ocean import RAY_KINDS
 from pymantaray.report.style import SOUND_SPEED, Array, condition_label, condition_looks, vehicle_colours
 from pymantaray.study.mission import medium_of_run
 from pymantaray.study.store import Run
 
-WORST, EVERY = 50, 700
-"""Links besides those of the chosen ping whose rays are on the page, by the size of their range error; up to how many links all are."""
-_FRAMES, _PINGS, _BED = 160, 120, 41  # at most, evenly over the mission or the sea bed
-_PAIRS = 10_000  # more pings than that are shown if all of them have no more pairs
-_RANGES, _DEPTHS, _POINTS = 41, 301, 81  # of a section, and of each of its rays
-_LEVELS, _BELOW = 51, 1.3  # of a section that are shown, and how far down, in depths of its rays
-_MOST_RAYS = 8  # of a link, earliest first
+WORST_LINKS, ALL_LINKS_LIMIT = 50, 700
+"""Number of links with the largest range errors whose rays are on the page; number of links up to which all of them are."""
+_MAX_FRAMES, _MAX_PINGS, _BED_NODES = 160, 120, 41  # equally spaced over the mission or the sea bed
+_MAX_PAIRS = (
+    10_000  # pairs on the page; it shows more than _MAX_PINGS pings if they have fewer pairs in total
+)
+_RANGES, _DEPTHS, _POINTS = 41, 301, 81  # grid points of a section, and points of each ray
+# levels on the page, and depth of the last one in depths of the deepest ray
+_MAX_LEVELS, _DEPTH_FACTOR = 51, 1.3
+_MAX_RAYS = 8  # per link, earliest first
 _WATER = [[x, to_hex(SOUND_SPEED(x))] for x in np.linspace(0.0, 1.0, 9).tolist()]
 _KINDS = [
     {"name": name, "colour": look["color"], "dash": dash}
@@ -33,12 +36,12 @@ _KINDS = [
 _QUANTILES = np.linspace(0.0, 1.0, 101)
 
 
-def explorer(results: Results, rays: str) -> str:
-    """Give all that the script of the page shows, as JSON that may stand in a page; rays are those of `mission_rays`."""
+def explorer(results: RunResults, rays: str) -> str:
+    """Return all data of the page's script as JSON that is safe in HTML; ``rays`` is the result of `mission_rays`."""
     run, pings = results.run, _shown_pings(results.run)
     content = {
         "fleet": _fleet(run, pings),
-        "links": Ends(results, pings).rows(),
+        "links": PageLinks(results, pings).rows(),
         "statuses": [status.name for status in RayStatus],
         "errors": _errors(results),
         "nees": _nees(results),
@@ -50,13 +53,13 @@ def explorer(results: Results, rays: str) -> str:
     return f'{as_json(content)[:-1]},"rays":{rays}}}'
 
 
-def mission_rays(results: Results) -> str:
-    """Give sections with rays of some links as JSON, which realizations do not change."""
-    return as_json(list(_rays(results.run, Ends(results, _shown_pings(results.run)))))
+def mission_rays(results: RunResults) -> str:
+    """Return sections with rays of some links as JSON; they do not depend on the realizations."""
+    return as_json(list(_rays(results.run, PageLinks(results, _shown_pings(results.run)))))
 
 
 def rays_command(run: Run) -> str:
-    """Command that draws the rays of a link of a run, in its folder; its ends are to be added."""
+    """Command for the run's folder that draws the rays of a link, without the options of its ends."""
     a = run.config.acoustics
     cutoff = "none" if a.cutoff_db is None else f"{a.cutoff_db:g}"
     bounces = f"--max-surface-bounces {a.max_surface_bounces} --max-bottom-bounces {a.max_bottom_bounces}"
@@ -65,13 +68,13 @@ def rays_command(run: Run) -> str:
 
 def _shown_pings(run: Run) -> NDArray[np.int64]:
     pings, attempts = np.unique(run.measurements.range_sample, return_counts=True)
-    return _evenly(pings, max(_PINGS, _PAIRS // int(attempts.max(initial=1))))
+    return _evenly(pings, max(_MAX_PINGS, _MAX_PAIRS // int(attempts.max(initial=1))))
 
 
-class Ends:
-    """Unordered pairs at the pings of the page: who, when, and what the range was each way."""
+class PageLinks:
+    """Links between unordered pairs at the pings of the page, with the range errors in both directions."""
 
-    def __init__(self, results: Results, pings: NDArray[np.int64]) -> None:
+    def __init__(self, results: RunResults, pings: NDArray[np.int64]) -> None:
         m, truth = results.run.measurements, results.run.ranging_truth
         shown = np.flatnonzero(np.isin(m.range_sample, pings))
         first = np.minimum(m.range_transmitter, m.range_receiver)[shown]
@@ -94,7 +97,7 @@ class Ends:
         return np.where(self._attempt >= 0, values[self._attempt], np.nan)
 
     def rows(self) -> dict[str, Any]:
-        """Columns of all links, one row each."""
+        """Columns of all links, one row per link."""
         errors = self._errors
         return {
             "ping": self.ping,
@@ -109,28 +112,30 @@ class Ends:
         }
 
     def with_rays(self) -> NDArray[np.int64]:
-        """Links whose rays are on the page: all of a few, else those of the ping at which most are heard, and the worst."""
+        """Links whose rays are on the page: all if there are few, else those of the ping with most arrivals and those with the largest errors."""
         apart = np.linalg.norm((self.receiver - self.source)[:, :2], axis=1) > 0.0
         drawable = apart & (self.status != RayStatus.STOPPED)
-        if drawable.sum() <= EVERY:
+        if drawable.sum() <= ALL_LINKS_LIMIT:
             return np.flatnonzero(drawable)
         total = self._each_way(self._errors.total)
         worst = np.where(
             np.isfinite(total).any(axis=1), np.nanmax(np.abs(np.nan_to_num(total)), axis=1), -1.0
         )
-        heard = np.bincount(self.ping[self.status == RayStatus.OK], minlength=1)
-        chosen = int(np.argmax(heard))
-        order = np.argsort(-worst, kind="stable")[:WORST]
+        received = np.bincount(self.ping[self.status == RayStatus.OK], minlength=1)
+        chosen = int(np.argmax(received))
+        order = np.argsort(-worst, kind="stable")[:WORST_LINKS]
         links = np.union1d(np.flatnonzero(self.ping == chosen), order[worst[order] >= 0.0])
         return np.asarray(links[drawable[links]])
 
 
 def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
     truth, ocean = run.truth, run.ocean
-    samples = np.union1d(_evenly(np.arange(truth.time.size), _FRAMES), pings)
+    samples = np.union1d(_evenly(np.arange(truth.time.size), _MAX_FRAMES), pings)
     reach = np.nanmax(np.abs(truth.position[..., :2]), initial=1e3) * 1.15
     bed = ocean["sea_floor_depth"]
-    north, east = (np.linspace(*_within(ocean[name].to_numpy(), reach), _BED) for name in ("north", "east"))
+    north, east = (
+        np.linspace(*_within(ocean[name].to_numpy(), reach), _BED_NODES) for name in ("north", "east")
+    )
     return {
         "names": [*truth.name.tolist(), *run.measurements.landmark_name.tolist()],
         "vehicles": truth.name.size,
@@ -149,8 +154,8 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
     }
 
 
-def _rays(run: Run, ends: Ends) -> Iterator[dict[str, Any]]:
-    """Sections with rays, each in the water of its ping; none where that is no longer to be had."""
+def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
+    """Sections with rays in the water at each ping; none if this water is not available any more."""
     water = medium_of_run(run) if ends.sample.size else None
     if water is None:
         return
@@ -171,14 +176,14 @@ def _rays(run: Run, ends: Ends) -> Iterator[dict[str, Any]]:
 
 
 def section(picture: xr.Dataset) -> dict[str, Any]:
-    """Section along one link with its earliest rays, as far down as these go and some."""
-    rays = picture.isel(ray=slice(0, _MOST_RAYS))
+    """Section along one link with its earliest rays, to somewhat below the deepest of them."""
+    rays = picture.isel(ray=slice(0, _MAX_RAYS))
     lowest = max(
         float(picture["chord_depth"].max()), float(rays["ray_depth"].max()) if rays.sizes["ray"] else 0.0
     )
     depth = picture["depth"].to_numpy()
-    shown = int(np.clip(np.searchsorted(depth, _BELOW * lowest + 20.0), 2, depth.size))
-    levels = _evenly(np.arange(shown), _LEVELS)
+    shown = int(np.clip(np.searchsorted(depth, _DEPTH_FACTOR * lowest + 20.0), 2, depth.size))
+    levels = _evenly(np.arange(shown), _MAX_LEVELS)
     return {
         "range": _rounded(picture["range"], 0),
         "depth": _rounded(depth[levels], 1),
@@ -195,10 +200,10 @@ def section(picture: xr.Dataset) -> dict[str, Any]:
     }
 
 
-def _errors(results: Results) -> dict[str, Any]:
-    """Position errors by condition: over time of each vehicle, with what its covariances say, and of all together."""
+def _errors(results: RunResults) -> dict[str, Any]:
+    """Position errors by condition: RMS of each vehicle over time, quantiles over all vehicles, and standard deviations."""
     run = results.run
-    samples = _evenly(np.arange(run.truth.time.size), _FRAMES)
+    samples = _evenly(np.arange(run.truth.time.size), _MAX_FRAMES)
     conditions = []
     looks = condition_looks(list(results.errors))
     for c, (name, error) in enumerate(results.errors.items()):
@@ -207,7 +212,7 @@ def _errors(results: Results) -> dict[str, Any]:
             "name": name,
             "label": condition_label(name),
             "colour": looks[name][0],
-            "dash": "dash" if name == "refracted" else "solid",  # what lies under it shows
+            "dash": "dash" if name == "refracted" else "solid",  # lines below it stay visible
             "rms": _rounded(_rms(error[..., samples]), 2),
             "quantiles": _rounded(np.quantile(usable, _QUANTILES), 2) if usable.size else [],
         }
@@ -216,7 +221,7 @@ def _errors(results: Results) -> dict[str, Any]:
 
 
 def _sigma(run: Run, condition: int) -> dict[str, Any]:
-    """Three standard deviations of the length of the error that the covariances of the solves allow, root mean square over realizations."""
+    """Three standard deviations of the position error by the covariances of the solves, root mean square over realizations."""
     covariances = run.covariances
     if covariances is None:
         return {}
@@ -231,7 +236,7 @@ def _sigma(run: Run, condition: int) -> dict[str, Any]:
     return {"sigma_hour": _rounded(covariances.time / 3600.0, 4), "sigma3": _rounded(3.0 * sigma.T, 2)}
 
 
-def _nees(results: Results) -> list[Mapping[str, Any]]:
+def _nees(results: RunResults) -> list[Mapping[str, Any]]:
     if "consistency_per_epoch" not in results.tables:
         return []
     table = results.tables["consistency_per_epoch"].frame
@@ -241,7 +246,7 @@ def _nees(results: Results) -> list[Mapping[str, Any]]:
 
 
 def _rms(error: Array) -> Array:
-    """Over realizations, of shape (vehicles, times)."""
+    """Root mean square over realizations, shape (vehicles, times)."""
     usable = np.isfinite(error)
     total = np.where(usable, error, 0.0) ** 2
     count = usable.sum(axis=0)
@@ -250,7 +255,7 @@ def _rms(error: Array) -> Array:
 
 
 def _evenly(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """At most so many of the values, first and last among them."""
+    """Values at equal spacing, at most ``most``, including the first and the last."""
     if len(values) <= most:
         return values
     return np.asarray(values[np.unique(np.linspace(0, len(values) - 1, most).round().astype(int))])
@@ -265,12 +270,12 @@ def _rounded(values: Any, digits: int) -> Array:
 
 
 def as_json(content: Any) -> str:
-    """JSON that may stand in a page."""
+    """JSON that is safe inside a script of a page."""
     return json.dumps(_plain(content), separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _plain(value: Any) -> Any:
-    """Arrays as lists, and what is not finite as null."""
+    """Arrays as lists, and values that are not finite as null."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -1,8 +1,8 @@
 """
 Inputs of a report, and the register of its figures.
 
-A figure is a function in a module ``figures_*.py`` of this folder and a call of `register` beside it, which says what
-it is called, where it stands on the page and how it is made of a run's `Results`. Modules of that name are found.
+A figure is a function in a module ``figures_*.py`` of this folder, and a call of `register` in the same module with its name, its
+place on the page, and a function that draws it from a run's `RunResults`. `find_figures` imports all modules with such names.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,8 +23,8 @@ from pymantaray.study.store import Run
 from pymantaray.study.tables import RunTables
 
 
-class Results:
-    """A run, and what tables, figures and page show of it, each worked out once when it is asked for."""
+class RunResults:
+    """A run with its tables, errors and texts for figures and page, each computed once on first use."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -66,12 +66,12 @@ class Results:
 
     @property
     def header(self) -> str:
-        """Line on top of every figure."""
+        """Header of every figure."""
         return ocean_header(self.run.ocean.attrs)
 
     @property
     def realizations(self) -> str:
-        """Count with its noun."""
+        """Number of realizations with its noun."""
         count = len(self.run.estimates.realization)
         return "1 realization" if count == 1 else f"{count} realizations"
 
@@ -88,7 +88,7 @@ class Results:
 
 @dataclass(frozen=True)
 class FigureSpec:
-    """A figure of a report: name of its file without suffix, caption, function that draws it, and counterpart in the paper."""
+    """A figure of a report: file name without suffix, caption, function that draws it, and counterpart in the paper."""
 
     name: str
     caption: str
@@ -99,9 +99,9 @@ class FigureSpec:
 @dataclass(frozen=True)
 class _Entry:
     place: float
-    caption: str | Callable[[Results], str]
-    draw: Callable[[Results], Figure]
-    needs: Callable[[Results], bool]
+    caption: str | Callable[[RunResults], str]
+    draw: Callable[[RunResults], Figure]
+    needs: Callable[[RunResults], bool]
     of_mission: bool
     paper: str
 
@@ -113,23 +113,23 @@ def register(
     name: str,
     *,
     place: float,
-    caption: str | Callable[[Results], str],
-    draw: Callable[[Results], Figure],
-    needs: Callable[[Results], bool] = lambda _: True,
+    caption: str | Callable[[RunResults], str],
+    draw: Callable[[RunResults], Figure],
+    needs: Callable[[RunResults], bool] = lambda _: True,
     of_mission: bool = False,
     paper: str = "",
 ) -> None:
     """
-    Add a figure to every report that has what it needs; ``place`` orders the page.
+    Add a figure to all reports whose results satisfy ``needs``; ``place`` is its rank on the page.
 
-    ``{r.received:,}`` and the like in a caption stand for what `Results` has. One that is ``of_mission`` shows and says
-    nothing that realizations change, and may be drawn before they are solved. ``paper`` names its counterpart in the paper.
+    A caption may contain attributes of `RunResults`, such as ``{r.received:,}``. A figure with ``of_mission`` does not depend on
+    the realizations, so it may be drawn before they are solved. ``paper`` is its counterpart in the paper.
     """
     _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper)
 
 
-def run_figure_specs(results: Results, *, of_mission: bool = False) -> list[FigureSpec]:
-    """Figures of a run, in the order of the page; all, or those of its mission."""
+def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[FigureSpec]:
+    """Figures of a run in the order of the page; with ``of_mission``, only those that do not depend on the realizations."""
     find_figures()
     entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
     return [
@@ -140,19 +140,19 @@ def run_figure_specs(results: Results, *, of_mission: bool = False) -> list[Figu
 
 
 def find_figures() -> None:
-    """Import all modules that have figures; whatever each registers is then there."""
+    """Import all modules with figures, which registers the figures."""
     for module in iter_modules(pymantaray.report.__path__):
         if module.name.startswith("figures_"):
             import_module(f"pymantaray.report.{module.name}")
 
 
 def with_source(caption: str, *, synthetic: bool) -> str:
-    """Caption that says so where the ocean is synthetic."""
+    """Caption with a remark if the ocean is synthetic."""
     return f"{caption} Synthetic ocean." if synthetic else caption
 
 
 def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, Array]:
-    """True positions of transmitter and receiver of every attempted range, each of shape (ranges, 3). [m]"""
+    """True positions of transmitter and receiver of every range attempt, each of shape (ranges, 3). [m]"""
     n_vehicles = len(truth.name)
 
     def place(who: NDArray[np.int32]) -> Array:
@@ -165,6 +165,6 @@ def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, 
     return place(measurements.range_transmitter), place(measurements.range_receiver)
 
 
-def _caption(entry: _Entry, results: Results) -> str:
+def _caption(entry: _Entry, results: RunResults) -> str:
     text = entry.caption.format(r=results) if isinstance(entry.caption, str) else entry.caption(results)
     return with_source(text, synthetic=results.synthetic)

@@ -22,13 +22,13 @@ _LINEAR_REACH = 4.0  # above this, or below its inverse, ratios need a logarithm
 @style.styled
 def consistency_over_time(table: pd.DataFrame, header: str, conditions: Sequence[str] = ()) -> Figure:
     """
-    NEES of the fleet and innovations of its ranges, each by its degrees of freedom, at the fixed epochs.
+    NEES of the fleet and innovations of its ranges, divided by their degrees of freedom, at the fixed epochs.
 
-    ``conditions`` are all of the run, which keep their colours where the table lacks some.
+    ``conditions`` are all conditions of the run, so that colours do not depend on the rows of the table.
     """
-    judged = list(dict.fromkeys(table["condition"]))
-    every = style.condition_looks(list(dict.fromkeys([*conditions, *judged])))
-    looks = {name: every[name] for name in judged}
+    tested = list(dict.fromkeys(table["condition"]))
+    every = style.condition_looks(list(dict.fromkeys([*conditions, *tested])))
+    looks = {name: every[name] for name in tested}
     lines = style.legend_lines(len(looks) + 2)
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
     ratio = np.concatenate([part["ratio"].to_numpy(dtype=float) for part in tables])
@@ -70,7 +70,7 @@ def consistency_over_time(table: pd.DataFrame, header: str, conditions: Sequence
 
 def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
     if table.empty:
-        style.note(axes, "nothing to judge")
+        style.note(axes, "no usable solve")
         return
     axes.axhline(1.0, color=style.GREY, linewidth=0.8)
     hours = np.unique(table["time_h"].to_numpy(dtype=float))
@@ -97,10 +97,10 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
 register(
     "consistency",
     place=60,
-    caption="Consistency over {r.realizations} at fixed epochs: (a) squared error of the fleet's horizontal positions"
-    " in their joint covariance, (b) squared innovation of the ranges of a ping, each by its degrees of freedom; where"
-    " they are drawn, (c, d) the same near the bounds. A consistent estimator is at 1 on average and inside the grey"
-    " 95 % bounds; empty markers are outside.",
+    caption="Consistency over {r.realizations} at fixed epochs: (a) normalized squared error of the fleet's horizontal"
+    " positions with their joint covariance, (b) normalized squared innovation of the ranges of a ping, each divided by its"
+    " degrees of freedom; (c, d), if present, show the same near the bounds. A consistent estimator has a mean of 1 and lies"
+    " within the grey 95 % bounds; empty markers are outside.",
     draw=lambda r: consistency_over_time(r.tables["consistency_per_epoch"].frame, r.header, list(r.errors)),
     needs=lambda r: "consistency_per_epoch" in r.tables,
 )

@@ -1,4 +1,4 @@
-"""All conditions and estimators side by side: how far off they are, and whether they know it."""
+"""Comparison of all conditions and estimators: position errors and consistency."""
 
 from typing import Any
 
@@ -23,9 +23,9 @@ def error_and_consistency(
     errors: pd.DataFrame, at_pings: pd.DataFrame, consistency: pd.DataFrame | None, header: str
 ) -> Figure:
     """
-    Root mean square of the position error, at all times and at pings, and NEES of the fleet if there is any, a line for each condition.
+    RMSE of the position at all times and at pings, and NEES of the fleet if it exists, with one line per condition.
 
-    A marker of NEES is full where all epochs lie within their 95 % bounds, empty where none does.
+    A marker of NEES is filled if all epochs are within their 95 % bounds, and empty if none is.
     """
     names = list(errors["condition"])
     panels = 2 if consistency is None else 3
@@ -96,11 +96,11 @@ def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours
 register(
     "estimators",
     place=50,
-    caption="What each estimator is worth, over {r.realizations}: (a) root mean square of the position error over all"
-    " poses; (b) the same of vehicles under water at the pings, where ranges act, dashed the least that an unbiased"
-    " estimator reaches with these measurements, on average over the noise; (c) squared error of the fleet's horizontal positions in the covariance"
-    " that the estimator gives, by its degrees of freedom: median over the epochs, least to greatest, and the 95 %"
-    " bounds of a consistent estimator in grey.",
+    caption="Errors and consistency of all estimators over {r.realizations}: (a) root mean square of the position error over"
+    " all poses; (b) the same for vehicles under water at the pings; dashed: lower bound of an unbiased estimator with these"
+    " measurements, on average over the noise; (c) normalized squared error of the fleet's horizontal positions with the"
+    " covariance of the estimator, divided by its degrees of freedom: median over the epochs, minimum and maximum, and the"
+    " 95 % bounds of a consistent estimator (grey).",
     draw=lambda r: error_and_consistency(
         r.tables["ate_pooled"].frame,
         r.tables["ping_error"].frame,

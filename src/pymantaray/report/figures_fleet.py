@@ -58,13 +58,13 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
 
 @style.styled
 def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
-    """Factor graph in three dimensions: each vehicle's chain of poses coloured, ranges grey."""
+    """Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges."""
     colours = style.vehicle_colours(truth.name.size)
     figure, place = _figure_with_key(style.COLUMN, 3.1, header, _key(truth, measurements, colours))
     axes = figure.add_axes(place(-0.03, 0.08, 0.96, 0.88), projection="3d")
     assert isinstance(axes, Axes3D)
-    heard = np.isin(measurements.range_status, ARRIVES)
-    edges = np.stack(range_ends(truth, measurements), axis=1)[heard]
+    received = np.isin(measurements.range_status, ARRIVES)
+    edges = np.stack(range_ends(truth, measurements), axis=1)[received]
     if len(edges):
         alpha = float(np.clip(600 / len(edges), 0.08, 0.5))
         lines = edges[..., _ENU] / 1e3
@@ -99,7 +99,7 @@ def _key(truth: Trajectories, measurements: Measurements, colours: list[str]) ->
 def _figure_with_key(
     width: float, height: float, header: str, key: list[Line2D]
 ) -> tuple[Figure, Callable[..., tuple[float, float, float, float]]]:
-    """Figure with a key below its panels, and a function that moves a panel of the figure without it up; both in inches."""
+    """Figure with a key below its panels, and a function that places a panel above it; all lengths in inches."""
     longest = max((len(str(entry.get_label())) for entry in key), default=0)
     columns = max(1, int(width / (_LETTER * longest + _KEY_MARK)))
     room = _KEY_LINE * -(-len(key) // columns)
@@ -116,7 +116,7 @@ def _figure_with_key(
 
 
 def draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
-    """Draw tracks from above with the names of their starts, and landmarks."""
+    """Draw tracks and landmarks from above, with names at the start positions."""
     starts = truth.position[:, 0, :2] / 1e3
     for path, colour in zip(truth.position[:, :, :2] / 1e3, colours, strict=True):
         axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
@@ -160,7 +160,7 @@ def _line(axes: Axes3D, path: style.Array, **look: object) -> None:
 
 
 def _marks(names: style.Array, letter: str = "") -> list[str]:
-    """Labels of the marks: names, without their common prefix if they are long; numbers if they are still too long."""
+    """Labels at the markers: names, without their common prefix if they are long, or numbers if they are still too long."""
     marks: list[str] = names.tolist()
     if max(map(len, marks), default=0) > _MAX_NAME_LETTERS and len(marks) > 1:
         common = len(list(takewhile(lambda letters: len(set(letters)) == 1, zip(*marks, strict=False))))
@@ -171,12 +171,12 @@ def _marks(names: style.Array, letter: str = "") -> list[str]:
 
 
 def _all_marks(truth: Trajectories, measurements: Measurements) -> list[str]:
-    """Labels of the marks of vehicles and landmarks."""
+    """Labels at the markers of vehicles and landmarks."""
     return [*_marks(truth.name), *_marks(measurements.landmark_name, "L")]
 
 
 def _write_names(axes: Axes, places: style.Array, names: list[str]) -> None:
-    """Names beside places in the axes' own coordinates, of shape (names, 2), each where it covers least of others."""
+    """Write names next to points (n, 2) in data coordinates, each on the side with the smallest overlap."""
     figure = axes.figure
     assert isinstance(figure, Figure)
     axes.apply_aspect()
@@ -197,7 +197,7 @@ def _write_names(axes: Axes, places: style.Array, names: list[str]) -> None:
 
 
 def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks: style.Array) -> None:
-    """Landmarks, axes around everything, depth downward, north and east at one scale; names at the vehicles' marks."""
+    """Draw landmarks and names, and set axes with depth downward and equal scales of north and east."""
     places = measurements.landmark_position / 1e3
     for place in places:
         axes.plot(*place[_ENU, None], "^", color=style.INK, markersize=4)

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pymantaray.report import style
-from pymantaray.report.figures import Results, register
+from pymantaray.report.figures import RunResults, register
 from pymantaray.study.store import RAY_PICTURE
 
 _UPPER = 500.0  # m; depth of the upper panel of the profiles
@@ -25,14 +25,14 @@ RAY_KINDS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("bottom", {"color": "#117733", "linewidth": 1.3, "linestyle": (0, (5, 1, 1.2, 1))}),
     ("surface and bottom", {"color": "#882255", "linewidth": 1.1, "linestyle": (0, (1.6, 1))}),
 )
-"""Eigenrays by what they are reflected at: what they are called, and how they look (after Okabe and Ito, Tol)."""
+"""Names and line styles of eigenrays by their reflections; colours after Okabe and Ito, and Tol."""
 _CHORD: dict[str, Any] = {"color": style.INK, "linestyle": (0, (4, 2)), "linewidth": 1.1}
 _REGION_LINES = ("-", (0, (5, 1.5)), (0, (1, 1)), "-.")
 
 
 @style.styled
 def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str) -> Figure:
-    """Mean sound speed of each region against depth, between its least and its greatest."""
+    """Sound speed of each region against depth: mean, minimum and maximum."""
     several = len(profiles) > 1
     figure = style.new_figure(style.COLUMN, 3.0 + 0.14 * several * len(profiles), header)
     whole, upper = figure.subplots(1, 2)
@@ -56,7 +56,7 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
 
 
 def draw_profile(axes: Axes, profile: xr.Dataset, name: str, colour: str, *, line: Any = "-") -> float:
-    """Draw mean sound speed against depth, and least to greatest; the greatest depth. [m]"""
+    """Draw mean, minimum and maximum sound speed against depth; return the greatest depth. [m]"""
     wet = profile["count"].values > 0
     depth, mean, low, high = (profile[key].values[wet] for key in ("depth", "mean", "min", "max"))
     axes.fill_betweenx(depth, low, high, color=colour, alpha=0.22, linewidth=0.0)
@@ -74,7 +74,7 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
 
 @style.styled
 def rays_of_links(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
-    """`ray_picture` of several links below each other, with one scale of sound speed; the titles say when the first ray arrives."""
+    """`ray_picture` of several links below each other, with one scale of sound speed; titles give the time of the first arrival."""
     return _ray_pictures(
         pictures, [f"{title}, {_outcome(p)}" for title, p in zip(titles, pictures, strict=True)], header
     )
@@ -118,7 +118,7 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
 
 
 def _water_shown(picture: xr.Dataset) -> tuple[float, style.Array, style.Array]:
-    """Depth of the lower edge of a picture, its depths, and sound speed at depths and ranges; NaN outside the water."""
+    """Lower edge and depths of a picture, and sound speed (depth, range); NaN outside the water."""
     depth, floor = picture["depth"].values, picture["sea_floor_depth"].values
     lowest = _lowest_shown(picture)
     rows = np.linspace(depth[0], lowest, _ROWS)
@@ -134,7 +134,7 @@ def _ice_of(picture: xr.Dataset) -> style.Array:
 
 
 def _draw_boundaries(axes: Axes, picture: xr.Dataset) -> None:
-    """Sea bed and ice."""
+    """Draw sea bed and ice."""
     km, floor, ice = picture["range"].values / 1e3, picture["sea_floor_depth"].values, _ice_of(picture)
     deepest = max(float(picture["depth"].values[-1]), floor.max()) * 2.0
     axes.fill_between(km, floor, deepest, color=style.BED, linewidth=0.0, zorder=2)
@@ -145,7 +145,7 @@ def _draw_boundaries(axes: Axes, picture: xr.Dataset) -> None:
 
 
 def _draw_rays(axes: Axes, picture: xr.Dataset) -> None:
-    """The fan in grey, eigenrays by their kinds, the earliest on top."""
+    """Draw the fan in grey, and eigenrays by their kinds with the earliest on top."""
     arrives, kinds = picture["ray_arrives"].values.astype(bool), _kinds(picture)
     rows = zip(arrives, kinds, picture["ray_range"].values, picture["ray_depth"].values, strict=True)
     for i, (hit, kind, x, z) in enumerate(rows):
@@ -154,7 +154,7 @@ def _draw_rays(axes: Axes, picture: xr.Dataset) -> None:
 
 
 def _draw_ends(axes: Axes, picture: xr.Dataset, lowest: float) -> None:
-    """The chord, and the names of its ends."""
+    """Draw the chord and the names of its ends."""
     chord, ends = picture["chord_range"].values / 1e3, picture["chord_depth"].values
     axes.plot(chord, ends, zorder=6, **_CHORD)
     axes.plot(
@@ -179,7 +179,7 @@ def _names(picture: xr.Dataset) -> tuple[str, str]:
 
 
 def _kinds(picture: xr.Dataset) -> NDArray[np.intp]:
-    """Row of `RAY_KINDS` of each ray; those of a picture of an older version are direct."""
+    """Row of `RAY_KINDS` of each ray; all rays are direct in a picture of an older version."""
     if "ray_surface_bounces" not in picture:
         return np.zeros(picture.sizes["ray"], dtype=np.intp)
     by_surface, by_bed = (picture[f"ray_{where}_bounces"].values > 0 for where in ("surface", "bottom"))
@@ -191,7 +191,7 @@ def _eigenray_kinds(picture: xr.Dataset) -> NDArray[np.intp]:
 
 
 def _outcome(picture: xr.Dataset) -> str:
-    """When the first ray of a link arrives, or why none does."""
+    """Time of the first arrival of a link, or the reason for its absence."""
     count = int(picture["ray_arrives"].sum())
     if not count:
         return f"no arrival ({str(picture.attrs['status']).lower()})"
@@ -199,17 +199,17 @@ def _outcome(picture: xr.Dataset) -> str:
     return f"{first:.5g} s" if count == 1 else f"first of {count} after {first:.5g} s"
 
 
-def _caption_of_rays(results: Results) -> str:
+def _caption_of_rays(results: RunResults) -> str:
     ice = results.run.ray_picture.get("sea_ice_draft")
     cover = " ice (blank)," if ice is not None and ice.any() else ""
     return (
-        f"Sound on the link that bends most: sound speed (blue),{cover} sea bed (brown, where it is not far below),"
+        f"Sound on the link with the most curved ray: sound speed (blue),{cover} sea bed (brown, if it is not far below),"
         " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey)."
     )
 
 
 def _lowest_shown(picture: xr.Dataset) -> float:
-    """Lower edge of the picture: below the sea bed, or below its content if the sea bed is far from that."""
+    """Lower edge of the picture: below the sea bed, or below its content if the sea bed is much deeper."""
     depth = picture["depth"].values
     hits = picture["ray_depth"].values[picture["ray_arrives"].values.astype(bool)]
     deepest = max(float(np.nanmax(picture["chord_depth"].values)), float(np.nanmax(hits, initial=0.0)))
@@ -217,7 +217,7 @@ def _lowest_shown(picture: xr.Dataset) -> float:
 
 
 def _ray_handles(pictures: Sequence[xr.Dataset], used: Sequence[int], *, fan: bool) -> list[Line2D]:
-    """Of eigenrays, counted where there is one picture, the chord and the fan."""
+    """Legend of eigenrays (with their numbers for a single picture), chord and fan."""
     handles = []
     for kind in used:
         word, look = RAY_KINDS[kind]
@@ -230,7 +230,7 @@ def _ray_handles(pictures: Sequence[xr.Dataset], used: Sequence[int], *, fan: bo
 
 
 def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) -> None:
-    """Limit sound speed to what the panel's depths show."""
+    """Limit the axis of sound speed to the values at the depths of a panel."""
     shown = [p.sel(depth=slice(0.0, limit)) for p in profiles]
     low = [float(np.nanmin(p["min"].values)) for p in shown if np.isfinite(p["min"].values).any()]
     high = [float(np.nanmax(p["max"].values)) for p in shown if np.isfinite(p["max"].values).any()]
@@ -244,7 +244,7 @@ register(
     place=100,
     paper="Figure 4",
     of_mission=True,
-    caption="Sound speed against depth over the study's domain: mean of each level (line), least to greatest (shaded);"
+    caption="Sound speed against depth over the study's domain: mean of each level (line), minimum to maximum (shaded);"
     " (a) all depths, (b) the upper part.",
     draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
 )

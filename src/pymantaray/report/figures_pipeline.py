@@ -34,7 +34,7 @@ STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
     ("estimation", "estimates of all realizations", collect_estimates),
     ("evaluation", "position error", error_table),
 )
-"""What a study does, in order: folder, words, and the function that does it."""
+"""Stages of a study in order: folder, description, and function."""
 _SIZE = (0.80, 0.66)  # of a box, in columns and rows
 _CLEARANCE = 0.04  # between an arrow and a box that it passes
 _ARROW: dict[str, Any] = {"color": style.GREY, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0, "zorder": 2}
@@ -54,9 +54,9 @@ class Flow(NamedTuple):
 
 def flows(functions: Sequence[Callable[..., Any]]) -> list[Flow]:
     """
-    Records that pass between stages: what a function takes, and the last one before it that returns it.
+    Records that pass between stages: each argument of a function, from the last function before it that returns this type.
 
-    A function returns its annotated type and the records that this type holds.
+    A function returns its annotated type and the records in this type.
     """
     makers: dict[type, int] = {}
     found = []
@@ -83,7 +83,7 @@ def records_of(hint: Any) -> list[type]:
 
 
 def columns(count: int, between: Sequence[Flow]) -> list[int]:
-    """Column of each stage: one behind the last stage that it takes a record of."""
+    """Column of each stage: one to the right of the last stage from which it takes a record."""
     places: list[int] = []
     for stage in range(count):
         places.append(1 + max((places[f.source] for f in between if f.target == stage), default=-1))
@@ -92,7 +92,7 @@ def columns(count: int, between: Sequence[Flow]) -> list[int]:
 
 @style.styled
 def pipeline(header: str) -> Figure:
-    """Stages in columns, and an arrow for each record that passes between two."""
+    """Diagram with stages in columns, and one arrow for each record between two stages."""
     functions = [function for *_, function in STAGES]
     between = flows(functions)
     column = columns(len(STAGES), between)
@@ -116,7 +116,7 @@ def pipeline(header: str) -> Figure:
 
 
 def _draw_stage(axes: Axes, spot: tuple[float, float], folder: str, words: str, made: str) -> None:
-    """Box of a stage: folder, words, and the record that it makes."""
+    """Draw the box of a stage: folder, description, and the record that it returns."""
     x, y = spot
     width, height = _SIZE
     box = FancyBboxPatch(
@@ -133,7 +133,7 @@ def _draw_stage(axes: Axes, spot: tuple[float, float], folder: str, words: str, 
 def route(
     source: tuple[float, float], target: tuple[float, float], others: Sequence[tuple[float, float]]
 ) -> Path:
-    """Arrow between two boxes: straight from side to side, or a curve that clears the other boxes above or below."""
+    """Arrow between two boxes: a straight line, or a curve above or below the other boxes."""
     half, rise = _SIZE[0] / 2.0, _SIZE[1] / 2.0
     straight = Path([(source[0] + half, source[1]), (target[0] - half, target[1])])
     if not crosses(straight, others):
@@ -164,7 +164,6 @@ register(
     place=120,
     of_mission=True,
     paper="Figure 3",
-    caption="How the parts fit: the stages of a study with their folders in the package; arrows are the records (italic) that pass"
-    " between them.",
+    caption="Stages of a study with their folders in the package; arrows are the records (italic) that pass between them.",
     draw=lambda r: pipeline(r.header),
 )

@@ -34,10 +34,10 @@ def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str
     figure = style.new_figure(style.DOUBLE, 0.55 + 2.05 * len(errors), header)
     rows = figure.subplots(len(errors), 2, squeeze=False, sharex=True)
     for i, ((name, values), (linear, log)) in enumerate(zip(errors, rows, strict=True)):
-        heard = draw_range_errors(linear, values)
+        received = draw_range_errors(linear, values)
         draw_range_errors(log, values, log=True)
         log.set_ylabel("")
-        words, same = [style.short(name), _moments(heard)], "the same, logarithmic count"
+        words, same = [style.short(name), _moments(received)], "the same, logarithmic count"
         if len(name) > _MAX_NAME_LETTERS:  # no room for both above one panel
             same = f"{words.pop()}, logarithmic count"
         style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
@@ -52,15 +52,15 @@ def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str
 def range_error_split(
     distance: style.Array, reference_speed: style.Array, bending: style.Array, header: str
 ) -> Figure:
-    """Range error's two parts, against distance and as distributions."""
+    """The two parts of the range error, against distance and as distributions."""
     figure = style.new_figure(style.DOUBLE, 2.7, header)
     both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
     counts.sharey(both)
-    heard = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
-    km, points = distance[heard] / 1e3, {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
+    received = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
+    km, points = distance[received] / 1e3, {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
     parts = (
-        ("reference speed", reference_speed[heard], style.BLUE),
-        ("bending", bending[heard], style.ORANGE),
+        ("reference speed", reference_speed[received], style.BLUE),
+        ("bending", bending[received], style.ORANGE),
     )
     style.panel_title(both, "a", "parts of the range error")
     style.panel_title(counts, "b", "distributions")
@@ -80,7 +80,7 @@ def range_error_split(
             )
         counts.set_xscale("log")
         counts.set_xlim(_LEAST_COUNT)
-        alone.plot(km, bending[heard], ".", color=style.ORANGE, **points)
+        alone.plot(km, bending[received], ".", color=style.ORANGE, **points)
         both.set_xlim(0.0)
         alone.set_xlim(0.0)
         both.legend(loc="best", markerscale=4, handletextpad=0.1, borderaxespad=0.1)
@@ -101,7 +101,7 @@ def range_error_split(
 def dropout_map(
     transmitter: style.Array, receiver: style.Array, status: NDArray[np.int8], header: str
 ) -> Figure:
-    """Dropouts and their reasons: attempts by distance, depth difference and the depths of both ends."""
+    """Dropouts by cause: attempts by distance, depth difference and the depths of both ends."""
     figure = style.new_figure(style.DOUBLE, 3.0, header)
     places = figure.subplots(1, 2)
     km = np.linalg.norm(receiver - transmitter, axis=-1) / 1e3
@@ -111,7 +111,13 @@ def dropout_map(
     for axes, (x, y) in zip(places, coordinates, strict=True):
         ok = status == RayStatus.OK
         axes.plot(
-            x[ok], y[ok], ".", color=style.PALE, markersize=2, rasterized=True, label=f"heard ({ok.sum():,})"
+            x[ok],
+            y[ok],
+            ".",
+            color=style.PALE,
+            markersize=2,
+            rasterized=True,
+            label=f"received ({ok.sum():,})",
         )
         for member, (colour, marker) in _STATUS_LOOK.items():
             chosen = status == member
@@ -147,7 +153,7 @@ def _spread(errors: style.Array) -> float:
 
 
 def _edges(values: style.Array) -> style.Array:
-    """Edges of bins of equal width, with zero at the middle of one, that hold all values."""
+    """Edges of bins of equal width that contain all values, with zero in the middle of one bin."""
     reach = max(float(np.abs(values).max(initial=0.0)), 1e-6)
     count = int(np.clip(4.0 * np.sqrt(values.size), 11, 121)) // 2
     width = reach / (count + 0.5) * (1.0 + 1e-9)
@@ -155,7 +161,7 @@ def _edges(values: style.Array) -> style.Array:
 
 
 def draw_range_errors(axes: Axes, values: style.Array, *, log: bool = False) -> style.Array:
-    """Draw the histogram of range errors, with zero, mean and the fitted normal; the finite errors."""
+    """Draw the histogram of range errors, with zero, mean and the fitted normal; return the finite errors."""
     errors = values[np.isfinite(values)]
     axes.set_xlabel("Range error, refracted − straight [m]")
     axes.set_ylabel("Ranges in a bin")
@@ -202,8 +208,9 @@ register(
     "range_error_split",
     place=20,
     of_mission=True,
-    caption="Exact split of the range error: (a, b) the part from the reference speed, because the sound speed at the"
-    " transmitter is not the path's mean, and the part from the bending of the ray; (c) bending at its own scale.",
+    caption="Exact split of the range error: (a, b) the part due to the reference speed, because the sound speed at the"
+    " transmitter differs from the mean along the path, and the part due to the bending of the ray; (c) bending at a finer"
+    " scale.",
     draw=lambda r: range_error_split(
         r.run.ranging_truth.distance, r.ranges.reference_speed, r.ranges.bending, r.header
     ),
@@ -213,7 +220,7 @@ register(
     place=70,
     of_mission=True,
     caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the depths of both ends;"
-    " dropouts coloured by their cause.",
+    " colours of dropouts are their causes.",
     draw=lambda r: dropout_map(
         *range_ends(r.run.truth, r.run.measurements), r.run.measurements.range_status, r.header
     ),

@@ -1,4 +1,4 @@
-"""Many runs at a glance: quantiles of their errors, a line each."""
+"""Quantiles of the errors of many runs, one line per run."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ _ROW = 0.19  # height of a line [in]
 def quantiles_by_run(
     values: Mapping[str, Mapping[str, style.Array]], header: str, label: str, *, log: bool
 ) -> Figure:
-    """Quantiles of values of several kinds, a panel each, of several runs, a line each."""
+    """Quantiles of several kinds of values, one panel per kind and one line per run."""
     runs = list(next(iter(values.values())))
     columns = min(len(values), _COLUMNS)
     rows = -(-len(values) // columns)

@@ -11,12 +11,12 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from pymantaray.report import style
-from pymantaray.report.figures import Results, register
+from pymantaray.report.figures import RunResults, register
 
 _LOG_BINS, _LINEAR_BINS = 100, 60
-_ROOF = 0.78  # share of a row's height that is drawn in; above it are the words
-_FAR = 3.0  # a linear axis goes no further than so many times where half of the conditions end
-_LEAST = 1e-4  # m; errors smaller than this are drawn as this
+_ROOF = 0.78  # share of a row's height for the distribution; text is above it
+_AXIS_RATIO = 3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
+_SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,15 +28,15 @@ class ApePanel:
     log: bool
 
 
-def _shown_over_time(results: Results) -> Mapping[str, style.Array]:
-    """Errors of all conditions, or of the study's own where estimators are too many for one panel."""
+def _shown_over_time(results: RunResults) -> Mapping[str, style.Array]:
+    """Errors of all conditions, or of the study's conditions if there are too many estimators for one panel."""
     conditions = {c.name for c in results.run.config.conditions if c.standard}
     if len(results.errors) - len(conditions) <= style.DISTINCT:
         return results.errors
     return {name: errors for name, errors in results.errors.items() if name in conditions}
 
 
-def _caption_over_time(results: Results) -> str:
+def _caption_over_time(results: RunResults) -> str:
     shown = _shown_over_time(results)
     shaded = ", quartiles shaded" if len(shown) <= style.HEADER_LINE else ""
     others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
@@ -84,7 +84,7 @@ def error_over_time(
     fixes: NDArray[np.bool_],
     header: str,
 ) -> Figure:
-    """Position error of every vehicle over time: median over the realizations; of few conditions quartiles shaded."""
+    """Position error of every vehicle over time: median over the realizations, with shaded quartiles for few conditions."""
     columns = min(3, max(len(names), 1))
     rows = max(-(-len(names) // columns), 1)
     lines = style.legend_lines(len(errors) + bool(fixes.any()))
@@ -106,7 +106,7 @@ def error_over_time(
         whole = values[np.isfinite(values).all(axis=(1, 2))]
         if not len(whole):
             continue
-        low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _LEAST)
+        low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _SMALLEST_ERROR)
         for i, axes in enumerate(grid.flat[: len(names)]):
             if len(errors) <= style.HEADER_LINE:
                 axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
@@ -146,7 +146,7 @@ def error_over_time(
 def draw_error_distribution(
     axes: Axes, errors: Mapping[str, style.Array], condition: str, *, log: bool
 ) -> None:
-    """Draw the distribution of the position errors of a condition, with mean and quartiles, over the range of all conditions."""
+    """Draw the distribution of the position errors of a condition, with mean and quartiles, on the common axis of all conditions."""
     finite = {name: values[np.isfinite(values)] for name, values in errors.items()}
     colour = style.condition_looks(list(errors))[condition][0]
     _ridge(axes, finite[condition], _ape_edges([finite], log=log), (condition, colour), log=log)
@@ -156,28 +156,27 @@ def draw_error_distribution(
 
 def _ape_edges(pools: Sequence[Mapping[str, style.Array]], *, log: bool) -> style.Array:
     """
-    Edges of bins that all panels of one scale share.
+    Common edges of bins for all panels of one scale.
 
-    A linear axis ends where nearly all poses of the conditions other than odometry are shown, but not far beyond most
-    of them.
+    A linear axis shows nearly all poses of the conditions other than odometry, but does not extend far beyond most of them.
     """
     drawn = [(name, values) for pool in pools for name, values in pool.items() if values.size]
     if not drawn:
         return np.geomspace(0.1, 10.0, 3) if log else np.linspace(0.0, 1.0, 3)
     if log:
-        low = max(min(float(values.min()) for _, values in drawn), _LEAST)
+        low = max(min(float(values.min()) for _, values in drawn), _SMALLEST_ERROR)
         high = max(max(float(values.max()) for _, values in drawn), 2.0 * low)
         return np.geomspace(0.999 * low, 1.001 * high, _LOG_BINS + 1)
     solved = [values for name, values in drawn if name != "odometry"] or [values for _, values in drawn]
     each = [float(np.percentile(values, 99.9)) for values in solved]
-    reach = min(max(each), _FAR * float(np.median(each)))
-    return np.linspace(0.0, max(1.05 * reach, _LEAST), _LINEAR_BINS + 1)
+    reach = min(max(each), _AXIS_RATIO * float(np.median(each)))
+    return np.linspace(0.0, max(1.05 * reach, _SMALLEST_ERROR), _LINEAR_BINS + 1)
 
 
 def _ridge(
     axes: Axes, values: style.Array, edges: style.Array, condition: tuple[str, str], *, log: bool
 ) -> None:
-    """Distribution of one condition, which is its name and colour."""
+    """Draw the distribution of one condition; ``condition`` is its name and colour."""
     name, colour = condition
     label = style.plain(style.condition_label(name))
     axes.grid(visible=False, axis="y")
@@ -210,8 +209,8 @@ register(
     place=30,
     paper="Figures 7 and 8",
     caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
-    " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which ends where the"
-    " conditions other than odometry do.",
+    " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which shows nearly all errors"
+    " of the conditions other than odometry.",
     draw=lambda r: pooled_ape(
         [ApePanel("logarithmic scale", r.errors, log=True), ApePanel("linear scale", r.errors, log=False)],
         r.header,

@@ -14,7 +14,7 @@ _LEVEL = 110  # letters of names that fit on the axis level
 
 @style.styled
 def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
-    """Standard deviation and error of every unknown, in standard deviations that it had beforehand."""
+    """Posterior standard deviation and error of every unknown, divided by its prior standard deviation."""
     conditions = list(dict.fromkeys(table["condition"]))
     upright = [_too_wide(table.loc[table["condition"] == name, "unknown"]) for name in conditions]
     heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
@@ -24,9 +24,9 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
         "color": style.BLUE,
         "markersize": 9.0,
         "markeredgewidth": 1.6,
-        "label": "standard deviation after",
+        "label": "posterior standard deviation",
     }
-    error = {"color": style.ORANGE, "markersize": 3.2, "label": "error, root mean square"}
+    error = {"color": style.ORANGE, "markersize": 3.2, "label": "root mean square error"}
     for i, (axes, name) in enumerate(zip(grid, conditions, strict=True)):
         part = table[table["condition"] == name]
         x, prior = np.arange(len(part)), part["prior_sigma"].to_numpy(dtype=float)
@@ -47,7 +47,7 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
 
 
 def _with_prior(tables: RunTables) -> pd.DataFrame:
-    """Unknowns with a prior, which a fitted sigma does not have."""
+    """Unknowns with a prior; a fitted standard deviation has none."""
     return tables["unknowns"].frame.dropna(subset="prior_sigma")
 
 
@@ -59,9 +59,9 @@ def _too_wide(names: pd.Series) -> bool:
 register(
     "unknowns",
     place=65,
-    caption="Sound-speed modes and clocks estimated with the poses, over {r.realizations}: standard deviation that the"
-    " estimator gives (blue) and error of its estimate (orange), both by the standard deviation beforehand (grey"
-    " line): on it the ranges say nothing.",
+    caption="Sound-speed modes and clocks estimated together with the poses, over {r.realizations}: posterior standard"
+    " deviation (blue) and root mean square error (orange), both divided by the prior standard deviation. On the grey line,"
+    " the ranges contain no information.",
     draw=lambda r: unknowns_before_and_after(_with_prior(r.tables), r.header),
     needs=lambda r: "unknowns" in r.tables and len(_with_prior(r.tables)) > 0,
 )

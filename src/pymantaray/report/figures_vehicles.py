@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymantaray.report import style
-from pymantaray.report.figures import Results, register
+from pymantaray.report.figures import RunResults, register
 
 _MAX_NAMED_VEHICLES = 30  # vehicles whose names fit below the axis
 _LETTERS = 14  # of names in an inch of the axis
@@ -15,7 +15,7 @@ _GROUP = 0.8  # width of the markers of a vehicle, in distances between vehicles
 
 @style.styled
 def error_by_vehicle(table: pd.DataFrame, header: str) -> Figure:
-    """RMSE of each vehicle under each condition, with the middle half of its errors."""
+    """RMSE and quartiles of the position error of each vehicle under each condition."""
     conditions = list(dict.fromkeys(table["condition"]))
     below = 0.14 * style.legend_lines(len(conditions))
     figure = style.new_figure(style.DOUBLE, 2.3 + below, header)
@@ -26,7 +26,7 @@ def error_by_vehicle(table: pd.DataFrame, header: str) -> Figure:
 
 
 def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw RMSE (dots) and quartiles (lines) of the rows of ``ate_per_vehicle``, beside each other by condition."""
+    """Draw RMSE (dots) and quartiles (lines) of the rows of ``ate_per_vehicle``, with conditions next to each other."""
     vehicles, conditions = list(dict.fromkeys(table["vehicle"])), list(dict.fromkeys(table["condition"]))
     looks = style.condition_looks(conditions)
     for k, condition in enumerate(conditions):
@@ -46,7 +46,7 @@ def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
     axes.set_ylabel("Position error [m]")
 
 
-def _shown(results: Results) -> bool:
+def _shown(results: RunResults) -> bool:
     if not results.run.config.solves or len(results.run.truth.name) > _MAX_NAMED_VEHICLES:
         return False
     return bool(results.tables["ate_per_vehicle"].frame["rmse_m"].notna().any())
@@ -55,8 +55,8 @@ def _shown(results: Results) -> bool:
 register(
     "error_by_vehicle",
     place=45,
-    caption="Position error of each vehicle over all times and {r.realizations}, by ranging condition: RMSE (dots) and the middle half"
-    " of the errors (lines).",
+    caption="Position error of each vehicle over all times and {r.realizations}, by ranging condition: RMSE (dots) and"
+    " quartiles (lines).",
     draw=lambda r: error_by_vehicle(r.tables["ate_per_vehicle"].frame, r.header),
     needs=_shown,
 )

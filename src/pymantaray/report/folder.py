@@ -1,4 +1,4 @@
-"""The parts of a report in a folder, and what makes them in another process while a study is still running."""
+"""Files of a report in a folder, and a process that makes them while a study is still running."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
@@ -18,14 +18,14 @@ PAGE = "index.html"
 PARTS = ("tables", "figures", PAGE)
 FIGURE_KINDS = ("png", "pdf", "svg")
 FORMATS = (*FIGURE_KINDS, "tex")
-"""Formats for a paper: of figures, and of tables."""
+"""Formats for a paper, of figures and of tables."""
 
 
 class ReportProcess(ExitStack):
     """
-    Process that makes the report of a study: what realizations do not change while they are solved, the rest after.
+    Process that makes the report of a study: figures of the mission while the realizations are solved, the rest afterwards.
 
-    It is started with the block and ends with it. It writes nothing: that is left to the process of the study.
+    The process starts and ends with the block. It writes no files; the process of the study does.
     """
 
     def __init__(self, *, formats: Sequence[str]) -> None:
@@ -38,12 +38,12 @@ class ReportProcess(ExitStack):
         return self
 
     def begin(self, stage: Path) -> Future[None]:
-        """Draw what the mission in a folder shows."""
+        """Start to draw the figures of the mission in a folder."""
         self._drawn = self._process.submit(methodcaller("draw_mission", stage))
         return self._drawn
 
     def write(self, folder: Path, progress: Progress | None = None) -> None:
-        """Write the report of the run that the folder has become, as `write_report` does."""
+        """Write the report of the finished run in the folder, as `write_report` does."""
         from pymantaray.jobs.folder import staged_parts
 
         if progress is not None:

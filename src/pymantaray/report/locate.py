@@ -37,26 +37,27 @@ def write_location_page(
     progress: Progress | None = None,
 ) -> Path:
     """
-    Write page, tables, figures and files for other programs into a folder of their own.
+    Write page, tables, figures and files for other programs into a new folder.
 
     Parameters
     ----------
     location : Location
+        Located nodes.
     out : str or pathlib.Path, optional
-        Folder, new or empty; by default a new one in ``runs``.
+        New or empty folder. Default: a new folder in ``runs``.
     made_by : dict, optional
-        How it was made, for ``locate.json`` and the page.
+        Origin of the results, such as version and command, for ``locate.json`` and the page.
     notes : list of str, optional
         Lines for the top of the page.
     formats : sequence of str
-        What is written for a paper besides: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV), ``figures``, ``landmarks.toml``, ``nodes.geojson``,
+        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures``, ``landmarks.toml``, ``nodes.geojson``,
         ``survey.pyfg``, ``location.nc`` and ``locate.json``.
 
     Raises
@@ -138,7 +139,7 @@ def _cards(location: Location) -> list[Card]:
             "σ " + ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth")) + " m"
         )
         cards.append(Card(str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth"))
-    cards.append(Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the pings used"))
+    cards.append(Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the used pings"))
     model = location.hyperparameters
     compared = location.candidates["sound_speed"].nunique() > 1
     chosen = "model with the largest marginal likelihood" if compared else "model as requested"
@@ -154,7 +155,7 @@ def _left_out(location: Location) -> ResultTable:
     return ResultTable(
         "left_out",
         pings.loc[~pings["used"], columns],
-        "Pings that were left out",
+        "Unused pings",
         folded=True,
         file="tables/pings.csv",
     )
@@ -171,7 +172,7 @@ def _figure_specs(location: Location) -> list[FigureSpec]:
         ),
         FigureSpec(
             "residuals",
-            "Residuals of the used pings, measured less predicted, over time, azimuth from the node and horizontal range.",
+            "Residuals of the used pings, measured minus predicted, over time, azimuth from the node and horizontal range.",
             lambda: residual_panels(location, header),
         ),
     ]
@@ -179,7 +180,7 @@ def _figure_specs(location: Location) -> list[FigureSpec]:
         specs.append(
             FigureSpec(
                 "sound_speed",
-                "Mean sound speed along the rays less that of the profile, with its 95 % interval.",
+                "Mean sound speed along the rays minus that of the profile, with its 95 % interval.",
                 lambda: speed_over_time(location, header),
             )
         )
@@ -298,7 +299,16 @@ def speed_over_time(location: Location, header: str) -> Figure:
 
 
 def write_plan_figure(plan: Plan, out: Path) -> None:
-    """Write the figure of a plan as PNG or PDF, and its table beside it."""
+    """
+    Write the figure of a plan, and its table as CSV with the same name.
+
+    Parameters
+    ----------
+    plan : Plan
+        Plan of a survey.
+    out : pathlib.Path
+        File with the suffix ``.png`` or ``.pdf``.
+    """
     kind = out.suffix.removeprefix(".")
     files = style.rendered(plan_figure(plan), (kind,))
     with whole_file(out) as temporary:

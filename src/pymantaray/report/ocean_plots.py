@@ -1,4 +1,4 @@
-"""Plots of an ocean as its source has it: profiles, maps of sound speed, currents and sea floor, vertical sections."""
+"""Plots of an ocean on the grid of its source: profiles, maps of sound speed, currents and sea floor, vertical sections."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -42,34 +42,34 @@ def write_ocean_plots(
     progress: Progress | None = None,
 ) -> list[Path]:
     """
-    Draw an ocean: spread of its profiles, two sections, a map with currents, and the sea floor.
+    Draw an ocean: range of its profiles, two sections, a map with currents, and the sea floor.
 
     Parameters
     ----------
     ocean : xarray.Dataset
         A valid ocean.
     folder : str or pathlib.Path
-        Made if it is not there; figures of the same names in it are replaced.
+        Folder, which is created if necessary. Existing figures with the same names are replaced.
     depth : float, optional
-        Of the map; by default 100 m, or half-way down where it is shallower. [m]
+        Depth of the map. Default: 100 m, or half the greatest depth if that is smaller. [m]
     place : tuple of float, optional
-        Latitude and longitude where the sections cross, by default the middle of the window. [degrees]
+        Latitude and longitude at which the sections cross. Default: the middle of the window. [degrees]
     sea_floor : xarray.DataArray, optional
-        From `pymantaray.ocean.open_sea_floor`. [m]
+        Sea floor from `pymantaray.ocean.open_sea_floor`. [m]
     progress : callable, optional
-        Told ``"figures"``, how many are done and how many there are.
+        Called with ``"figures"``, the number of finished figures and the total.
 
     Returns
     -------
     list of pathlib.Path
-        PNG and PDF of each.
+        PNG and PDF files of all figures.
 
     Raises
     ------
     ReportError
-        If the place lies outside the window, or the depth beneath the water.
+        If the place is outside the window, or the depth is below the deepest water.
     WriteError
-        If nothing can be written.
+        If a file cannot be written.
     """
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))
@@ -102,7 +102,7 @@ def write_ocean_plots(
 def sound_speed_map(
     ocean: xr.Dataset, depth: float, header: str, sea_floor: xr.DataArray | None = None
 ) -> Figure:
-    """Sound speed at a level in plan, currents as arrows, the sea floor as contours."""
+    """Map of the sound speed at a level, with currents as arrows and the sea floor as contours."""
     k = _nearest(ocean["depth"].values, depth)
     level = float(ocean["depth"].values[k])
     speed = ocean_sound_speed(ocean.isel(depth=[k]))[0]
@@ -119,10 +119,10 @@ def sound_speed_map(
 
 @style.styled
 def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None = None) -> Figure:
-    """Depth of the sea floor in plan."""
+    """Map of the depth of the sea floor."""
     floor = _floor_of(ocean, sea_floor)
     source = (
-        "where the levels end" if sea_floor is None else str(sea_floor.attrs.get("source", "from a file"))
+        "last level with water" if sea_floor is None else str(sea_floor.attrs.get("source", "from a file"))
     )
 
     def draw(axes: Axes, _arrows: int) -> Any:
@@ -144,7 +144,7 @@ def _map(
     *,
     invert: bool = False,
 ) -> Figure:
-    """Map of the ocean's window, in which a kilometre is as long northward as eastward at the middle."""
+    """Map of the ocean's window, with equal scales northward and eastward at its middle."""
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     shape = map_shape(lat, lon)
     wide = shape < 1.1
@@ -166,7 +166,7 @@ def _map(
 
 
 def map_shape(lat: style.Array, lon: style.Array) -> float:
-    """Height of a map by its width, in which a kilometre is as long northward as eastward at the middle."""
+    """Ratio of height to width of a map with equal scales northward and eastward at its middle."""
     return _stretch(lat) * float((lat[-1] - lat[0]) / (lon[-1] - lon[0]))
 
 
@@ -185,7 +185,7 @@ def lay_out_map(axes: Axes, lat: style.Array, lon: style.Array, *, ticks: int) -
 
 
 def _stretch(lat: style.Array) -> float:
-    """Degrees of longitude as long as one of latitude, at the middle."""
+    """Number of degrees of longitude with the length of one degree of latitude, at the middle."""
     return 1.0 / max(float(np.cos(np.radians(0.5 * (lat[0] + lat[-1])))), 0.02)
 
 
@@ -226,12 +226,12 @@ class _Cut(NamedTuple):
     speed: style.Array
     """Shape (depth, along), NaN below the sea bed. [m/s]"""
     filled: style.Array
-    """The same, carried on beneath it as `to_local` does. [m/s]"""
+    """Sound speed extended below the sea bed as in `to_local`. [m/s]"""
     bed_along: style.Array
     bed: style.Array
-    """Sea floor, on an axis of its own. [m]"""
+    """Axis and depth of the sea floor. [degrees, m]"""
     crossing: float
-    """Where the other section crosses. [degrees]"""
+    """Position of the other section. [degrees]"""
     title: str
 
 
@@ -239,7 +239,7 @@ class _Cut(NamedTuple):
 def sound_speed_sections(
     ocean: xr.Dataset, place: tuple[float, float], header: str, sea_floor: xr.DataArray | None = None
 ) -> Figure:
-    """Sound speed along a parallel and a meridian through a place, upper part and all depths."""
+    """Sections of the sound speed along a parallel and a meridian through a place: upper part and all depths."""
     depth = np.asarray(ocean["depth"].values, dtype=float)
     cuts = _cuts(ocean, place, _floor_of(ocean, sea_floor))
     known = np.any([np.isfinite(cut.speed).any(axis=1) for cut in cuts], axis=0)
@@ -290,7 +290,7 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
 
 
 def _draw_section(axes: Axes, depth: style.Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
-    """Sound speed as filled contours, which go on under the bed so that their edge is the bed's; then the bed."""
+    """Draw sound speed as filled contours, extended below the sea bed so that the bed covers their edge, then the bed."""
     axes.grid(visible=False)
     along, bed = cut.along, cut.bed
     levels = np.linspace(*span, 41) if span[1] > span[0] else np.array([span[0] - 0.5, span[0] + 0.5])
@@ -320,13 +320,13 @@ def _along(floor: xr.DataArray, axis: str, at: float) -> tuple[style.Array, styl
 
 
 def _widths(lat: style.Array, lon: style.Array) -> list[float]:
-    """Ratio of the panels' widths: by length in kilometres, within reason."""
+    """Ratio of the panels' widths: that of their lengths in kilometres, with limits."""
     east = (lon[-1] - lon[0]) * float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
     return [float(np.clip(east / (lat[-1] - lat[0]), 0.7, 1.5)), 1.0]
 
 
 def _floor_of(ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.DataArray:
-    """Sea floor to draw, longitudes as the ocean counts them."""
+    """Sea floor for the drawing, in the ocean's window of longitudes."""
     if sea_floor is None:
         return sea_floor_depth(ocean)
     middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
@@ -340,7 +340,7 @@ def _nearest(axis: style.Array, value: float) -> int:
 
 
 def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
-    """Write values on contour lines, readable on light and on dark, away from the frame and each other."""
+    """Write values on contour lines, readable on light and dark colours, away from the frame and each other."""
     to_axes = axes.transData + axes.transAxes.inverted()
     places: list[style.Array] = []
     for path in lines.get_paths():
@@ -374,7 +374,7 @@ def finish_bar(bar: Colorbar, label: str) -> None:
 
 
 def longitude_label(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
-    """As ``140W``, from degrees of any window."""
+    """Label such as ``140W``, from degrees of any window."""
     turned = round(wrapped(value), digits)
     side = "" if turned in (0.0, -180.0, 180.0) else "W" if turned < 0.0 else "E"
     return f"{abs(turned):g}{unit}{side}".rstrip()

@@ -1,4 +1,4 @@
-"""A page: what is on it, in one record for all kinds of results; one template lays it out, and its files are made here."""
+"""Content of a page, in one record for all kinds of results, its layout by one template, and its files."""
 
 import gzip
 from base64 import b64encode
@@ -20,7 +20,7 @@ _MOST_ROWS = 500  # of a table on a page
 
 
 class Card(NamedTuple):
-    """A number that a page opens with: what it is, its value with its unit, and a remark."""
+    """A number at the top of a page: its name, its value with unit, and a remark."""
 
     name: str
     value: str
@@ -28,7 +28,7 @@ class Card(NamedTuple):
 
 
 class Explorer(NamedTuple):
-    """An interactive part of a page: its kind, which is the name of its template and of its script, and its data as JSON."""
+    """An interactive part of a page: its kind, which names its template and its script, and its data as JSON."""
 
     kind: str
     data: str
@@ -69,7 +69,7 @@ class Page:
     references: Sequence[str] = ()
 
     def html(self) -> str:
-        """Page as one file, which loads nothing but links to its tables and figures; everything in it is escaped."""
+        """Page as one HTML file that loads no other files; it links to its tables and figures. All text is escaped."""
         loader = PackageLoader("pymantaray.report", "templates")
         environment = Environment(
             loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -83,7 +83,7 @@ class Page:
         return environment.get_template("page.html").render(page=self) + "\n"
 
     def files(self, formats: Sequence[str] = ()) -> dict[str, bytes]:
-        """Files of a report by their names: tables as CSV and, if asked for, LaTeX; figures; the page."""
+        """Files of a report by name: tables as CSV and optionally LaTeX, figures, and the page."""
         own = [*self.first_tables, *self.tables]
         content = {f"{TABLES}/{t.name}.csv": t.to_csv().encode() for t in (*own, *self.other_tables)}
         if "tex" in formats:
@@ -93,7 +93,7 @@ class Page:
         return content | {PAGE: self.html().encode()}
 
     def write(self, folder: str | Path) -> Path:
-        """Write the page alone into a folder that has its tables and figures, whole or not at all; its path."""
+        """Write the page atomically into a folder with its tables and figures; return its path."""
         out = Path(folder) / PAGE
         with whole_file(out) as temporary:
             temporary.write_text(self.html(), encoding="utf-8")
@@ -101,7 +101,7 @@ class Page:
 
 
 def origin_table(record: Any, caption: str, file: str) -> ResultTable:
-    """Table of the entries of a JSON file that says how results were made."""
+    """Table of the entries of a JSON file with the origin of the results."""
     rows = pd.DataFrame(entries(record), columns=["entry", "value"])
     return ResultTable("origin", rows, caption, file=file)
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pymantaray.report import style
-from pymantaray.report.figures import Results
+from pymantaray.report.figures import RunResults
 from pymantaray.report.figures_fleet import draw_plan
 from pymantaray.report.figures_ocean import RAY_KINDS, draw_profile
 from pymantaray.report.figures_ranging import draw_range_errors
@@ -36,7 +36,7 @@ class RunPlots:
     """
 
     def __init__(self, run: "Run") -> None:
-        self._results = Results(run)
+        self._results = RunResults(run)
 
     def range_error(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
         """
@@ -116,7 +116,7 @@ class RunPlots:
 
     def sound_speed(self, ax: Axes | None = None) -> Axes:
         """
-        Plot the sound speed of the region against depth: mean, and least to greatest shaded.
+        Plot the sound speed of the region against depth: mean, and range from minimum to maximum shaded.
 
         Parameters
         ----------
@@ -136,7 +136,20 @@ class RunPlots:
 
 
 def medium(medium: "Medium", ax: Axes | None = None) -> Axes:
-    """Plot the sound speed in the columns of a medium against depth: mean, and least to greatest shaded."""
+    """
+    Plot the sound speed in the columns of a medium against depth: mean, and range from minimum to maximum shaded.
+
+    Parameters
+    ----------
+    medium : Medium
+        Medium.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; by default new ones.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
     axes = _axes(ax)
     speed = medium.sound_speed.reshape(-1, medium.depth.size)
     axes.fill_betweenx(
@@ -153,7 +166,20 @@ def medium(medium: "Medium", ax: Axes | None = None) -> Axes:
 
 
 def rays(paths: "RayPaths", ax: Axes | None = None) -> Axes:
-    """Plot depth of rays over the horizontal distance from their first node, in the looks of their reflections."""
+    """
+    Plot the depth of rays over the horizontal distance from their first node, with line styles by reflection.
+
+    Parameters
+    ----------
+    paths : RayPaths
+        Rays.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; by default new ones.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
     axes, used = _axes(ax), set[int]()
     starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     for rows in np.split(np.arange(paths.arrival.size), starts[1:]):

@@ -1,4 +1,4 @@
-"""Rays of links over the sound speed that they run through, as a figure of their own."""
+"""Figure of the rays of links in sections of the sound speed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,34 +15,35 @@ def write_ray_plot(
     pictures: Sequence[xr.Dataset], out: str | Path, *, titles: Sequence[str], header: str = ""
 ) -> Path:
     """
-    Draw rays of links below each other, over one scale of sound speed.
+    Draw the rays of links in panels below each other, with a common scale of sound speed.
 
     Parameters
     ----------
     pictures : sequence of xarray.Dataset
-        From `pymantaray.acoustics.ray_picture`, one a link.
+        Sections from `pymantaray.acoustics.ray_picture`, one per link.
     out : str or pathlib.Path
-        PNG or PDF by its ending; replaced if it is there.
+        File with the suffix ``.png`` or ``.pdf``; an existing file is replaced.
     titles : sequence of str
-        What is written above each; when its first ray arrives, or why none does, is added.
+        Titles of the panels; the function adds the time of the first arrival, or the reason for its absence.
     header : str
-        Small line on top, which says what water it is.
+        Small line on top that describes the water.
 
     Returns
     -------
     pathlib.Path
+        The file.
 
     Raises
     ------
     ReportError
-        If the ending is another.
+        If the file has another suffix.
     WriteError
-        If it cannot be written.
+        If the file cannot be written.
     """
     out = Path(out)
     kind = out.suffix.removeprefix(".")
     if kind not in ("png", "pdf"):
-        raise ReportError(f"{out.name}: a figure ends in .png or .pdf")
+        raise ReportError(f"{out.name}: a figure must have the suffix .png or .pdf")
     content = rendered(rays_of_links(pictures, titles, header), (kind,))[kind]
     with whole_file(out) as temporary:
         temporary.write_bytes(content)

@@ -46,24 +46,25 @@ def write_replay(
     progress: Progress | None = None,
 ) -> Path:
     """
-    Write tables, figures and page of a replay into a folder of their own.
+    Write tables, figures and page of a replay into a new folder.
 
     Parameters
     ----------
     replay : Replay
+        Events with predicted arrivals.
     out : str or pathlib.Path, optional
-        Folder, new or empty; by default a new one in ``runs``.
+        New or empty folder. Default: a new folder in ``runs``.
     made_by : dict, optional
-        How it was made, for ``replay.json`` and the page.
+        Origin of the results, such as version and command, for ``replay.json`` and the page.
     formats : sequence of str
-        What is written for a paper besides: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
     progress : callable, optional
-        Called with ``"report"``, the parts done and the parts there are.
+        Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV), ``figures`` and ``replay.json``.
+        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures`` and ``replay.json``.
 
     Raises
     ------
@@ -118,21 +119,21 @@ def _cards(replay: Replay) -> list[Card]:
     near = int(replay.events["near_limit"].sum())
     switching = replay.switching.iloc[0]
     return [
-        Card("Predicted", f"{every['predicted']:,} of {every['events']:,}", ", ".join(lost) or "all of them"),
+        Card("Predicted", f"{every['predicted']:,} of {every['events']:,}", ", ".join(lost) or "all events"),
         Card("Median size of the residual", metres(every["median_size_m"]), size),
         Card(
             "Median residual",
             signed_metres(every["median_m"]),
-            "measured less predicted, clocks not taken off",
+            "measured minus predicted, without correction of clocks",
         ),
         Card(
             "Changes of candidate",
-            f"{show(100.0 * switching['rate'])} %" if switching["steps"] else "none to be seen",
+            f"{show(100.0 * switching['rate'])} %" if switching["steps"] else "unobservable",
             f"{show(100.0 * switching['independent_rate'])} % if independent; {switching['steps']:,} steps"
             if switching["steps"]
-            else "residuals do not tell candidates apart",
+            else "residuals cannot separate candidates",
         ),
-        Card("Near a limit", f"{near:,} events", "another limit, 1 dB off, changes the pick"),
+        Card("Near a limit", f"{near:,} events", "a limit 1 dB higher or lower changes the arrival"),
     ]
 
 
@@ -141,25 +142,25 @@ def _figure_specs(replay: Replay) -> list[FigureSpec]:
     return [
         FigureSpec(
             "residual_range",
-            "Residual of each event, measured less predicted, over straight distance; colours are the bounces of the predicted"
+            "Residual of each event, measured minus predicted, over straight distance; colours are the bounces of the predicted"
             " arrival. Lines: median of each range class with its 95 % interval over pairs.",
             lambda: residuals_over_range(replay.events, replay.summary, header),
         ),
         FigureSpec(
             "residual_time",
-            f"Residuals over time of the {_MOST_PAIRS} pairs with most events; one colour a direction. Steps from one level to"
-            " another are other candidates, a gap between the directions is twice a difference of clocks.",
+            f"Residuals over time of the {_MOST_PAIRS} pairs with most events; one colour per direction. A step between two levels"
+            " is a change of candidate; a gap between the directions is twice the difference of the clocks.",
             lambda: residuals_over_time(replay.events, header),
         ),
         FigureSpec(
             "residual_histogram",
-            "Distribution of residuals: of the predicted arrivals as they are, and of the candidates nearest to each event with"
-            f" the clocks taken off; the middle {_BEYOND:g} % of each.",
+            "Distribution of residuals: of the predicted arrivals without correction, and of the candidate nearest to each event"
+            f" with corrected clocks; the middle {_BEYOND:g} % of each.",
             lambda: residual_histograms(replay.events, replay.taken, header),
         ),
         FigureSpec(
             "coverage",
-            "Events by range, depths and pair: how many have a predicted arrival, and why the others have none.",
+            "Events by range, depths and pair: share with a predicted arrival, and reasons for its absence.",
             lambda: coverage_bars(replay.summary, header),
         ),
     ]
@@ -167,7 +168,7 @@ def _figure_specs(replay: Replay) -> list[FigureSpec]:
 
 @style.styled
 def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: str) -> Figure:
-    """Residuals against distance, all of them and their middle, by bounces."""
+    """Residuals against distance by bounces: all residuals, and their middle part."""
     figure = style.new_figure(style.DOUBLE, 3.0, header)
     whole, middle = figure.subplots(1, 2, sharex=True)
     known = events[events["residual_m"].notna()]
@@ -204,7 +205,7 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
     middle.set_ylim(-reach, reach)
     whole.set_ylabel("Residual [m]")
     style.panel_title(whole, "a", "all events")
-    style.panel_title(middle, "b", "the same, nine tenths of them")
+    style.panel_title(middle, "b", "middle nine tenths")
     style.common_legend(figure, whole.get_legend_handles_labels()[0], markerscale=3)
     return figure
 
@@ -257,12 +258,12 @@ def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
 
 @style.styled
 def residual_histograms(events: pd.DataFrame, taken: pd.DataFrame, header: str) -> Figure:
-    """Residuals of predicted arrivals and of candidates taken."""
+    """Histograms of the residuals of predicted arrivals and of selected candidates."""
     figure = style.new_figure(style.DOUBLE, 2.5, header)
     raw, clean = figure.subplots(1, 2)
     for axes, letter, words, values in (
         (raw, "a", "predicted arrival", 1e3 * events["residual_s"].dropna()),
-        (clean, "b", "candidate taken, clocks off", 1e3 * taken["taken_residual_s"].dropna()),
+        (clean, "b", "nearest candidate, clocks corrected", 1e3 * taken["taken_residual_s"].dropna()),
     ):
         style.panel_title(axes, letter, words)
         axes.set_xlabel("Residual [ms]")
@@ -281,7 +282,7 @@ def residual_histograms(events: pd.DataFrame, taken: pd.DataFrame, header: str) 
 
 @style.styled
 def coverage_bars(summary: pd.DataFrame, header: str) -> Figure:
-    """Share of the events of each group that has a predicted arrival, and why not."""
+    """Share of the events of each group with a predicted arrival, and reasons for its absence."""
     kinds = ("range", "depths", "pair")
     sizes = [min(int((summary["by"] == kind).sum()), 24) for kind in kinds]
     figure = style.new_figure(style.DOUBLE, 0.9 + 0.16 * max(sizes), header)

@@ -14,28 +14,27 @@ from pymantaray.records.glossary import GLOSSARY, explained
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 from pymantaray.report.explore import explorer
-from pymantaray.report.figures import Results
+from pymantaray.report.figures import RunResults
 from pymantaray.report.page import Card, Explorer, Page, Picture, origin_table
 from pymantaray.report.style import clock, condition_label
 from pymantaray.study.mission import earth_note
 from pymantaray.study.store import CONFIG
 
 SYNTHETIC_NOTE = (
-    "The ocean of this study is synthetic: it is made from published water masses, not from measurements or a"
-    " forecast of the day. Its numbers say what such an ocean does, not what the real one did."
+    "The ocean of this study is synthetic: it is composed of published water masses, not of measurements or a"
+    " forecast. The results are valid for such an ocean, not for the real ocean on a day."
 )
 _CONDITIONS = {
-    "odometry": "the noisy odometry, composed from the first pose",
-    "straight": "the fleet's factor graph with straight distances plus noise as ranges",
-    "refracted": "the same graph, noise and links with ranges as a modem reports them: travel time times the sound speed"
-    " at the transmitter",
-    "straight-all": "straight ranges of all attempts, none of them lost",
+    "odometry": "noisy odometry, integrated from the first pose",
+    "straight": "factor graph of the fleet; ranges are straight distances plus noise",
+    "refracted": "same graph, noise and links; ranges are those of a modem: travel time times the sound speed at the transmitter",
+    "straight-all": "straight ranges of all attempts, without dropouts",
     "no-ranges": "the graph without ranges",
 }
 
 
-def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> Page:
-    """Page of a run with its drawn figures; rays are those of `mission_rays`."""
+def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Page:
+    """Page of a run with its figures; ``rays`` is the result of `mission_rays`."""
     run, config = results.run, results.run.config
     mission = f"{results.region}: {run.truth.name.size} vehicles, {config.mission.duration_h:g} h"
     if config.solves:
@@ -57,7 +56,7 @@ def run_page(results: Results, pictures: Sequence[Picture], rays: str) -> Page:
     )
 
 
-def _provenance(results: Results) -> list[str]:
+def _provenance(results: RunResults) -> list[str]:
     """Version, water, seed, time and command of the run, and the command that repeats it."""
     manifest, time = results.run.manifest, str(results.run.ocean.attrs.get("time", ""))
     version, made = manifest["versions"].get("pymantaray"), manifest.get("made")
@@ -70,11 +69,11 @@ def _provenance(results: Results) -> list[str]:
     lines = [", ".join(facts)]
     if made is not None and made["command"]:
         lines.append(f"Command: {made['command']}")
-    return [*lines, "Again with: mantaray study run config.toml"]
+    return [*lines, "Repeat with: mantaray study run config.toml"]
 
 
-def _words(results: Results) -> list[str]:
-    """Conditions of the run and words of its tables, each with its meaning."""
+def _words(results: RunResults) -> list[str]:
+    """Conditions of the run and terms of its tables, each with its meaning."""
     tables = results.tables
     causes = tables["dropouts"].frame.set_index("category").loc[ALL_LINKS]
     used = [str(name) for name in causes.index if name in GLOSSARY and causes[name] > 0]
@@ -89,7 +88,7 @@ def _words(results: Results) -> list[str]:
     return [*lines, *explained(used)]
 
 
-def _citation(results: Results) -> tuple[str, str]:
+def _citation(results: RunResults) -> tuple[str, str]:
     """Citation of the run, as text and as BibTeX: the program, its version, and the command that repeats the run."""
     run, manifest = results.run, results.run.manifest
     versions = manifest["versions"]
@@ -107,7 +106,7 @@ def _citation(results: Results) -> tuple[str, str]:
     return f"{words}{f' on {made}' if made else ''}.", "\n".join(lines)
 
 
-def headlines(results: Results) -> list[Card]:
+def headlines(results: RunResults) -> list[Card]:
     """Cards of the ranges, and of the estimates if there are any."""
     tables = results.tables
     drop = _row(tables["dropouts"], category=ALL_LINKS)
@@ -120,7 +119,9 @@ def headlines(results: Results) -> list[Card]:
         Card("Ranges received", f"{results.received:,} of {results.attempts:,}", dropouts),
         Card("Mean range error", signed_metres(total["mean_m"]), spread),
         Card(
-            "Mean bending", signed_metres(bending["mean_m"]), "the rest of the range error is reference speed"
+            "Mean bending",
+            signed_metres(bending["mean_m"]),
+            "the remaining range error is due to the reference speed",
         ),
     ]
     if results.run.config.solves:
@@ -144,8 +145,8 @@ def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
     return cards
 
 
-def warnings_of(results: Results) -> list[str]:
-    """Warnings about unhealthy solves, vehicles that stopped and a flat Earth, a line each."""
+def warnings_of(results: RunResults) -> list[str]:
+    """Warnings about unhealthy solves, stopped vehicles and a flat Earth, one line each."""
     none = pd.DataFrame(columns=["condition", "status"])
     solves, lines = results.tables["solves"].frame if "solves" in results.tables else none, []
     for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
@@ -161,7 +162,7 @@ def warnings_of(results: Results) -> list[str]:
 
 
 def _row(table: ResultTable, **where: str) -> dict[str, Any]:
-    """Row of a table that has these values."""
+    """Row of a table with these values."""
     frame = table.frame
     (row,) = frame[np.logical_and.reduce([frame[key] == value for key, value in where.items()])].to_dict(
         "records"

@@ -1,4 +1,4 @@
-"""One look for all figures: colours, words and pieces that they share, under ``mantaray.mplstyle``; and their files."""
+"""Common style of all figures: colours, labels and elements, with ``mantaray.mplstyle``; and their files."""
 
 import functools
 import warnings
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 COLUMN, DOUBLE = 84.0 / 25.4, 174.0 / 25.4
 """Widths of one column and of both in journals: 84 and 174 mm. [in]"""
 HEADER_LINE = 4
-"""Entries of a legend that fit beside the header over both columns."""
+"""Maximum number of legend entries on the line of the header, for figures over both columns."""
 
 BLUE, ORANGE, GREEN, SKY, PINK = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#CC79A7"  # Okabe and Ito
 INK, GREY, PALE, BAND = "#1a1a1a", "#6b6b6b", "#c8c8c8", "#dcdcdc"
@@ -64,7 +64,7 @@ CONDITION_LABELS = {
 }
 _MORE_COLOURS = (PINK, "#882255", "#332288", "#999933", "#44AA99", "#AA4499")  # after Okabe and Ito, Tol
 DISTINCT = len(_MORE_COLOURS)
-"""Conditions besides the study's own that have a colour each."""
+"""Number of estimators with a colour of their own."""
 _MOST_DECADES = 9  # ticks at powers of ten
 _PER_LINE = 5  # entries of a legend below the panels
 _MARKERS = "osD^v<>phd"
@@ -79,7 +79,7 @@ _R = TypeVar("_R")
 
 
 def _stretch(colormap: Colormap, low: float, high: float) -> Colormap:
-    """Part of a colour map on which lines can be read."""
+    """Part of a colour map on which lines are visible."""
     return LinearSegmentedColormap.from_list(colormap.name, colormap(np.linspace(low, high, 256)))
 
 
@@ -92,7 +92,7 @@ FLOOR = _stretch(cmocean.cm.deep, 0.04, 0.85)
 
 
 def styled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Make or save a figure under the common style, whatever the user's own settings are."""
+    """Decorator that makes or saves a figure with the common style, independent of the user's settings."""
 
     @functools.wraps(function)
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -104,9 +104,9 @@ def styled(function: Callable[_P, _R]) -> Callable[_P, _R]:
 
 def new_figure(width: float, height: float, header: str, *, layout: str | None = "constrained") -> Figure:
     """
-    Empty figure, in inches, with a small line on top that says which water it shows; unknown to pyplot.
+    Empty figure with a size in inches and a small header that describes the water; pyplot does not know it.
 
-    Without a layout engine axes are placed by hand, as three-dimensional ones must be.
+    Without a layout engine, the caller places the axes, which is necessary for three-dimensional ones.
     """
     figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
@@ -117,7 +117,7 @@ def new_figure(width: float, height: float, header: str, *, layout: str | None =
 
 
 def ocean_header(attrs: Mapping[Any, Any]) -> str:
-    """One line on the water that a figure shows; a synthetic ocean is always called that."""
+    """One line about the water of a figure; it always marks a synthetic ocean."""
     parts = [short(ocean_name(attrs), _FITS_ABOVE)]
     if is_synthetic(attrs):
         parts.append("synthetic ocean")
@@ -137,12 +137,12 @@ def is_synthetic(attrs: Mapping[Any, Any]) -> bool:
 
 
 def short(name: str, fits: int = _FITS) -> str:
-    """Name cut to what fits on a figure, with an ellipsis if something was cut."""
+    """Name shortened to fit on a figure, with an ellipsis if it was too long."""
     return name if len(name) <= fits else name[: fits - 1].rstrip() + "…"
 
 
 def shortened(names: Sequence[str]) -> list[str]:
-    """Names cut to what fits on a figure and still unlike: at their ends, else before their last letters, else numbered."""
+    """Distinct names shortened to fit on a figure: at their ends, otherwise in their middle, otherwise with numbers."""
     half = _FITS // 2
     middle = [name if len(name) <= _FITS else f"{name[: half - 1]}…{name[-half:]}" for name in names]
     numbered = [f"{i}: {short(name, _FITS - 5)}" for i, name in enumerate(names, 1)]
@@ -151,29 +151,29 @@ def shortened(names: Sequence[str]) -> list[str]:
 
 
 def clock(hours: float) -> str:
-    """Time since the start in hours and minutes, and in seconds if there are some."""
+    """Time since the start in hours and minutes, with seconds if they are not zero."""
     seconds = round(3600.0 * hours)
     text = f"{seconds // 3600} h {seconds // 60 % 60:02d} min"
     return f"{text} {seconds % 60:02d} s" if seconds % 60 else text
 
 
 def plain(text: str) -> str:
-    """Text as matplotlib shows it literally: dollar signs start no mathematics."""
+    """Text for matplotlib with escaped dollar signs, which would start mathematics."""
     return text.replace("$", r"\$")
 
 
 def condition_label(name: str) -> str:
-    """Words for a ranging condition; the name itself for an estimator's."""
+    """Label of a ranging condition; for an estimator, its name."""
     return CONDITION_LABELS.get(name, name)
 
 
 def condition_line(name: str) -> Any:
-    """Line style of a ranging condition: what lies under another shows through its gaps."""
+    """Line style of a ranging condition; lines below it are visible through its gaps."""
     return _CONDITION_LINES.get(name, "-")
 
 
 def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Colour and marker of each of a run's conditions, the same on all its figures; colours come again after `DISTINCT` estimators."""
+    """Colour and marker of each condition of a run, the same on all its figures; colours repeat after `DISTINCT` estimators."""
     more, markers = cycle(_MORE_COLOURS), cycle(_MARKERS)
     return {
         name: (CONDITION_COLOURS[name] if name in CONDITION_COLOURS else next(more), next(markers))
@@ -182,12 +182,12 @@ def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def vehicle_colours(count: int) -> list[str]:
-    """A colour each for vehicles, which come again after the eleventh."""
+    """Colours of vehicles, which repeat after the eleventh."""
     return list(islice(cycle((BLUE, ORANGE, GREEN, PINK, SKY, *_MORE_COLOURS[1:], GREY)), count))
 
 
 def letter(panel: int) -> str:
-    """Letter of a panel by its number: a to z, and again."""
+    """Letter of a panel by its number; letters repeat after z."""
     return ascii_lowercase[panel % len(ascii_lowercase)]
 
 
@@ -197,7 +197,7 @@ def panel_title(axes: Axes, letter: str, text: str) -> None:
 
 
 class LogTicks(LogLocator):
-    """Ticks of a logarithmic axis: powers of ten, else 1, 2 and 5 of each decade, else even steps; always at least two."""
+    """Ticks of a logarithmic axis, at least two: powers of ten, otherwise 1, 2 and 5 of each decade, otherwise equal steps."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Ticks from one value to another."""
@@ -214,7 +214,7 @@ class LogTicks(LogLocator):
 
 
 def short_numbers(axis: Axis) -> None:
-    """Write major ticks of a logarithmic axis, and only these: as 0.1, 1, 10, on an axis up to 100,000 and more as powers of ten."""
+    """Label only the major ticks of a logarithmic axis: as 0.1, 1, 10, or as powers of ten if it extends to 100,000 or more."""
     powers = LogFormatterMathtext()
     powers.set_axis(axis)
 
@@ -227,17 +227,17 @@ def short_numbers(axis: Axis) -> None:
 
 
 def entry(label: str, **look: Any) -> Line2D:
-    """Line or marker that stands in a legend only."""
+    """Line or marker for a legend only."""
     return Line2D([], [], label=label, **look)
 
 
 def legend_lines(entries: int) -> int:
-    """Lines of `common_legend` below the panels; 0 where it stands beside the header."""
+    """Number of lines of `common_legend` below the panels; 0 if it is on the line of the header."""
     return 0 if entries <= HEADER_LINE else -(-entries // _PER_LINE)
 
 
 def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> None:
-    """Legend for all panels: on the line of the header where it fits there, else below the panels."""
+    """Legend for all panels: on the line of the header if it fits, otherwise below the panels."""
     if legend_lines(len(handles)):
         below = "lower center" if figure.get_layout_engine() is None else "outside lower center"
         place: dict[str, Any] = {"loc": below, "ncols": min(len(handles), _PER_LINE)}
@@ -247,7 +247,7 @@ def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> 
 
 
 def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
-    """Entries of a figure's common legend as text: a sign, its colour, and the words; for pages too narrow for the figure."""
+    """Entries of a figure's common legend as sign, colour and text, for pages that are too narrow for the figure."""
     entries = []
     for legend in figure.legends:
         for handle, words in zip(legend.legend_handles, legend.get_texts(), strict=True):
@@ -263,7 +263,7 @@ def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
 
 
 def note(axes: Axes, text: str) -> None:
-    """Say in the middle of a panel why it is empty."""
+    """Write the reason for an empty panel in its middle."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
 
 
@@ -273,7 +273,7 @@ def halo() -> list[AbstractPathEffect]:
 
 
 def freeze_layout(figure: Figure) -> None:
-    """Lay a figure out once and for all, so that drawing it again does not."""
+    """Lay out a figure once; later drawing keeps this layout."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
@@ -282,7 +282,7 @@ def freeze_layout(figure: Figure) -> None:
 
 @styled
 def rendered(figure: Figure, kinds: Sequence[str], *, dpi: float | None = None) -> dict[str, bytes]:
-    """Figure as files of these kinds, ``png``, ``pdf`` and ``svg``, the same bytes each time; dots per inch by default those of the style."""
+    """Figure as files of some of the kinds ``png``, ``pdf`` and ``svg``, always with the same bytes; default dots per inch: the style's."""
     metadata: dict[str, dict[str, Any]] = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -302,12 +302,12 @@ def write_figures(
     folder: str | Path,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Draw figures, each by its name, and write them as PNG and PDF into a folder, which is made if it is not there."""
+    """Draw figures by name and write them as PNG and PDF into a folder, which is created if necessary."""
     target, written = Path(folder), list[Path]()
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WriteError(f"{folder}: cannot be made: {error.strerror or error}") from None
+        raise WriteError(f"{folder}: cannot be created: {error.strerror or error}") from None
     for i, (name, figure) in enumerate(draw.items()):
         for kind, content in rendered(figure(), ("png", "pdf")).items():
             written.append(target / f"{name}.{kind}")

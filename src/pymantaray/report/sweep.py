@@ -1,4 +1,4 @@
-"""Page of a sweep: every number of its table over every swept field."""
+"""Page of a sweep, with an interactive plot of all results over all swept fields."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,23 +19,23 @@ def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | P
     Parameters
     ----------
     table : pandas.DataFrame
-        From `pymantaray.sweep.SweepResults.table`.
+        Table from `pymantaray.sweep.SweepResults.table`.
     fields : sequence of str
-        Columns that were swept.
+        Swept columns.
     folder : str or pathlib.Path
-        Where ``table.csv`` is.
+        Folder with ``table.csv``.
     title : str
         Name of the sweep.
 
     Returns
     -------
     pathlib.Path
-        ``index.html``, whole by itself.
+        ``index.html``, one file with all its scripts and data.
 
     Raises
     ------
     WriteError
-        If it cannot be written.
+        If the page cannot be written.
     """
     numbers = [
         str(name)

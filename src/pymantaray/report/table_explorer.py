@@ -1,4 +1,4 @@
-"""Interactive plot of a table, any of its numbers over any of its fields, on pages of sweeps, comparisons and replays."""
+"""Interactive plot of any number of a table over any of its fields, on pages of sweeps, comparisons and replays."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,17 +12,17 @@ from pymantaray.report.explore import as_json
 from pymantaray.report.page import Explorer
 from pymantaray.study.settings import key_heading
 
-_ROWS = 20_000  # that are shown, evenly from the table
+_ROWS = 20_000  # rows in the plot, at equal spacing in the table
 
 
 def table_explorer(
     table: pd.DataFrame, up: Sequence[str], across: Sequence[str], each: Sequence[str], *, lines: bool = True
 ) -> Explorer | None:
     """
-    Interactive plot of a table; None if it has nothing to show.
+    Interactive plot of a table; None if the table has no numbers for it.
 
-    ``up`` are numbers that can be shown, ``across`` the columns that they can be shown over, ``each`` those by which rows are told apart,
-    the first of them from the start.
+    ``up`` are columns for the vertical axis, ``across`` columns for the horizontal axis, and ``each`` columns that can divide the
+    rows into series; the first of ``each`` is the initial choice.
     """
     up = [name for name in up if pd.to_numeric(table[name], errors="coerce").notna().any()]
     if not len(table) or not up or not across:
@@ -56,7 +56,7 @@ def _condition_colours(table: pd.DataFrame) -> dict[str, str]:
 
 
 def _values(column: "pd.Series[Any]", *, number: bool) -> list[object]:
-    """Numbers with six digits, all else as text."""
+    """Numbers with six digits, other values as text."""
     values = pd.to_numeric(column, errors="coerce")
     if number or values.notna().all():
         return [float(f"{value:.6g}") for value in values]

@@ -1,4 +1,4 @@
-"""A run's report in its folder: tables, figures and page, all new or all as they were."""
+"""Report of a run in its folder: tables, figures and page, replaced atomically."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,7 +8,7 @@ from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
 from pymantaray.report.explore import mission_rays
-from pymantaray.report.figures import FigureSpec, Results, find_figures, run_figure_specs
+from pymantaray.report.figures import FigureSpec, RunResults, find_figures, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
 from pymantaray.report.page import Picture
 from pymantaray.report.run_page import run_page
@@ -23,27 +23,26 @@ def write_report(
     run_dir: str | Path, *, formats: Sequence[str] = (), progress: Progress | None = None
 ) -> Path:
     """
-    Write tables, figures and page of a run into its folder; an earlier report there is replaced.
+    Write tables, figures and page of a run into its folder; an existing report is replaced.
 
     Parameters
     ----------
     run_dir : str or pathlib.Path
         Folder of a run.
     formats : sequence of str
-        What is written for a paper besides: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
     progress : callable, optional
-        Called with ``"report"``, the parts done and the parts there are.
+        Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``; beside it ``tables`` (CSV) and ``figures`` (PNG, and the formats asked for).
+        The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and the additional formats).
 
     Raises
     ------
     MantaRayError
-        If the folder is no run, a file of it is damaged, or nothing can be written; then the folder is as
-        it was.
+        If the folder is not a run, a file of the run is damaged, or a file cannot be written. The folder does not change then.
     """
     maker = ReportMaker(formats=formats)
     run = open_run(run_dir)
@@ -53,7 +52,7 @@ def write_report(
 
 
 def checked_formats(formats: Sequence[str]) -> Sequence[str]:
-    """Formats of a report; an unknown one is refused."""
+    """Formats of a report; raise an error for an unknown one."""
     for name in formats:
         if name not in FORMATS:
             raise ReportError(f"format {name!r}: unknown; allowed: {', '.join(FORMATS)}")
@@ -61,26 +60,26 @@ def checked_formats(formats: Sequence[str]) -> Sequence[str]:
 
 
 class ReportMaker:
-    """Makes a run's report in pieces: what realizations do not change from the folder that the run is written in, then the rest."""
+    """Maker of a run's report in two parts: figures of the mission from the run's working folder, then the rest."""
 
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats, self._drawn = checked_formats(formats), dict[str, Picture]()
         self._rays: str | None = None
 
     def import_all(self) -> None:
-        """Find the figures, which import what they need."""
+        """Import all modules with figures and their dependencies."""
         find_figures()
 
     def draw_mission(self, folder: Path) -> None:
-        """Draw what realizations do not change."""
-        results = Results(Run(folder))
+        """Draw the figures that do not depend on the realizations."""
+        results = RunResults(Run(folder))
         specs = run_figure_specs(results, of_mission=True)
         self._drawn = {picture.name: picture for picture in draw(specs, formats=self._formats)}
         self._rays = mission_rays(results)
 
     def make(self, folder: Path, progress: Progress | None = None) -> dict[str, bytes]:
-        """Files of the report of a run that is whole, by their names."""
-        results = Results(open_run(folder))
+        """Files of the report of a finished run, by name."""
+        results = RunResults(open_run(folder))
         pictures = draw(
             run_figure_specs(results), formats=self._formats, drawn=self._drawn, progress=progress
         )
@@ -95,13 +94,13 @@ def draw(
     drawn: Mapping[str, Picture] = MappingProxyType({}),
     progress: Progress | None = None,
 ) -> list[Picture]:
-    """Draw figures one by one, so that only one is in memory."""
+    """Draw figures one after another; only one is in memory at a time."""
     pictures = []
-    told = progress or (lambda *_: None)
-    told("report", 0, len(specs) or 1)
+    notify = progress or (lambda *_: None)
+    notify("report", 0, len(specs) or 1)
     for i, spec in enumerate(specs):
         pictures.append(drawn.get(spec.name) or _picture(spec, formats))
-        told("report", i + 1, len(specs))
+        notify("report", i + 1, len(specs))
     return pictures
 
 

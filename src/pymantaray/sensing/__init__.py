@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pymantaray.sensing.timing import OneWay as OneWay
     from pymantaray.sensing.timing import Timing as Timing
     from pymantaray.sensing.timing import TwoWay as TwoWay
-    from pymantaray.sensing.transmission import Reception as Reception
+    from pymantaray.sensing.transmission import ReceptionOptions as ReceptionOptions
     from pymantaray.sensing.transmission import Transmission as Transmission
     from pymantaray.sensing.transmission import find_receptions as find_receptions
 

@@ -34,7 +34,7 @@ class AttitudeNoise:
     )
 
     def __post_init__(self) -> None:
-        """Refuse half a sensor."""
+        """Raise an error for an incomplete sensor."""
         tilt, heading, bias = (getattr(self, f.name) for f in fields(AttitudeNoise))
         if not (tilt and heading) and (tilt or heading or bias):
             raise SensingError(

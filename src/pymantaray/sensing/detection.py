@@ -72,7 +72,7 @@ class Detector:
         tails: Tails | None = None,
     ) -> Array:
         """
-        Transmission loss at which each arrival is received, at the centre of the sonar's band. [dB]
+        Transmission loss at which each arrival is received, at the centre of the sonar's band.
 
         ``paths`` are from `trace_paths`, None under a rough surface; ``tails`` are from this detector's `tails`.
         """

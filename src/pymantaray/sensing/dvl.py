@@ -15,7 +15,7 @@ from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
 _BEAMS = 4
-_TILT = np.radians(30.0)  # of a beam from the vertical
+_TILT = np.radians(30.0)  # rad; angle of a beam from the vertical
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class DvlNoise:
     dvl_reach: float = level(200.0, "Largest altitude at which beams reach the sea floor. [m]")
 
     def __post_init__(self) -> None:
-        """Refuse half a sensor and impossible probabilities."""
+        """Raise an error for an incomplete sensor and impossible probabilities."""
         if self.dvl_beam_loss > 1.0:
             raise SensingError(
                 f"dvl_beam_loss is {self.dvl_beam_loss:g}; it is a probability: allowed are 0 to 1"
@@ -57,7 +57,7 @@ class DvlNoise:
 
 
 def measure(scene: Scene, noise: DvlNoise) -> Columns:
-    """True velocities between samples that are both within reach of the sea floor."""
+    """True velocities between two samples within reach of the sea floor."""
     truth, sigma = scene.truth, noise.dvl_sigma
     near = np.broadcast_to(np.asarray(scene.altitude) <= noise.dvl_reach, truth.status.shape)
     vehicle, sample = np.nonzero(near[:, :-1] & near[:, 1:] & (sigma > 0.0))

@@ -1,4 +1,4 @@
-"""Exchanges: the receptions of which range attempts consist, and their travel times, one-way or two-way."""
+"""Exchanges: the receptions of each range attempt, one-way or two-way, and their travel times."""
 
 from typing import NamedTuple
 
@@ -13,11 +13,11 @@ from pymantaray.sensing.timing import Leg, OneWay, Timing, half_round_trip, velo
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Velocities = tuple[Array, Array]
-"""Of initiators and of responders, each of shape (n, 3). [m/s]"""
+"""Velocities of initiators and of responders, each of shape (n, 3). [m/s]"""
 
 
 class Exchanges(NamedTuple):
-    """Ping and answer of exchanges, as rows of receptions, -1 without one; one-way only the ping counts."""
+    """Rows of the receptions of ping and answer of exchanges, -1 without one; one-way, only the ping counts."""
 
     ping: Indices
     answer: Indices
@@ -26,7 +26,7 @@ class Exchanges(NamedTuple):
 
 
 class Combinations(NamedTuple):
-    """Every exchange that an attempt can consist of."""
+    """All possible exchanges of attempts."""
 
     attempt: Indices
     exchanges: Exchanges
@@ -36,14 +36,14 @@ def selected_exchanges(receptions: Receptions, links: int, link: Indices, direct
     """
     Return the exchange of the selected receptions of each attempt.
 
-    ``link`` is that of each attempt, -1 without one, ``direction`` that of its ping.
+    ``link`` is the link of each attempt, -1 without one; ``direction`` is the direction of its ping.
     """
     rows = np.pad(receptions.selected_rows(links), ((0, 0), (0, 1)), constant_values=-1)
     return Exchanges(rows[direction, link], rows[1 - direction, link], direction)
 
 
 def all_exchanges(receptions: Receptions, link: Indices, direction: Indices, timing: Timing) -> Combinations:
-    """Return all exchanges of each attempt, whatever is selected; two-way every reception of the ping with every one of the answer."""
+    """Return all exchanges of each attempt, independent of the selection; two-way: all combinations of receptions of ping and answer."""
     attempt = np.flatnonzero(link >= 0)
     row, ping = _expanded(*receptions.rows_of(link[attempt], direction[attempt]))
     attempt = attempt[row]
@@ -56,7 +56,7 @@ def all_exchanges(receptions: Receptions, link: Indices, direction: Indices, tim
 def exchange_times(
     receptions: Receptions, exchanges: Exchanges, timing: Timing, velocity: Velocities
 ) -> Array:
-    """Travel time of each exchange, two-way half of the round trip without the turn-around time; NaN without a reception. [s]"""
+    """Travel time of each exchange; two-way, half of the round trip without the turn-around time; NaN without a reception. [s]"""
     ping, answer, direction = exchanges
     if isinstance(timing, OneWay):
         return values_at(receptions.travel_time, ping)
@@ -65,7 +65,7 @@ def exchange_times(
 
 
 def _leg(receptions: Receptions, rows: Indices, direction: Indices) -> Leg:
-    """One way of exchanges, whose initiator is at the source if the ping goes forth, else at the receiver."""
+    """Leg of exchanges; the initiator is at the source of the link for a ping in direction 0, otherwise at the receiver."""
     at_source = -values_at(receptions.source_slowness, rows)
     at_receiver = values_at(receptions.receiver_slowness, rows)
     back = (direction == Direction.BACK)[:, None]
@@ -77,13 +77,13 @@ def _leg(receptions: Receptions, rows: Indices, direction: Indices) -> Leg:
 
 
 def exchange_values(values: Array, exchanges: Exchanges, timing: Timing) -> tuple[Array, ...]:
-    """Values of receptions at the ping and, two-way, at the answer of each exchange; NaN without one."""
+    """Values of the receptions of ping and, two-way, answer of each exchange; NaN without a reception."""
     used = (exchanges.ping,) if isinstance(timing, OneWay) else (exchanges.ping, exchanges.answer)
     return tuple(values_at(values, rows) for rows in used)
 
 
 def velocities_of(truth: Trajectories, attempts: Attempts, timing: Timing) -> Velocities:
-    """Velocities of the initiator and the responder of each attempt; zero one-way and for landmarks. [m/s]"""
+    """Velocities of initiator and responder of each attempt; zero for one-way ranges and for landmarks. [m/s]"""
     n = 1 + max(attempts.transmitter.max(initial=0), attempts.receiver.max(initial=0), truth.name.size - 1)
     samples, at = np.unique(attempts.sample, return_inverse=True)
     velocity = np.zeros((n, samples.size, 3))
@@ -93,7 +93,7 @@ def velocities_of(truth: Trajectories, attempts: Attempts, timing: Timing) -> Ve
 
 
 def _expanded(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
-    """All numbers of several ranges one after the other, preceded by the row of each number's range."""
+    """Row of the interval of each integer, and the integers of several intervals in succession."""
     count = stop - start
     of = np.repeat(np.arange(count.size), count)
     return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]

@@ -30,7 +30,7 @@ def measure(scene: Scene, noise: GnssNoise) -> Columns:
 
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
-    """Noise; drawn at every sample, so that one more fix changes no other."""
+    """Add noise; the draws are for every sample, so an additional fix does not change other fixes."""
     m = measurements
     noise = np.stack([normal((m.time.size, 3), name, "gnss") for name in m.name])
     return {"gnss_position": m.gnss_position + noise[m.gnss_vehicle, m.gnss_sample] * m.gnss_sigma[:, None]}

@@ -19,8 +19,15 @@ class Landmark:
     """
     A fixed point that receives the vehicles' pings.
 
-    Its name is unique among landmarks and vehicles; its true position is ``(north, east, down)`` in the local frame [m]. ``sigma``
-    replaces the noise model's standard deviation of each axis of the survey; it is large if the fleet has to locate the landmark. [m]
+    Parameters
+    ----------
+    name : str
+        Name, unique among landmarks and vehicles.
+    position : array_like, shape (3,)
+        True position ``(north, east, down)`` in the local frame. [m]
+    sigma : float, optional
+        Standard deviation of each axis of the survey, which replaces that of the noise model. A large value means that the fleet has
+        to locate the landmark. [m]
     """
 
     name: str
@@ -30,7 +37,7 @@ class Landmark:
     def __post_init__(self) -> None:
         """Check and freeze the position."""
         if not self.name:
-            raise SensingError("Landmark: the name is empty; every landmark needs its own name")
+            raise SensingError("Landmark: the name is empty; give every landmark a unique name")
         position = checked_array(SensingError, f"landmark {self.name!r}: position", self.position, (3,))
         if position[2] < 0.0:
             raise SensingError(
@@ -75,7 +82,7 @@ def landmark_positions(landmarks: Sequence[Landmark]) -> Array:
 
 
 def check_names(vehicle_names: Sequence[str], landmarks: Sequence[Landmark]) -> None:
-    """Refuse two participants of one name, which identifies their random streams."""
+    """Raise an error for two participants with the same name, which identifies their random streams."""
     seen = set(vehicle_names)
     for landmark in landmarks:
         if landmark.name in seen:

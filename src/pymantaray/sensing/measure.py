@@ -1,5 +1,7 @@
 """All measurements of a mission, without noise and with the noise of one realization."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -32,10 +34,24 @@ def assemble(
     """
     Return the measurements of a mission without noise, from its ranges.
 
-    ``ranging`` is the result of `measure_ranges` for the same truth and landmarks; the noise model fills the standard
-    deviations. A vehicle has a GNSS fix while it is shallower than ``gnss_depth``, one value or (n_vehicles, n_samples) [m]; 0
-    where there is none, as under ice. ``altitude`` is the height above the sea floor, likewise; by default the vehicles are within
-    reach of it. [m]
+    Parameters
+    ----------
+    truth : Trajectories
+        True poses of the vehicles.
+    landmarks : sequence of Landmark
+        Landmarks.
+    ranging : Ranging
+        Result of `measure_ranges` for the same truth and landmarks.
+    noise : NoiseModel
+        Standard deviations of the measurements.
+    gnss_depth : float or ndarray, shape (n_vehicles, n_samples)
+        Depth above which a vehicle has a GNSS fix; 0 for no fixes, for example under ice. [m]
+    altitude : float or ndarray, shape (n_vehicles, n_samples)
+        Height above the sea floor; by default all vehicles are within reach of it. [m]
+
+    Returns
+    -------
+    Measurements
     """
     check_names(truth.name.tolist(), landmarks)
     scene = Scene(truth, landmarks, gnss_depth, altitude)
@@ -106,9 +122,8 @@ def perturb(
 
     Notes
     -----
-    Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or sensor
-    changes no draw. A range attempt has one draw, detected or not, for both of its ranges. Therefore all conditions have
-    the same noise.
+    Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or sensor does not change any draw.
+    A range attempt has one draw for both of its ranges, detected or not. Therefore all conditions have the same noise.
     """
 
     def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:

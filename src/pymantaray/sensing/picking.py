@@ -1,5 +1,7 @@
 """Mistaken arrivals: candidates of a receiver for the direct arrival, their probabilities and random choice."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
 
@@ -20,10 +22,10 @@ from pymantaray.sensing.timing import ONE_WAY, Timing
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 PickRule = Literal["first-detected", "strongest-detected"]
-_SPREAD_DB = 6.0  # of an arrival's level where no sonar says another
-_FAR_DB = 1e4  # stands for an infinite loss
+_SPREAD_DB = 6.0  # dB; standard deviation of an arrival's level without a sonar
+_FAR_DB = 1e4  # dB; replaces an infinite loss
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
-_TAIL = 8.0  # standard deviations beyond which a normal level does not go
+_TAIL = 8.0  # standard deviations; limit of normal levels in integrals
 
 
 @dataclass(frozen=True)
@@ -76,9 +78,21 @@ class Picker:
 
     def probabilities(self, loss_db: ArrayLike, link: ArrayLike, travel_time: ArrayLike) -> Array:
         """
-        Probability that the receiver takes each arrival; arrivals of the same link compete.
+        Probability that the receiver picks each arrival; arrivals of the same link compete.
 
-        A loss of NaN counts as infinite. Without a sonar only differences within a link matter. [dB]
+        Parameters
+        ----------
+        loss_db : ndarray, shape (n_arrivals,)
+            Transmission loss; NaN counts as infinite. Without a sonar, only differences within a link matter. [dB]
+        link : ndarray of int, shape (n_arrivals,)
+            Link of each arrival.
+        travel_time : ndarray, shape (n_arrivals,)
+            Travel times. [s]
+
+        Returns
+        -------
+        ndarray, shape (n_arrivals,)
+            Probabilities. [-]
         """
         links = np.asarray(link, dtype=np.int64)
         order = np.lexsort((np.asarray(travel_time, dtype=float), links))
@@ -109,7 +123,7 @@ class Picker:
 
 
 def by_rank(group: NDArray[np.int64]) -> list[Indices]:
-    """First row of each group, then second row of each group that has one, and so on; rows of a group are consecutive."""
+    """First rows of all groups, then second rows of groups with two or more, and so on; rows of a group are consecutive."""
     _, start, count = np.unique(group, return_index=True, return_counts=True)
     return [start[count > rank] + rank for rank in range(int(count.max(initial=0)))]
 
@@ -124,7 +138,7 @@ def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) ->
 
 
 def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
-    """Probability that each row is detected first, and that none of a link is."""
+    """Probability that each row is detected first, and probability that no row of a link is detected."""
     first, missed = np.empty(detected.size), np.ones(link.max(initial=-1) + 1)
     for rows in ranks:
         first[rows] = detected[rows] * missed[link[rows]]
@@ -133,7 +147,7 @@ def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array,
 
 
 def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | None) -> Array:
-    """Probability that each row is the loudest, above its lowest level; levels have standard deviation 1."""
+    """Probability that each row is the loudest and above the lowest level; levels have a standard deviation of 1."""
     from scipy.special import ndtr
 
     low = np.full(level.size, -_TAIL) if lowest is None else np.clip(lowest, -_TAIL, _TAIL)
@@ -161,11 +175,11 @@ class Candidates(Record):
 
     attempt: Column = column("candidate", "1", "row of the range table", "i8")
     travel_time: Column = column(
-        "candidate", "s", "travel time, two-way half of the round trip as in the range table"
+        "candidate", "s", "travel time; two-way, half of the round trip as in the range table"
     )
-    probability: Column = column("candidate", "1", "probability that the receiver takes this one")
+    probability: Column = column("candidate", "1", "probability that the receiver picks this arrival")
     direct: Column = column("candidate", "1", "1 for the arrival of a range without mistakes, else 0", "i1")
-    bounces: Column = column("candidate", "1", "reflections, two-way of both ways", "i2")
+    bounces: Column = column("candidate", "1", "reflections; two-way, those of both legs", "i2")
 
     @property
     def expected_mistaken(self) -> float:
@@ -174,9 +188,17 @@ class Candidates(Record):
 
     def picks(self, chance: ArrayLike) -> Indices:
         """
-        Candidate of each attempt by a uniform number in 0 to 1, -1 for none.
+        Candidate of each attempt from a uniform random number: the first with a greater cumulative probability.
 
-        It is the first whose cumulative probability is greater than the number.
+        Parameters
+        ----------
+        chance : array_like, shape (n_ranges,)
+            Uniform numbers in 0 to 1, one per range attempt.
+
+        Returns
+        -------
+        ndarray of int, shape (n_ranges,)
+            Row of the candidate; -1 for none.
         """
         u = np.asarray(chance, dtype=float)
         if self.attempt.size and self.attempt.max() >= u.size:
@@ -192,7 +214,19 @@ class Candidates(Record):
         return picks
 
     def mistaken(self, picks: Indices) -> NDArray[np.bool_]:
-        """True for attempts whose pick, see `picks`, is not the direct arrival."""
+        """
+        Attempts that mistake another arrival for the direct one.
+
+        Parameters
+        ----------
+        picks : ndarray of int, shape (n_ranges,)
+            Result of `picks`.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_ranges,)
+            True if the pick is not the direct arrival.
+        """
         return np.asarray((picks >= 0) & (np.append(self.direct, 1)[picks] == 0))
 
 
@@ -202,10 +236,26 @@ def find_candidates(
     """
     List the arrivals that each range attempt can mistake for the direct one, and the direct one.
 
-    ``ranging`` was measured by the rule ``direct``, with a detector if the picker has a sonar, and by the same timing. A
-    link without a direct arrival has its reflected ones; attempts of a stopped vehicle have none. Without a sonar the losses
-    are the arrivals' spreading alone, without reflection and absorption. Two-way, ping and answer are picked
-    independently.
+    Parameters
+    ----------
+    ranging : Ranging
+        Ranges with the rule ``direct``, with a detector if the picker has a sonar, and with the same timing.
+    truth : Trajectories
+        True poses of the vehicles.
+    picker : Picker
+        Rule by which receivers pick an arrival.
+    timing : OneWay or TwoWay
+        Timing of the ranges.
+
+    Returns
+    -------
+    Candidates
+        A link without a direct arrival has its reflected ones; attempts of a stopped vehicle have none.
+
+    Notes
+    -----
+    Without a sonar, losses consist only of the spreading of the arrivals, without reflection and absorption. Two-way, the receivers
+    pick ping and answer independently.
     """
     attempts = ranging.attempts
     receptions = pick_receptions(ranging.receptions, picker)
@@ -227,7 +277,7 @@ def find_candidates(
 
 
 def pick_receptions(receptions: Receptions, picker: Picker) -> Receptions:
-    """Receptions with the probability that the picker takes each; those of a link and direction compete."""
+    """Receptions with the probability of being picked; receptions of the same link and direction compete."""
     lossless = bool(np.isnan(receptions.loss_db).all())
     if picker.sonar is not None and lossless and receptions.link.size:
         raise SensingError(
@@ -252,12 +302,31 @@ def draw_picks(
     correlation_time: float = 0.0,
 ) -> Indices:
     """
-    Draw the candidate of each attempt in one realization: rows of candidates, -1 for none.
+    Draw the candidate of each attempt in one realization.
 
-    The draws are those of `draw_unheard`. Because the direct candidate comes first, an attempt whose direct arrival is
-    the earliest and is detected without mistakes is detected with them too, by ``first-detected``: mistakes replace
-    missed detections. A correlation time [s] makes successive picks of a receiver depend on each other, see
-    `chances`; the distribution of each pick stays the same.
+    Parameters
+    ----------
+    measurements : Measurements
+        Range attempts.
+    candidates : Candidates
+        Candidates of these attempts.
+    root_seed : int
+        Seed of the study.
+    realization : int
+        Index of the realization.
+    correlation_time : float
+        Correlation time of successive picks of a receiver, see `chances`; it does not change the distribution of each pick. [s]
+
+    Returns
+    -------
+    ndarray of int, shape (n_ranges,)
+        Row of the candidate; -1 for none.
+
+    Notes
+    -----
+    The draws are those of `draw_unheard`, and the direct candidate is first. With the rule ``first-detected``, an attempt whose
+    direct arrival is the earliest is therefore detected with mistakes if it is detected without them: mistakes replace missed
+    detections.
     """
     return candidates.picks(
         chances(

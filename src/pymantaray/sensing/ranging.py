@@ -24,7 +24,7 @@ from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positio
 from pymantaray.sensing.receptions import Receptions, joined, stacked, values_at
 from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Timing
-from pymantaray.sensing.transmission import DIRECT, Reception, Transmission, find_receptions
+from pymantaray.sensing.transmission import DIRECT, ReceptionOptions, Transmission, find_receptions
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -35,8 +35,8 @@ class Links(Record):
     """
     Unordered pairs of participants at a ping, row by row the links of an `Arrivals` record.
 
-    A participant is an index into the vehicles if it is below their number, else that number plus an
-    index into the landmarks. The first is the source of the rays, the second the receiver.
+    A participant is an index into the vehicles if it is below their number, otherwise this number plus an index into the
+    landmarks. The first participant is the source of the rays, the second the receiver.
     """
 
     kind: ClassVar[str] = "links"
@@ -56,9 +56,9 @@ class Ranging(NamedTuple):
     arrivals: Arrivals
     receptions: Receptions
     link: Indices
-    """Row of `links` of each attempt, -1 if one of the pair is silent."""
+    """Row of `links` of each attempt; -1 if one of both participants is silent."""
     probability: Array | None = None
-    """Probability that an attempt succeeds, two-way the ping and the answer; NaN without an arrival, None without a detector."""
+    """Probability that an attempt succeeds (two-way: ping and answer); NaN without an arrival, None without a detector."""
 
 
 def measure_ranges(
@@ -66,7 +66,7 @@ def measure_ranges(
     landmarks: Sequence[Landmark],
     medium: Medium | Callable[[float], Medium],
     schedule: Schedule,
-    reception: Reception = DIRECT,
+    reception: ReceptionOptions = DIRECT,
     *,
     currents: Currents | Callable[[float], Currents] | None = None,
     timing: Timing = ONE_WAY,
@@ -86,7 +86,7 @@ def measure_ranges(
         once per ping.
     schedule : PingSchedule, SlotSchedule or PingList
         Times and transmitters of the pings.
-    reception : Reception
+    reception : ReceptionOptions
         By default direct arrivals, all of them detected.
     currents : Currents or callable, optional
         Their first-order effect on travel times, a function if they vary. By default the water is at rest.
@@ -137,19 +137,19 @@ def measure_ranges(
 
 
 class _Pairs(NamedTuple):
-    """Unordered pairs between which there are attempts, each once per sample."""
+    """Unordered pairs with attempts, each once per sample."""
 
     of_attempt: Indices
     """Pair of each attempt."""
     sample: Indices
     first: Indices
     second: Indices
-    """Participants of each pair, the first of the smaller number."""
+    """Participants of each pair, in ascending order."""
     source: Array
     receiver: Array
     """Positions of both, shape (n_pairs, 3). [m]"""
     silent: NDArray[np.bool_]
-    """True if one of the two has stopped."""
+    """True if one of both participants has stopped."""
 
 
 def _pairs(attempts: Attempts, truth: Trajectories, landmarks: Sequence[Landmark]) -> _Pairs:
@@ -180,18 +180,18 @@ class _Chords(NamedTuple):
 
 
 def _transmit(
-    reception: Reception,
+    reception: ReceptionOptions,
     pairs: _Pairs,
     some: slice,
     medium: Medium,
     currents: Currents | None,
     progress: CountProgress | None,
 ) -> tuple[Transmission, _Chords]:
-    """Sound between consecutive pairs, of which the links are those that are not silent."""
+    """Sound between consecutive pairs; the links are the pairs that are not silent."""
     source, receiver, silent = pairs.source[some], pairs.receiver[some], pairs.silent[some]
     loud, quiet = np.flatnonzero(~silent), np.flatnonzero(silent)
 
-    def tell(before: int, count: int) -> CountProgress | None:
+    def progress_from(before: int, count: int) -> CountProgress | None:
         if progress is None:
             return None
         return lambda done, total: progress(before + done * count // max(total, 1), pairs.sample.size)
@@ -202,13 +202,13 @@ def _transmit(
         medium,
         reception,
         currents=currents,
-        progress=tell(some.start, loud.size),
+        progress=progress_from(some.start, loud.size),
     )
     distance = medium.straight_distance(source, receiver)
     chords = _Chords(np.full(silent.size, np.nan), np.full((silent.size, 2), np.nan), distance)
     solved = [(loud, sound.arrivals)]
     if quiet.size:
-        count = tell(some.start + loud.size, quiet.size)
+        count = progress_from(some.start + loud.size, quiet.size)
         bare = find_eigenrays(
             medium, source[quiet], receiver[quiet], threads=reception.threads, progress=count
         )
@@ -222,7 +222,7 @@ def _transmit(
 
 
 def _joined(parts: Sequence[Transmission]) -> Transmission:
-    """Sound of several waters as one, links and arrivals in order."""
+    """Join the sound of several media, with links and arrivals in order."""
     if len(parts) == 1:
         return parts[0]
     before = np.cumsum([[0, 0], *([p.status.size, p.arrivals.link.size] for p in parts)], axis=0)
@@ -248,7 +248,7 @@ def _ranging(
     truth: Trajectories,
     timing: Timing,
 ) -> Ranging:
-    """From links to range attempts."""
+    """Convert the results of links to those of range attempts."""
     loud, n = ~pairs.silent, sound.status.size
     pair, link = pairs.of_attempt, np.where(loud, np.cumsum(loud) - 1, -1)[pairs.of_attempt]
     forth = (attempts.transmitter > attempts.receiver).astype(np.int64)  # direction of the ping
@@ -277,7 +277,7 @@ def _ranging(
 
 
 def _of_pings(receptions: Receptions, exchanges: Exchanges) -> dict[str, Array]:
-    """Other columns of the ranging truth: values of the same name at the selected reception of each ping, NaN without one."""
+    """Other columns of the ranging truth: columns of the same name of the selected reception of each ping; NaN without one."""
     names = {f.name for f in fields(RangingTruth)} - {"travel_time"}
     return {
         name: values_at(getattr(receptions, name), exchanges.ping)

@@ -1,4 +1,4 @@
-"""Receptions: everything that reaches the receivers of a set of links, one row per reception and direction."""
+"""Receptions: all sound that reaches the receivers of a set of links, with one row per reception and direction."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -8,14 +8,14 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Leaks, Rule, Sonar
+from pymantaray.acoustics import ArrivalRule, Leaks, Sonar
 from pymantaray.acoustics.selection import first_rows
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-_LINKS = 2**40  # more than there are links; a direction's groups follow those of the other
+_LINKS = 2**40  # more than the number of links; offset of the groups of the second direction
 AnyRecord = TypeVar("AnyRecord", bound=Record)
 
 
@@ -29,7 +29,7 @@ class SoundPath(IntEnum):
 
 
 NO_RAY = {SoundPath.LEAKED: RayStatus.LEAKED, SoundPath.SCATTERED: RayStatus.SCATTERED}
-"""Paths without a ray, and the status of a link whose receiver ranges on one."""
+"""Paths without a ray, and the status of a link with such a path as its selected reception."""
 
 
 class Direction(IntEnum):
@@ -51,8 +51,8 @@ class Receptions(Record):
     kind: ClassVar[str] = "receptions"
 
     link: Column = column("reception", "1", "index of the link", "i8")
-    direction: Column = column("reception", "1", "which end of the link sends", "i1", flags=Direction)
-    path: Column = column("reception", "1", "how the sound arrives", "i1", flags=SoundPath)
+    direction: Column = column("reception", "1", "end of the link that transmits", "i1", flags=Direction)
+    path: Column = column("reception", "1", "path of the sound", "i1", flags=SoundPath)
     arrival: Column = column(
         "reception", "1", "row of the eigenray among the arrivals, -1 without a ray", "i8"
     )
@@ -69,29 +69,55 @@ class Receptions(Record):
 
     @property
     def group(self) -> Indices:
-        """Number of the link and direction of each row, increasing; rows of one group compete."""
+        """Number of the link and direction of each row, in ascending order; rows of one group compete."""
         return np.asarray(self.direction.astype(np.int64) * _LINKS + self.link)
 
     @property
     def departure_angle(self) -> Array:
-        """Angle of the sound from the horizontal at the end that sends, positive down. [rad]"""
+        """Angle of the sound from the horizontal at the transmitting end, positive down. [rad]"""
         forth = self.direction == Direction.FORTH
         return np.where(forth, _elevation(self.source_slowness), _elevation(-self.receiver_slowness))
 
     @property
     def arrival_angle(self) -> Array:
-        """Angle of the sound from the horizontal at the end that receives, positive down. [rad]"""
+        """Angle of the sound from the horizontal at the receiving end, positive down. [rad]"""
         forth = self.direction == Direction.FORTH
         return np.where(forth, _elevation(self.receiver_slowness), _elevation(-self.source_slowness))
 
     def rows_of(self, link: Indices, direction: Indices) -> tuple[Indices, Indices]:
-        """First row of links in a direction, and the row after their last."""
+        """
+        Range of rows of links in a direction.
+
+        Parameters
+        ----------
+        link : ndarray of int, shape (n,)
+            Links.
+        direction : ndarray of int, shape (n,)
+            Directions, see `Direction`.
+
+        Returns
+        -------
+        start, stop : ndarray of int, shape (n,)
+            First row, and the row after the last.
+        """
         group, wanted = self.group, direction * _LINKS + link
         start, stop = (np.searchsorted(group, wanted, side=side) for side in ("left", "right"))
         return start, stop
 
     def selected_rows(self, links: int) -> Indices:
-        """Row that the selection rule takes, by direction and link, shape (2, links); -1 without one."""
+        """
+        Rows that the selection rule takes.
+
+        Parameters
+        ----------
+        links : int
+            Number of links.
+
+        Returns
+        -------
+        ndarray of int, shape (2, links)
+            Row by direction and link; -1 without one.
+        """
         rows = np.full((2, links), -1)
         at = np.flatnonzero(self.selected)
         rows[self.direction[at], self.link[at]] = at
@@ -113,7 +139,7 @@ class AlongRays(NamedTuple):
 
 
 def receptions_of(arrivals: Arrivals, along: AlongRays) -> Receptions:
-    """Arrivals as receptions in both directions, neither detected nor selected yet; a current acts with opposite signs."""
+    """Receptions from arrivals in both directions, before detection and selection; the effect of a current has opposite signs."""
     n = arrivals.link.size
     bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
     delay = np.zeros(n) if along.delay is None else along.delay
@@ -135,7 +161,7 @@ def receptions_of(arrivals: Arrivals, along: AlongRays) -> Receptions:
 
 
 def with_detection(receptions: Receptions, sonar: Sonar) -> Receptions:
-    """Receptions with the probability that the sonar detects each."""
+    """Receptions with their probabilities of detection by a sonar."""
     return replace(receptions, detection=sonar.probability_heard(receptions.loss_db))
 
 
@@ -143,9 +169,9 @@ def with_leaks(
     receptions: Receptions, link: Indices, leaks: Leaks, along: AlongRays, backwards: NDArray[np.bool_]
 ) -> Receptions:
     """
-    Receptions, and those of sound that leaks or is scattered to links without a ray.
+    Add receptions of leaked or scattered sound to those of links with rays.
 
-    ``link`` is that of each leak. Where ``backwards``, the leak was computed from the receiver to the source.
+    ``link`` is the link of each leak. If ``backwards``, the leak was computed from the receiver to the source.
     """
     rays, sign = leaks.arrivals, np.where(backwards, -1.0, 1.0)
     delay = 0.0 if along.delay is None else sign * along.delay
@@ -179,15 +205,15 @@ def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: fl
     return receptions_at(receptions, np.flatnonzero(~(off > 0.5 * cone) | (receptions.arrival < 0)))
 
 
-def admitted(receptions: Receptions, rule: Rule) -> NDArray[np.bool_]:
-    """Rows that a rule may select; sound without a ray only exists on links without such an eigenray."""
+def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
+    """Rows that a rule may select; sound without a ray exists only on links without such an eigenray."""
     if rule != "direct":
         return np.ones(receptions.link.size, dtype=bool)
     return np.asarray(receptions.path != SoundPath.REFLECTED)
 
 
-def select_receptions(receptions: Receptions, rule: Rule) -> Receptions:
-    """Receptions with at most one selected per link and direction; its probability is that of its detection, that of others is 0."""
+def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
+    """Receptions with at most one selected per link and direction; its probability is that of its detection, others have 0."""
     lossless = np.isnan(receptions.loss_db).all()
     strength = receptions.spreading_db if lossless else receptions.loss_db
     keys = [receptions.travel_time] if rule != "strongest" else [strength, receptions.travel_time]
@@ -198,18 +224,18 @@ def select_receptions(receptions: Receptions, rule: Rule) -> Receptions:
 
 
 def joined(tables: Sequence[Receptions]) -> Receptions:
-    """Rows of several tables in the order of a table; their links and arrivals have the same numbers."""
+    """Join tables with the same links and arrivals, in the order of a table."""
     together = stacked(tables)
     return receptions_at(together, np.argsort(together.group, kind="stable"))
 
 
 def receptions_at(receptions: Receptions, rows: Indices) -> Receptions:
-    """Some rows of a table, in their order."""
+    """Select rows of a table."""
     return Receptions(**{f.name: getattr(receptions, f.name)[rows] for f in fields(Receptions)})
 
 
 def stacked(records: Sequence[AnyRecord]) -> AnyRecord:
-    """One record with the rows of several of the same type, one after the other."""
+    """Concatenate the rows of records of the same type."""
     columns = {
         f.name: np.concatenate([getattr(record, f.name) for record in records]) for f in fields(records[0])
     }

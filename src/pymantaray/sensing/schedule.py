@@ -32,14 +32,51 @@ class Schedule(ABC):
 
     @abstractmethod
     def times(self, duration: float) -> Array:
-        """Distinct times of pings in a mission of a duration, in ascending order. [s]"""
+        """
+        Times of pings in a mission.
+
+        Parameters
+        ----------
+        duration : float
+            Duration of the mission. [s]
+
+        Returns
+        -------
+        ndarray, shape (n_pings,)
+            Distinct times in ascending order. [s]
+        """
 
     @abstractmethod
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """Attempts of pings; ``pings`` has the sample of each of `times`."""
+        """
+        Range attempts of pings.
+
+        Parameters
+        ----------
+        pings : ndarray of int, shape (n_pings,)
+            Sample of each of `times`.
+        vehicles : sequence of str
+            Names of the vehicles.
+        landmarks : sequence of str
+            Names of the landmarks.
+
+        Returns
+        -------
+        Attempts
+            Samples, transmitters and receivers.
+        """
 
     def check_names(self, vehicles: Sequence[str], landmarks: Sequence[str]) -> None:
-        """Refuse names that belong to no vehicle and no landmark."""
+        """
+        Raise an error for names that are not those of a vehicle or landmark.
+
+        Parameters
+        ----------
+        vehicles : sequence of str
+            Names of the vehicles.
+        landmarks : sequence of str
+            Names of the landmarks.
+        """
         for name in self.names():
             _number(str(self), name, [*vehicles, *landmarks])
 
@@ -48,7 +85,18 @@ class Schedule(ABC):
         return ()
 
     def samples(self, time: Array) -> Indices:
-        """Sample index of each of `times`, for increasing sample times from 0. [s]"""
+        """
+        Sample index of each of `times`.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n_samples,)
+            Increasing sample times from 0. [s]
+
+        Returns
+        -------
+        ndarray of int, shape (n_pings,)
+        """
         epochs = self.times(float(time[-1]))
         if not epochs.size:
             raise SensingError(
@@ -66,14 +114,39 @@ class Schedule(ABC):
         return nearest.astype(np.int64)
 
     def attempts(self, time: Array, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """Range attempts of a fleet sampled at times [s], by sample, transmitter, receiver, each once."""
+        """
+        Range attempts of a fleet, sorted by sample, transmitter and receiver, without duplicates.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n_samples,)
+            Sample times. [s]
+        vehicles : sequence of str
+            Names of the vehicles.
+        landmarks : sequence of str
+            Names of the landmarks.
+
+        Returns
+        -------
+        Attempts
+            Samples, transmitters and receivers.
+        """
         table = self.at(self.samples(time), vehicles, landmarks)
         return Attempts(*np.unique(np.stack(table, axis=-1), axis=0).T)
 
 
 @dataclass(frozen=True)
 class PingSchedule(Schedule):
-    """All vehicles ping at an interval [s]: at its whole multiples except 0, or from a start [s] on."""
+    """
+    Schedule in which all vehicles ping at an interval.
+
+    Parameters
+    ----------
+    interval : float
+        Time between pings. [s]
+    start : float, optional
+        Time of the first ping. Default: one interval after the start of the mission. [s]
+    """
 
     interval: float
     start: float | None = None
@@ -89,23 +162,57 @@ class PingSchedule(Schedule):
         return f"PingSchedule: interval is {self.interval:g} s"
 
     def times(self, duration: float) -> Array:
-        """Whole multiples of the interval after the start, itself included, or after 0."""
+        """
+        Times of pings: the start and whole multiples of the interval after it, or whole multiples after 0.
+
+        Parameters
+        ----------
+        duration : float
+            Duration of the mission. [s]
+
+        Returns
+        -------
+        ndarray, shape (n_pings,)
+            Distinct times in ascending order. [s]
+        """
         first, start = (1, 0.0) if self.start is None else (0, self.start)
         count = math.floor((duration - start) / self.interval * (1.0 + 1e-12))
         return np.asarray(start + self.interval * np.arange(first, count + 1))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """All pairs, both ways, and every landmark."""
+        """
+        Range attempts between all pairs of vehicles in both directions, and from all vehicles to every landmark.
+
+        Parameters
+        ----------
+        pings : ndarray of int, shape (n_pings,)
+            Sample of each of `times`.
+        vehicles : sequence of str
+            Names of the vehicles.
+        landmarks : sequence of str
+            Names of the landmarks.
+
+        Returns
+        -------
+        Attempts
+            Samples, transmitters and receivers.
+        """
         return attempts(len(vehicles), len(landmarks), pings)
 
 
 @dataclass(frozen=True)
 class SlotSchedule(Schedule):
     """
-    One participant pings in each slot, all others listen; slots repeat (TDMA).
+    Schedule in which one participant pings in each slot and all others listen; slots repeat (TDMA).
 
-    ``slots`` are the names of the transmitting vehicles and landmarks in order; a name may occur twice. A slot lasts ``slot``
-    seconds, and its ping is at its start; the first slot starts ``start`` seconds after the mission.
+    Parameters
+    ----------
+    slots : sequence of str
+        Names of the transmitting vehicles and landmarks in order; a name may occur twice.
+    slot : float
+        Length of a slot, whose ping is at its start. [s]
+    start : float
+        Start of the first slot, from the start of the mission. [s]
     """
 
     slots: tuple[str, ...]
@@ -128,12 +235,40 @@ class SlotSchedule(Schedule):
         return dict.fromkeys(self.slots)
 
     def times(self, duration: float) -> Array:
-        """Starts of the slots."""
+        """
+        Times of pings, which are the starts of the slots.
+
+        Parameters
+        ----------
+        duration : float
+            Duration of the mission. [s]
+
+        Returns
+        -------
+        ndarray, shape (n_pings,)
+            Distinct times in ascending order. [s]
+        """
         count = math.floor((duration - self.start) / self.slot * (1.0 + 1e-12)) + 1
         return np.asarray(self.start + self.slot * np.arange(max(count, 0)))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """Attempts from the owner of each slot to all others."""
+        """
+        Range attempts from the owner of each slot to all other participants.
+
+        Parameters
+        ----------
+        pings : ndarray of int, shape (n_pings,)
+            Sample of each of `times`.
+        vehicles : sequence of str
+            Names of the vehicles.
+        landmarks : sequence of str
+            Names of the landmarks.
+
+        Returns
+        -------
+        Attempts
+            Samples, transmitters and receivers.
+        """
         turns = np.array([_number(str(self), name, [*vehicles, *landmarks]) for name in self.slots])
         return _to_all(pings, turns[np.arange(pings.size) % turns.size], len(vehicles), len(landmarks))
 
@@ -141,10 +276,16 @@ class SlotSchedule(Schedule):
 @dataclass(frozen=True, eq=False)
 class PingList(Schedule):
     """
-    List of pings: time [s], transmitter and receivers of each; `read_pings` reads it from a table.
+    Schedule from a list of pings; `read_pings` reads it from a table.
 
-    Transmitters and receivers are vehicles or landmarks, at most one of the two a landmark; without receivers, everybody listens.
-    Pings after the end of the mission are omitted.
+    Parameters
+    ----------
+    time : sequence of float
+        Time of each ping; pings after the end of the mission are omitted. [s]
+    transmitter : sequence of str
+        Vehicle or landmark that transmits each ping.
+    receivers : sequence of sequence of str
+        Vehicles or landmarks that listen to each ping; empty if all others listen. A landmark does not listen to a landmark.
     """
 
     time: tuple[float, ...]
@@ -173,12 +314,40 @@ class PingList(Schedule):
         return dict.fromkeys(chain(self.transmitter, *self.receivers))
 
     def times(self, duration: float) -> Array:
-        """Times of the pings."""
+        """
+        Times of the pings.
+
+        Parameters
+        ----------
+        duration : float
+            Duration of the mission. [s]
+
+        Returns
+        -------
+        ndarray, shape (n_pings,)
+            Distinct times in ascending order. [s]
+        """
         times = np.unique(np.asarray(self.time, dtype=float))
         return times[times <= duration * (1.0 + 1e-12)]
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """Attempts from each transmitter to its receivers."""
+        """
+        Range attempts from each transmitter to its receivers.
+
+        Parameters
+        ----------
+        pings : ndarray of int, shape (n_pings,)
+            Sample of each of `times`.
+        vehicles : sequence of str
+            Names of the vehicles.
+        landmarks : sequence of str
+            Names of the landmarks.
+
+        Returns
+        -------
+        Attempts
+            Samples, transmitters and receivers.
+        """
         row = np.searchsorted(np.unique(np.asarray(self.time, dtype=float)), self.time)
         inside = np.flatnonzero(row < pings.size)
         names, n = [*vehicles, *landmarks], len(vehicles)
@@ -187,18 +356,18 @@ class PingList(Schedule):
             return _to_all(pings[row[inside]], who, n, len(landmarks))
         rows: list[tuple[int, int, int]] = []
         for i, transmitter in zip(inside, who.tolist(), strict=True):
-            heard = [_number(str(self), name, names) for name in self.receivers[i]]
-            if transmitter in heard:
+            listeners = [_number(str(self), name, names) for name in self.receivers[i]]
+            if transmitter in listeners:
                 raise SensingError(
                     f"{self}: {names[transmitter]} listens to itself; remove it from its receivers"
                 )
-            fixed = [k for k in heard if min(k, transmitter) >= n]
+            fixed = [k for k in listeners if min(k, transmitter) >= n]
             if fixed:
                 raise SensingError(
                     f"{self}: {names[fixed[0]]} listens to {names[transmitter]}, both landmarks; one has to be a vehicle"
                 )
             everybody = range(len(names) if transmitter < n else n)
-            rows += [(pings[row[i]], transmitter, k) for k in heard or everybody if k != transmitter]
+            rows += [(pings[row[i]], transmitter, k) for k in listeners or everybody if k != transmitter]
         return Attempts(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
 
 

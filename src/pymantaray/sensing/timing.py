@@ -13,7 +13,7 @@ from pymantaray.geometry.checks import check_fields, checked_array
 from pymantaray.records import Measurements, RangingTruth, Trajectories
 
 Array = NDArray[np.float64]
-_NOMINAL_SPEED = 1500.0  # m/s; where an end lies outside the water and c is unknown
+_NOMINAL_SPEED = 1500.0  # m/s; for ends outside the water, where the sound speed is unknown
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,10 @@ class TwoWay:
     """
     The responder answers each ping after a known time; the initiator measures the round trip on its own clock.
 
-    ``turn_around`` is from the ping's arrival to the answer, on the responder's clock. [s]
+    Parameters
+    ----------
+    turn_around : float
+        Time between the arrival of the ping and the answer, on the responder's clock. [s]
     """
 
     turn_around: float = 0.0
@@ -49,8 +52,8 @@ class Leg(NamedTuple):
     """
     One way of an exchange: travel time between the positions of both vehicles at the ping.
 
-    The gradients are those of the travel time with respect to the positions of the initiator and of the responder:
-    the slowness vector along the ray at the ray's end, minus that vector at its start.
+    The gradients are derivatives of the travel time by the positions of initiator and responder: the slowness vector along the ray
+    at its end, and minus this vector at its start.
     """
 
     travel_time: Array
@@ -62,7 +65,7 @@ def half_round_trip(
     timing: TwoWay, ping: Leg, answer: Leg, initiator_velocity: Array, responder_velocity: Array
 ) -> Array:
     r"""
-    Half of a round trip without the turn-around time, with both vehicles moving meanwhile.
+    Half of a round trip without the turn-around time, for moving vehicles.
 
     With the times :math:`t_1, t_2` of both legs at rest, their gradients :math:`g` and the turn-around time
     :math:`\tau`, the responder has moved for :math:`t_1` when the ping arrives and for :math:`t_1 + \tau` when
@@ -88,7 +91,7 @@ def half_round_trip(
 
 
 def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
-    """Mean velocity (n_vehicles, n_epochs, 3) from each sample to the one after it, at the last from the one before. [m/s]"""
+    """Mean velocity (n_vehicles, n_epochs, 3) from each sample to the next; for the last sample, from the previous one. [m/s]"""
     start = np.minimum(samples, truth.time.size - 2)
     step = truth.position[:, start + 1] - truth.position[:, start]
     return np.asarray(step / (truth.time[start + 1] - truth.time[start])[:, None])
@@ -101,9 +104,14 @@ def _dot(a: Array, b: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 class Clocks:
     """
-    One realization's clocks, one of each vehicle; landmarks keep true time.
+    Clocks of the vehicles in one realization; clocks of landmarks have no errors.
 
-    ``offset`` (n_vehicles,) is clock minus true time at the start of the mission [s], ``skew`` (n_vehicles,) its growth with time.
+    Parameters
+    ----------
+    offset : array_like, shape (n_vehicles,)
+        Clock minus true time at the start of the mission. [s]
+    skew : array_like, shape (n_vehicles,)
+        Rate of change of the offset. [-]
     """
 
     offset: Array
@@ -118,7 +126,19 @@ class Clocks:
             object.__setattr__(self, name, array)
 
     def of(self, participant: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Offset at the start [s] and skew [-] of participants' clocks; one beyond the vehicles is a landmark, with 0."""
+        """
+        Offsets and skews of participants' clocks.
+
+        Parameters
+        ----------
+        participant : ndarray of int, shape (n,)
+            Indices of participants; indices beyond the vehicles are landmarks, whose clocks have no errors.
+
+        Returns
+        -------
+        offset, skew : ndarray, shape (n,)
+            Offset at the start of the mission [s] and skew [-].
+        """
         row = np.minimum(participant, self.offset.size)
         return np.append(self.offset, 0.0)[row], np.append(self.skew, 0.0)[row]
 
@@ -128,7 +148,12 @@ class ClockModel:
     """
     Distribution of the errors of the vehicles' clocks.
 
-    Standard deviations of a clock's offset at the start of the mission [s] and of its skew [-].
+    Parameters
+    ----------
+    offset_sigma : float
+        Standard deviation of the offset at the start of the mission. [s]
+    skew_sigma : float
+        Standard deviation of the skew. [-]
     """
 
     offset_sigma: float = 0.0
@@ -139,7 +164,22 @@ class ClockModel:
         check_fields(SensingError, self, "", *vars(self))
 
     def draw(self, names: Sequence[str], *, root_seed: int, realization: int) -> Clocks:
-        """Draw the clocks of one realization, each from the stream of its vehicle."""
+        """
+        Draw the clocks of one realization, each from the random stream of its vehicle.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the vehicles.
+        root_seed : int
+            Seed of the study.
+        realization : int
+            Index of the realization.
+
+        Returns
+        -------
+        Clocks
+        """
         draws = np.array(
             [stream(root_seed, realization, "sensing", name, "clock").standard_normal(2) for name in names]
         ).reshape(-1, 2)
@@ -147,11 +187,11 @@ class ClockModel:
 
 
 def clock_error(measurements: Measurements, truth: RangingTruth, clocks: Clocks, timing: Timing) -> Array:
-    r"""Error by the clocks in each range attempt, as a length.
+    r"""
+    Error of each range due to the clocks. [m]
 
-    One way, a ping sent at true time T and received at T + t is measured as too long by
-    :math:`o_r(T + t) - o_t(T)`, with the offsets of receiver and transmitter. Two ways, the initiator's
-    offset cancels and the skews :math:`k` of initiator and responder leave
+    One-way, the measured time of a ping from true time T to T + t is too long by :math:`o_r(T + t) - o_t(T)`, with the offsets of
+    receiver and transmitter. Two-way, the offset of the initiator cancels, and the skews :math:`k` of initiator and responder cause
     :math:`\frac12 [k_i (2 t + \tau) - k_r \tau]`, to first order in the skews.
     """
     m = measurements

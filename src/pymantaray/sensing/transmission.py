@@ -1,4 +1,4 @@
-"""Sound between pairs of ends: from a medium to receptions in both directions, with losses, leaks and the selection rule."""
+"""Sound between pairs of ends: receptions in both directions from a medium, with losses, leaks and the selection rule."""
 
 from dataclasses import fields, replace
 from typing import NamedTuple
@@ -6,7 +6,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Leakage, Medium, Rule, find_eigenrays, find_leaks, quadrature, trace_paths
+from pymantaray.acoustics import (
+    ArrivalRule,
+    Leakage,
+    Medium,
+    find_eigenrays,
+    find_leaks,
+    quadrature,
+    trace_paths,
+)
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
@@ -27,28 +35,28 @@ from pymantaray.sensing.receptions import (
 )
 
 Array = NDArray[np.float64]
-Ends = tuple[Array, Array]
+LinkEnds = tuple[Array, Array]
 """Positions of the sources and of the receivers of links, each of shape (n_links, 3). [m]"""
 _BLOCK = 512  # links whose ray paths are in memory at a time
 _WITHOUT_RAY = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
 
 
-class Reception(NamedTuple):
+class ReceptionOptions(NamedTuple):
     """
     Arrivals that every receiver can detect, and the one that it ranges on.
 
     Parameters
     ----------
     spreading_cutoff_db : float or None
-        Weakest eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
+        Maximum spreading of an eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
     max_surface_bounces, max_bottom_bounces : int
-        Reflections that an arrival may have.
+        Maximum numbers of reflections of an arrival.
     arrival : {"direct", "first", "strongest"}
         Rule that selects the arrival of a range, see `pymantaray.acoustics.select`.
     detector : Detector, optional
-        Gives the probability of detection. By default every arrival is detected.
+        Model of the probability of detection. Default: every arrival is detected.
     leakage : Leakage, optional
-        Model of sound that arrives without a ray, at the detector's frequency. By default there is none.
+        Model of sound that arrives without a ray, at the detector's frequency. Default: no such sound.
     cone : float, optional
         Width of the fan of launch angles about the chord at the end that sends, half of it on either side. Rays launched outside
         are lost. [rad]
@@ -59,19 +67,19 @@ class Reception(NamedTuple):
     spreading_cutoff_db: float | None = 15.0
     max_surface_bounces: int = 0
     max_bottom_bounces: int = 0
-    arrival: Rule = "direct"
+    arrival: ArrivalRule = "direct"
     detector: Detector | None = None
     leakage: Leakage | None = None
     cone: float | None = None
     threads: int | None = None
 
 
-DIRECT = Reception()
+DIRECT = ReceptionOptions()
 """Direct arrivals only, all of them detected."""
 
 
 class Transmission(NamedTuple):
-    """Sound between pairs of ends."""
+    """Sound between pairs of ends: arrivals, receptions in both directions, and outcomes of links."""
 
     arrivals: Arrivals
     """Eigenrays of all links; their travel times are those in water at rest."""
@@ -82,7 +90,19 @@ class Transmission(NamedTuple):
     receptions: Receptions
 
     def selected(self, name: str) -> Array:
-        """Column of the receptions at the selected rows, by direction and link; NaN without one."""
+        """
+        Column of the receptions at the selected rows.
+
+        Parameters
+        ----------
+        name : str
+            Field of `Receptions`.
+
+        Returns
+        -------
+        ndarray, shape (2, n_links)
+            Values by direction and link; NaN without a selected reception.
+        """
         return values_at(getattr(self.receptions, name), self.receptions.selected_rows(self.status.size))
 
 
@@ -90,7 +110,7 @@ def find_receptions(
     source: Array,
     receiver: Array,
     medium: Medium,
-    reception: Reception = DIRECT,
+    reception: ReceptionOptions = DIRECT,
     *,
     currents: Currents | None = None,
     progress: CountProgress | None = None,
@@ -103,7 +123,7 @@ def find_receptions(
     source, receiver : ndarray, shape (n_links, 3)
         Positions ``(north, east, down)`` in the local frame. [m]
     medium : Medium
-    reception : Reception
+    reception : ReceptionOptions
         By default direct arrivals, all of them detected.
     currents : Currents, optional
         Their first-order effect on travel times. By default the water is at rest.
@@ -126,20 +146,20 @@ def find_receptions(
     looks_again = reception.arrival == "direct" and bounced
     total = n * (1 + looks_again + follows)
 
-    def tell(before: int) -> CountProgress | None:
+    def progress_from(before: int) -> CountProgress | None:
         return None if progress is None else lambda done, _: progress(before + done, total)
 
     most = reception.max_surface_bounces, reception.max_bottom_bounces
-    arrivals, near = _rays(reception, medium, ends, most, tell(0))
+    arrivals, near = _rays(reception, medium, ends, most, progress_from(0))
     status = _status(arrivals, reception.arrival)
     if looks_again:
         lost = np.flatnonzero(status != RayStatus.OK)
         some = source[lost], receiver[lost]
-        bare, near_bare = _rays(reception, medium, some, (0, 0), tell(2 * n - lost.size))
+        bare, near_bare = _rays(reception, medium, some, (0, 0), progress_from(2 * n - lost.size))
         near[lost] |= near_bare
         status[lost] = bare.status
         arrivals = _with_more(arrivals, bare, lost)
-    last = tell(n * (1 + looks_again))
+    last = progress_from(n * (1 + looks_again))
     along = _along_rays(reception, medium, currents, ends, arrivals, last)
     receptions = receptions_of(arrivals, along)
     if reception.detector is not None:
@@ -155,8 +175,8 @@ def find_receptions(
     return Transmission(arrivals, _with_no_ray(status, receptions), near, receptions)
 
 
-def _status(arrivals: Arrivals, rule: Rule) -> NDArray[np.int8]:
-    """Status of links by a rule: SHADOW where there are arrivals, but none that ``direct`` admits."""
+def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:
+    """Status of links by a rule; SHADOW for links with reflected arrivals only, if the rule is ``direct``."""
     status: NDArray[np.int8] = arrivals.status.copy()
     if rule == "direct":
         bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
@@ -166,16 +186,16 @@ def _status(arrivals: Arrivals, rule: Rule) -> NDArray[np.int8]:
 
 
 def _with_no_ray(status: NDArray[np.int8], receptions: Receptions) -> NDArray[np.int8]:
-    """Status of links, with that of sound that arrives without a ray."""
+    """Status of links, including sound that arrives without a ray."""
     for path, code in NO_RAY.items():
         status[receptions.link[receptions.path == path]] = code
     return status
 
 
 def _rays(
-    reception: Reception,
+    reception: ReceptionOptions,
     medium: Medium,
-    ends: Ends,
+    ends: LinkEnds,
     bounces: tuple[int, int],
     progress: CountProgress | None,
 ) -> tuple[Arrivals, NDArray[np.bool_]]:
@@ -197,20 +217,22 @@ def _rays(
 def _with_leaks(
     receptions: Receptions,
     status: NDArray[np.int8],
-    ends: Ends,
+    ends: LinkEnds,
     medium: Medium,
-    reception: Reception,
+    reception: ReceptionOptions,
     currents: Currents | None,
 ) -> Receptions:
-    """Receptions, and those of sound that leaks or is scattered to links without a ray."""
+    """Add receptions of leaked or scattered sound on links without a ray."""
     detector, leakage = reception.detector, reception.leakage
     if leakage is None or detector is None:
         raise SensingError(
-            "Reception: leakage needs a detector, because it depends on the frequency; add a detector, or leave out leakage"
+            "ReceptionOptions: leakage needs a detector, because it depends on the frequency; add a detector, or leave out leakage"
         )
     dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)
-    backwards = solved_backwards(source, receiver)[:, None]  # as rays are: the same from either end
+    backwards = solved_backwards(source, receiver)[
+        :, None
+    ]  # as for rays, so that both ends give the same result
     start, end = np.where(backwards, receiver, source), np.where(backwards, source, receiver)
     direct = reception.arrival == "direct"
     leaks = find_leaks(
@@ -244,10 +266,10 @@ def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> 
 
 
 def _along_rays(
-    reception: Reception,
+    reception: ReceptionOptions,
     medium: Medium,
     currents: Currents | None,
-    ends: Ends,
+    ends: LinkEnds,
     arrivals: Arrivals,
     progress: CountProgress | None,
     *,

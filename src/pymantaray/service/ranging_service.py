@@ -1,5 +1,7 @@
 """Ranges in a simulator's loop: a service that answers ping by ping, in the calling thread or in worker processes."""
 
+from __future__ import annotations
+
 import math
 from contextlib import ExitStack
 from dataclasses import replace
@@ -16,7 +18,7 @@ from pymantaray.config import StudyConfig
 from pymantaray.errors import ServiceError
 from pymantaray.geometry.checks import check_number
 from pymantaray.jobs.processes import WorkerEndedError, Workers
-from pymantaray.sensing import Reception, Timing, TwoWay
+from pymantaray.sensing import ReceptionOptions, Timing, TwoWay
 from pymantaray.service.facts import require_place
 from pymantaray.service.ping import Participants, Ping, Pinger
 from pymantaray.study.tracks import with_tracks
@@ -49,7 +51,7 @@ class RangingService:
     ----------
     ocean : SoundConfig, Water, or any source of `pymantaray.open_water`
         A configuration (`load_sound`, `load_study`) also contains the reception.
-    reception : Reception, optional
+    reception : ReceptionOptions, optional
         Replaces the reception of the configuration. By default direct arrivals, all of them detected.
     currents : Currents or str, optional
         Replaces the currents of the configuration; or an option of `open_water`. By default the water is at rest.
@@ -85,7 +87,7 @@ class RangingService:
         self,
         ocean: Source | Water,
         *,
-        reception: Reception | None = None,
+        reception: ReceptionOptions | None = None,
         currents: Currents | str | None = None,
         timing: Timing | None = None,
         water_interval: float = 0.0,

@@ -45,7 +45,7 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window
-from pymantaray.sensing import Reception
+from pymantaray.sensing import ReceptionOptions
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run
 from pymantaray.water.instants import utc_instant
@@ -131,7 +131,7 @@ class Beliefs:
         return depth, shapes[: section.count], sigma[: section.count]
 
     @cached_property
-    def reception(self) -> Reception:
+    def reception(self) -> ReceptionOptions:
         """Reception of the study, with the absorption in its ocean at the start."""
         return build_reception(self.config, mission_ocean(self.config))
 

@@ -170,7 +170,7 @@ class Run:
     def estimates(self) -> Estimates:
         """Estimated trajectories of all conditions and realizations, with the health of each solve."""
         if not self.config.solves:
-            return Estimates.of_nothing(self.measurements)
+            return Estimates.without_conditions(self.measurements)
         return Estimates.load(self.path / ESTIMATES)
 
     @cached_property

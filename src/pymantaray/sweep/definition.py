@@ -178,7 +178,18 @@ class Sweep:
         return math.prod(self.shape)
 
     def place(self, number: int) -> tuple[int, ...]:
-        """Index along each axis of a point; the last axis is the fastest."""
+        """
+        Index of a point along each axis; the last axis varies fastest.
+
+        Parameters
+        ----------
+        number : int
+            Number of the point, from 0.
+
+        Returns
+        -------
+        tuple of int
+        """
         place = []
         for size in reversed(self.shape):
             number, k = divmod(number, size)

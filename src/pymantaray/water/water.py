@@ -20,7 +20,7 @@ from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
-from pymantaray.sensing import OneWay, Reception, Timing
+from pymantaray.sensing import OneWay, ReceptionOptions, Timing
 from pymantaray.water.ocean import (
     OceanFields,
     build_currents,
@@ -70,7 +70,7 @@ class Water:
 
     medium: Medium | Callable[[float], Medium]
     currents: Currents | Callable[[float], Currents] | None = None
-    reception: Reception = field(default_factory=Reception)
+    reception: ReceptionOptions = field(default_factory=ReceptionOptions)
     timing: Timing = field(default_factory=OneWay)
     local: xr.Dataset | None = None
     span: tuple[float, float] = (-np.inf, np.inf)
@@ -263,7 +263,7 @@ def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanF
     return build_ocean(section, duration, data=data)
 
 
-def build_reception(config: SoundConfig, ocean: OceanFields) -> Reception:
+def build_reception(config: SoundConfig, ocean: OceanFields) -> ReceptionOptions:
     """Build the reception of a configuration, with the absorption of the ocean's first snapshot."""
     detection = config.detection
     absorption = None if detection is None else ocean.absorption(detection.absorption, config.ocean.centre)

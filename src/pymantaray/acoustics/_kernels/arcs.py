@@ -1,10 +1,11 @@
-"""Rays through horizontally uniform layers with a constant gradient of sound speed each: arcs of circles, in closed form.
+"""
+Rays through horizontally uniform layers with constant gradients of sound speed, as circular arcs in closed form.
 
-With the ray parameter ``a = cos(theta) / c`` sine and cosine of a ray's angle (positive down) at every level follow from the
-sound speed there and those at the source. Between two places of one layer ``dr = dz (cos + cos') / (sin + sin')``, across a turning point
-``dr = (sin - sin') / (a g)``, and the time is ``2 / g asinh(g d / (2 sqrt(c c')))`` for a chord d. Derivatives by the launch
-angle are taken at fixed depth as far as the last level, and at fixed range at the end. Nothing is divided by a gradient that may
-vanish, no error is passed on from layer to layer.
+With the ray parameter ``a = cos(theta) / c``, sine and cosine of a ray's angle (positive down) at every level follow from the sound
+speed there and the values at the source. Between two points of one layer, ``dr = dz (cos + cos') / (sin + sin')``; across a turning
+point, ``dr = (sin - sin') / (a g)``. The time is ``2 / g asinh(g d / (2 sqrt(c c')))`` for a chord d. Derivatives by the launch
+angle are at fixed depth up to the last level, and at fixed range at the end. No formula divides by a gradient that may be zero, and
+errors do not accumulate over layers.
 """
 
 import math
@@ -15,15 +16,17 @@ from pymantaray.acoustics._kernels.field import find_level
 from pymantaray.compile import inlined, kernel
 
 _MOST_PIECES = 5_000
-_FAR = 1e9  # m
+_BEYOND_ALL = 1e9  # m; depth beyond all rays
 _LEAST_SINE = 1e-12
 _BEYOND = 0.2
-_NODE = 2e3  # m; longer pieces of a path get two nodes on the way or more, an even number: none is where a ray turns
+_NODE = (
+    2e3  # m; longer pieces of a path get an even number of intermediate nodes, so none is at a turning point
+)
 
 
 @kernel
 def fits(s, walls, course, q0):
-    """True if a ray may be traced by arcs: layered water, horizontal axis, in its plane, flat boundaries if they reflect."""
+    """True if arcs can trace a ray: layered water, horizontal axis, no cross-track slowness, flat boundaries if they reflect."""
     rule = course.rule
     flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     kind = rule.kind == at.OPEN or (rule.kind == at.FORWARD and flat)
@@ -32,9 +35,10 @@ def fits(s, walls, course, q0):
 
 @inlined
 def _layer(s, k):
-    """Depths of a layer's upper and lower face, and the sound speed there.
+    """
+    Depths of a layer's upper and lower face, and the sound speed there.
 
-    Above and below the levels the gradient goes on, until sound speed has changed by a fifth; then that is constant.
+    Above and below the levels, the gradient continues until the sound speed has changed by a fifth; beyond, it is constant.
     """
     n = s.depth.size
     if 0 <= k < n - 1:
@@ -44,16 +48,16 @@ def _layer(s, k):
         edge, near, sign = n - 1, n - 2, 1.0
     c = s.data[0, edge, 0]
     rise = (c - s.data[0, near, 0]) / abs(s.depth[edge] - s.depth[near])
-    scale = min(_BEYOND * c / max(abs(rise), 1e-9), _FAR)
+    scale = min(_BEYOND * c / max(abs(rise), 1e-9), _BEYOND_ALL)
     z0, z1, c1 = s.depth[edge], s.depth[edge] + sign * scale, c + rise * scale
     if k < -1 or k > n - 1:
-        z0, z1, c = z1, z1 + sign * _FAR, c1
+        z0, z1, c = z1, z1 + sign * _BEYOND_ALL, c1
     return (z0, z1, c, c1) if k > 0 else (z1, z0, c1, c)
 
 
 @inlined
 def _bounded(layer, top, bottom):
-    """Give the part of a layer between two depths."""
+    """Return the part of a layer between two depths."""
     z0, z1, c0, c1 = layer
     g = (c1 - c0) / (z1 - z0)
     if z0 < top:
@@ -65,7 +69,7 @@ def _bounded(layer, top, bottom):
 
 @inlined
 def _time(g, dr, dz, c0, c1):
-    """Time between two places of a layer."""
+    """Travel time between two points of a layer."""
     half = 0.5 * math.hypot(dr, dz) / math.sqrt(c0 * c1)
     return 2.0 * (math.asinh(g * half) / g if g != 0.0 else half)
 
@@ -80,7 +84,7 @@ def _record(row, tau, r, z, slowness, boundary):
 
 @kernel
 def _end(here, rates, g, a, da, left):
-    """Depth, its derivative, sine with its own and cosine at a range further on in a layer; rates are those at fixed depth."""
+    """Depth, sine and their derivatives, and cosine, after a range ``left`` in a layer; ``rates`` are at fixed depth."""
     z, _, s, cos = here
     ds, dcos, dr = rates
     s1 = s - a * g * left
@@ -94,7 +98,7 @@ def _end(here, rates, g, a, da, left):
 
 @kernel
 def _fill(path, count, here, place, g, a, dr, c_ref):
-    """Record places on the way along an arc; return the rows in use, less one."""
+    """Record intermediate points of an arc; return the number of rows in use minus one."""
     z, c, _, _ = here
     r, tau = place
     n = min(2 * int(dr / _NODE), path.shape[0] - 2 - count)
@@ -108,9 +112,9 @@ def _fill(path, count, here, place, g, a, dr, c_ref):
 
 
 @kernel
-def _turn_back(walls, rule, ray, r, hit, so_far):
-    """Count a reflection; return whether the ray goes on, and its reflections at both boundaries and their code."""
-    surface, bottom, code = so_far
+def _turn_back(walls, rule, ray, r, hit, reflections):
+    """Count a reflection; return True if the ray continues, and its reflections at both boundaries with their code."""
+    surface, bottom, code = reflections
     surface += 1 if hit == at.AT_SURFACE else 0
     bottom += 1 if hit == at.AT_BOTTOM else 0
     too_many = surface > rule.max_surface or bottom > rule.max_bottom
@@ -124,7 +128,7 @@ def _turn_back(walls, rule, ray, r, hit, so_far):
 
 @inlined
 def _face(layer, here, way, top):
-    """Next face that a ray of a layer comes to: depth and sound speed, sine there, range to it, and whether it turns before."""
+    """Next face that a ray reaches: depth, sound speed, sine of the angle, range to it, and True if the ray turns before it."""
     z0, z1, c0, c1, g = layer
     z, _, sine, cosine = here
     a, _, start, c_ref = way
@@ -141,7 +145,7 @@ def _face(layer, here, way, top):
 
 @inlined
 def _rates(face, here, rates, way, g):
-    """Derivatives of sine, cosine and range at a face, from those before."""
+    """Derivatives of sine, cosine and range at a face, from those at the previous face."""
     z_end, c_end, s_end, step, turning = face
     z, _, sine, _ = here
     ds, dcos, dr = rates
@@ -156,7 +160,7 @@ def _rates(face, here, rates, way, g):
 
 @kernel
 def _arrive(course, here, rates, way, g, place, ray):
-    """Write the state of a ray at the course's length, in the layer in which it comes there; return the rows of its path less one."""
+    """Write the state of a ray at the end of the course; return the number of rows of its path minus one."""
     r, tau, count = place
     a, da, _, c_ref = way
     y, path = ray.y, ray.path
@@ -182,7 +186,7 @@ def _arrive(course, here, rates, way, g, place, ray):
 
 @inlined
 def _above(walls, here, face, way, g, r):
-    """True if a direct ray is above the water at a face, at a range r, or was above even ice on its way there."""
+    """True if a direct ray is above the water at a face at range r, or above ice of constant draft before it."""
     if walls.surface.depth.size > 1:
         return face[0] < surface_at(walls, r, 0.0, r)[0]
     highest = here.depth + (1.0 / way.a - here.speed) / g if face[4] else face[0]
@@ -191,16 +195,16 @@ def _above(walls, here, face, way, g, r):
 
 @kernel
 def trace_arcs(s, walls, course, angle, ray):
-    """Trace a ray as `trace.trace` does, where `fits` says so."""
+    """Trace a ray as `trace.trace` does, if `fits` is True."""
     rule, y, path, c_ref = course.rule, ray.y, ray.path, course.axis.c_ref
     z, sine, cosine = course.axis.z_source, math.sin(angle), math.cos(angle)
-    top, bottom = -2.0 * _FAR, 2.0 * _FAR
+    top, bottom = -2.0 * _BEYOND_ALL, 2.0 * _BEYOND_ALL
     if rule.kind == at.FORWARD:
         top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
     way = at.Snell(cosine / c_ref, -sine / c_ref, sine * sine, c_ref)
     here, rates, r, tau = at.ArcPoint(z, c_ref, sine, cosine), at.ArcRates(cosine, -sine, 0.0), 0.0, 0.0
-    k, count, turns, so_far = find_level(s, z), 0, 0, at.Reflections(0, 0, 0)
-    xi, caustics = 0.0, 0  # in a layer XI passes through zero once at most
+    k, count, turns, reflections = find_level(s, z), 0, 0, at.Reflections(0, 0, 0)
+    xi, caustics = 0.0, 0  # in a layer, XI passes through zero at most once
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0
     room = path.shape[0] - 3 if ray.K.shape[1] == at.N_FULL else -1
     if room > 0:
@@ -214,14 +218,14 @@ def trace_arcs(s, walls, course, angle, ray):
         face = _face(layer, here, way, top)
         z, c, sine, step, turning = face
         down = sine > 0.0
-        if z == here.depth and not turning:  # it starts on a level
+        if z == here.depth and not turning:  # the ray starts on a level
             k += 1 if down else -1
             ok = top < z < bottom
             continue
         if not r + step < course.length:
             count = _arrive(course, here, rates, way, g, (r, tau, count), ray)
             y[at.CAUSTICS_PASSED] = caustics + (1 if xi * y[at.XI] < 0.0 else 0)
-            return True, count, turns + (1 if here.sine * y[at.P] < 0.0 else 0), so_far.code
+            return True, count, turns + (1 if here.sine * y[at.P] < 0.0 else 0), reflections.code
         rates = _rates(face, here, rates, way, g)
         if room > 0:
             count = _fill(path, count, here, (r, tau), g, way.a, step, c_ref) + 1
@@ -239,9 +243,9 @@ def trace_arcs(s, walls, course, angle, ray):
             hit = at.AT_BOTTOM if down else at.AT_SURFACE
             here, xi = at.ArcPoint(z, c, -sine, here.cosine), -xi
             rates = at.ArcRates(-rates.sine, rates.cosine, rates.range)
-            ok, so_far = _turn_back(walls, rule, ray, r, hit, so_far)
+            ok, reflections = _turn_back(walls, rule, ray, r, hit, reflections)
         else:
             k += 1 if down else -1
         if room > 0:
             _record(path[count], tau, r, z, (c_ref * way.a, c_ref * here.sine / c), hit)
-    return False, count, turns, so_far.code
+    return False, count, turns, reflections.code

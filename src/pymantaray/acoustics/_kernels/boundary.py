@@ -1,7 +1,8 @@
-"""Surface and sea bed along a baseline: their depth and slope, how near a ray comes, where it meets them, reflection.
+"""
+Surface and sea bed along a baseline: depth and slope, distance and intersection of rays, reflection.
 
-The faces of a LINEAR section's cells, the surface and the sea bed end a step of a ray. The surface is flat or the underside
-of ice, the sea bed bilinear; ice that varies is bilinear too.
+A step of a ray ends at the faces of a LINEAR section's cells, at the surface and at the sea bed. The surface is flat or the underside
+of ice. Sea bed and varying ice are bilinear.
 """
 
 import math
@@ -19,20 +20,22 @@ from pymantaray.acoustics._kernels.step import step
 from pymantaray.compile import inlined, kernel
 from pymantaray.geometry.boundary_kernels import bilinear_weights
 
-TOUCH = 1e-6  # m; a ray this far beyond a boundary still touches it only
+TOUCH = 1e-6  # m; a ray up to this distance beyond a boundary only touches it
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = range(6)  # faces
 ON_SURFACE = (
-    1  # mark of a reflection at a flat surface; that of cell i of the ice is -1 - i, of the sea bed i + 2
+    1  # mark of a reflection at a flat surface; -1 - i for cell i of the ice, i + 2 for cell i of the sea bed
 )
-ON_FACE = 1e-9  # m; a ray this near to a face is on it
+ON_FACE = 1e-9  # m; a ray within this distance of a face is on it
 _NO_BED = 1e30  # m
-_CONTINUED = 1.5  # widths of a cell, from its middle: as far as its bed is continued
+_CONTINUED = 1.5  # distance from the middle of a cell to which its bed extends, in widths of the cell
 _NONE = 1e30
-_LANDED = 1e-2  # m; a ray just reflected is so near to the bed, if it is still over its cell
+_LANDED = (
+    1e-2  # m; maximum distance from the bed of a ray that was just reflected, if it is still over its cell
+)
 _BESIDE = 0.1 * _NO_BED
 _SAMPLES = 8  # of a step over a gridded bed
 _HASH = 2**32
-_NUDGE = 1e-6  # m; by which a point on the edge of a cell is taken to be in the cell of the step
+_NUDGE = 1e-6  # m; shift of a point on the edge of a cell into the cell of the step
 
 
 @kernel
@@ -43,7 +46,7 @@ def _middle(axis, i):
 
 @inlined
 def place_at(line, r, y):
-    """North and east of a place at a range and a cross-track offset."""
+    """North and east at a range and a cross-track offset."""
     return (
         line.north + r * line.unit_north - y * line.unit_east,
         line.east + r * line.unit_east + y * line.unit_north,
@@ -75,7 +78,7 @@ def _bilinear(grid, line, cell, across):
 
 @kernel
 def bed_at(walls, r, y, r_cell):
-    """Depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
+    """Depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell; the cell is that at range r_cell."""
     bed, line = walls.bed, walls.line
     y *= walls.across
     n_cell, e_cell = place_at(line, r_cell, y)
@@ -94,7 +97,7 @@ def bed_at(walls, r, y, r_cell):
 
 @inlined
 def surface_at(walls, r, y, r_cell):
-    """Depth of the surface, or of the ice's underside, its derivatives f_r, f_y and f_rr, and its cell, that of range r_cell."""
+    """Depth of the surface or the ice's underside, its derivatives f_r, f_y and f_rr, and its cell; the cell is that at range r_cell."""
     if walls.surface.depth.size == 1:
         return walls.surface.depth[0, 0], 0.0, 0.0, 0.0, 0
     return _varying_surface_at(walls.surface, walls.line, walls.across, r, y, r_cell)
@@ -102,7 +105,7 @@ def surface_at(walls, r, y, r_cell):
 
 @kernel
 def _varying_surface_at(surface, line, across, r, y, r_cell):
-    """As `surface_at`, of a surface whose depth varies."""
+    """As `surface_at`, for a surface with varying depth."""
     y *= across
     n, e = place_at(line, r, y)
     n_cell, e_cell = place_at(line, r_cell, y)
@@ -111,7 +114,7 @@ def _varying_surface_at(surface, line, across, r, y, r_cell):
 
 @kernel
 def mark_of(walls, r, y, at_bottom):
-    """Mark of the boundary, with its cell, that is at a place."""
+    """Mark of a boundary and its cell at a position."""
     if at_bottom:
         return bed_at(walls, r, y, r)[4] + 2
     return ON_SURFACE if walls.surface.depth.size == 1 else -1 - surface_at(walls, r, y, r)[4]
@@ -119,16 +122,18 @@ def mark_of(walls, r, y, at_bottom):
 
 @kernel
 def append_code(code, mark):
-    """Code of a ray's reflections after one more; the last 10 bits count both kinds."""
+    """Code of a ray's reflections after one more reflection; the last 10 bits count both kinds."""
     counts = code % 1024 + (32 if mark <= ON_SURFACE else 1)
     return ((code // 1024 * 8191 + mark) % _HASH) * 1024 + counts
 
 
 @kernel
 def landed(walls, r, y, bounce):
-    """Cell in which a ray is reflected at the sea bed for the bounce-th time.
+    """
+    Cell of the bounce-th reflection of a ray at the sea bed.
 
-    cells[LANDED] takes it, and after the last one how far beyond the edges of the held cells the ray has been reflected.
+    The function writes it to cells[LANDED]; the number after the last cell is the distance of the reflections beyond the edges of
+    the held cells.
     """
     cell = bed_at(hold(walls, -1.0), r, y, r)[4]
     last = walls.cells.shape[1] - 1
@@ -150,7 +155,7 @@ def _beyond(axis, i, x):
 
 @kernel
 def across_plane(walls, share):
-    """Give the same boundaries with a share of their slope across the plane."""
+    """Return the same boundaries with a share of their slope across the plane."""
     return Walls(
         walls.bed, walls.surface, walls.line, walls.breaks, walls.n_breaks, share, walls.cells, walls.held
     )
@@ -158,7 +163,7 @@ def across_plane(walls, share):
 
 @kernel
 def hold(walls, held):
-    """Give the sea bed of the cell cells[HELD, held] alone, continued beyond its edges; -1: all of it."""
+    """Return boundaries with only the sea bed of the cell cells[HELD, held], extended beyond its edges; -1: all cells."""
     return Walls(
         walls.bed, walls.surface, walls.line, walls.breaks, walls.n_breaks, walls.across, walls.cells, held
     )
@@ -166,13 +171,14 @@ def hold(walls, held):
 
 @kernel
 def clearances(path, steps, walls, miss_r, miss_z, miss_y):
-    """Least distances of a recorded path from the surface and from the sea bed, negative beyond. [m]
+    """
+    Smallest distances of a recorded path from the surface and from the sea bed, negative beyond them. [m]
 
-    The path is turned onto the receiver: of its miss at the end every place gets its share in time.
+    The path is first corrected to end at the receiver: each point moves by a share of the miss that increases linearly in time.
 
-    Every step's cubic Hermite in time is sampled, at nine points, at its turning point, at each edge of the
-    boundaries' cells, where their peaks are, and at the vertex of the parabola through the three lowest samples, where a
-    cell's own ridge comes nearest.
+    The function samples the cubic Hermite polynomial in time of every step at nine points, at its turning point, at each edge of the
+    boundaries' cells, where peaks are, and at the vertex of the parabola through the three lowest samples, where a ridge inside a
+    cell is nearest.
     """
     below_surface, above_bottom = math.inf, math.inf
     breaks = walls.breaks
@@ -224,13 +230,13 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
 
 @kernel
 def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
-    """Reflect a ray that is on a boundary; the axis may turn to the tilt new_sb = +-sb with cosine cb.
+    """
+    Reflect a ray on a boundary; the axis may change to the tilt new_sb = +-sb with cosine cb.
 
-    With x the position and P the slowness in the section's plane, both varying with the launch angle, the
-    point of incidence moves along the boundary by ``dx + P dt`` with ``N (dx + P dt) = 0``; there
-    ``P -> P - 2 (P N) N``, N varying with the boundary's curvature; the variation is then taken
-    back to fixed distance along the axis. A fan's ray stays in the plane and
-    does not see the slope across it. False where the ray does not leave forward along the axis.
+    Position x and slowness P in the section's plane vary with the launch angle. The point of incidence moves along the boundary by
+    ``dx + P dt`` with ``N (dx + P dt) = 0``. The reflection is ``P -> P - 2 (P N) N``, where N varies with the curvature of the
+    boundary. The function then converts the variation back to fixed distance along the axis. A ray of a fan stays in the plane and
+    is not affected by the slope across it. Returns False if the ray does not leave forward along the axis.
     """
     z_source, cb, sb, c_ref = axis
     y = ray.y
@@ -288,7 +294,7 @@ def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
 
 @kernel
 def extremum(h, f0, d0, f1, d1):
-    """Fraction of a step at which its cubic Hermite has zero slope; the slopes at the ends differ in sign."""
+    """Fraction of a step at which its cubic Hermite polynomial has zero slope; the slopes at the ends have different signs."""
     lo, hi = 0.0, 1.0
     a = 6.0 * (f0 - f1) / h + 3.0 * (d0 + d1)
     b = 6.0 * (f1 - f0) / h - 4.0 * d0 - 2.0 * d1
@@ -311,9 +317,10 @@ def extremum(h, f0, d0, f1, d1):
 
 @inlined
 def _face_distance(s, walls, cell, face, point, axis, nudge):
-    """Signed distance into the cell or the water from a face, and its derivative along the axis.
+    """
+    Signed distance from a face into the cell or the water, and its derivative along the axis.
 
-    nudge moves the point along the ray to where the cell of the boundary is chosen.
+    nudge moves the point along the ray before the choice of the boundary's cell.
     """
     z_source, cb, sb, _ = axis
     pos, w, dw, side, dside = point
@@ -339,7 +346,7 @@ def _face_distance(s, walls, cell, face, point, axis, nudge):
 
 @kernel
 def face_distance(s, walls, cell, face, point, axis, nudge):
-    """Give the same out of line, which takes less time to compile."""
+    """As `_face_distance`, but not inlined, which reduces the time of compilation."""
     return _face_distance(s, walls, cell, face, point, axis, nudge)
 
 
@@ -362,11 +369,11 @@ def _gap_within(walls, face, t, pos, h, ray, axis):
 
 @kernel
 def _gridded_crossing(walls, face, pos, h, ray, axis):
-    """Fraction of a step at which it meets a gridded boundary, 9 if it does not; off the baseline its edges are anywhere."""
+    """Fraction of a step at which it meets a gridded boundary, or 9; off the baseline, edges of cells can be anywhere."""
     lo, hi = 0.0, 9.0
     above = True
     held = face == BOTTOM and walls.held >= 0.0
-    if held:  # it may be below the bed of its next cell, which is continued, or beside it
+    if held:  # it may be below the extended bed of its next cell, or outside it
         above = -_LANDED < _gap_within(walls, face, 0.0, pos, h, ray, axis) < _BESIDE
     for j in range(_SAMPLES):
         t = (j + 1.0) / _SAMPLES
@@ -388,7 +395,7 @@ def _gridded_crossing(walls, face, pos, h, ray, axis):
 
 @kernel
 def _bisected(walls, face, lo, hi, stride, ray, axis):
-    """Fraction of a step, between two, at which it meets a gridded boundary."""
+    """Fraction of a step between lo and hi at which it meets a gridded boundary, by bisection."""
     pos, h = stride
     for _ in range(40):
         t = 0.5 * (lo + hi)
@@ -403,9 +410,10 @@ def _bisected(walls, face, lo, hi, stride, ray, axis):
 
 @kernel
 def _first_ridge(walls, face, before, stride, ray, axis):
-    """Fraction of a vertical step, before another, at which it is inside a ridge that the samples step over; 9 if it is not.
+    """
+    Fraction of a vertical step, smaller than another, at which it is inside a ridge between the samples; otherwise 9.
 
-    Ridges are at the edges of the boundary's cells, which rays that are followed in range do not step over.
+    Ridges are at the edges of the boundary's cells. Steps of rays in range end at these edges, so only vertical steps miss them.
     """
     pos, h = stride
     near, far = -ray.y[at.W] * axis.sb, -ray.ynew[at.W] * axis.sb
@@ -422,7 +430,7 @@ def _first_ridge(walls, face, before, stride, ray, axis):
 
 @kernel
 def _cubic_crossing(h, g0, e0, g1, e1):
-    """Fraction of a step at which a distance, from values and slopes at its ends, falls below zero; 9 if it does not."""
+    """Fraction of a step at which a distance with these values and slopes at the ends becomes negative; otherwise 9."""
     lo, hi = 0.0, 1.0
     if e0 < 0.0 < e1:  # nearest in the middle
         t = extremum(h, g0, e0, g1, e1)
@@ -449,9 +457,10 @@ def _cubic_crossing(h, g0, e0, g1, e1):
 
 @kernel
 def crossing(s, walls, cell, faces, pos, h, ray, axis):
-    """First of the faces, first and one past the last, crossed within a step whose result is in ynew, K[6].
+    """
+    First face of a range of faces (first, one past the last) that a step crosses; the result of the step is in ynew and K[6].
 
-    Returns the face and the step to it, or -1 and h. Of faces at the same place the boundary of the water goes first.
+    Returns the face and the step to it, or -1 and h. If faces coincide, the boundary of the water has priority.
     """
     best = h
     best_face = -1
@@ -482,7 +491,7 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
 
 @kernel
 def land(s, walls, cell, face, pos, lengths, ray, axis):
-    """Repeat a step with other `Lengths` until it ends near enough to the face; return the length, or -1."""
+    """Repeat a step with other `StepLengths` until it ends close enough to the face; return the length, or -1."""
     h, hi, near = lengths
     lo = 0.0
     ynew, K = ray.ynew, ray.K
@@ -511,7 +520,7 @@ def land(s, walls, cell, face, pos, lengths, ray, axis):
 
 @kernel
 def start_cell(s, axis, dw):
-    """Range cell and layer in which a ray starts, by its direction where it starts on a face."""
+    """Range cell and layer in which a ray starts; on a face, its direction decides."""
     z_source, cb, sb, _ = axis
     b = 0
     rate = cb - dw * sb
@@ -529,7 +538,7 @@ def start_cell(s, axis, dw):
     if z_source == s.depth[k] and down <= 0.0:
         if down < 0.0:
             return at.Cell(b, k - 1)
-        # horizontal on a level: into the layer towards which it bends
+        # horizontal on a level: the layer towards which it bends
         below = linear_full(s, b, k, 0.0, z_source)[1]
         above = linear_full(s, b, k - 1, 0.0, z_source)[1]
         if below > 0.0 and above > 0.0:

@@ -1,9 +1,10 @@
-"""Reflected rays cell by cell: Newton's method over given cells of the sea bed, each continued beyond its edges.
+"""
+Reflected rays for given cells of the sea bed: Newton's method over cells that are extended beyond their edges.
 
-The bed's slope jumps at the edges of its cells, and with it the end of a ray: Newton's method stops there, and a ray over
-cells that no ray in the plane of the link meets is not begun at all. Over given cells, continued, the end is a smooth
-function of the launch. A candidate is a row of cells and a launch. One whose ray is reflected beyond an edge leads to the
-cells that are there, and a ray that is found to the neighbours of its cells that are near enough to reflect another.
+At the edges of cells, the slope of the bed is discontinuous, and so is the end of a ray. Newton's method stops there, and it does not
+start for cells that no ray in the plane of the link meets. Over given, extended cells, the end of a ray is a smooth function of the
+launch. A candidate is a sequence of cells and a launch. If its ray is reflected beyond an edge, the cells there become a new
+candidate. If it is an eigenray, neighbours of its cells that are close enough to reflect another ray become candidates.
 """
 
 import math
@@ -15,17 +16,17 @@ from pymantaray.acoustics._kernels.search import fewer_bounces
 from pymantaray.acoustics._kernels.trace import fan_ray, trace
 from pymantaray.compile import kernel
 
-KNOWN, _FAILED = 99, -1  # generations of a ray that is found and of a candidate that led to none
-_MOST_GENERATIONS = 4  # of candidates that lead to others
-_ALIKE, _ALIKE_FAILED = 0.1, 0.02  # rad; candidates of the same cells launched so near to each other are one
-_SHIFT_MARGIN = 4.0  # times the shift of a reflection by another slope of the bed, within which a neighbouring cell is tried
-_BACK = 1e-6  # rad; an edge is where the search's tolerance puts it
+KNOWN, _FAILED = 99, -1  # generations of an eigenray and of a candidate without a result
+_MOST_GENERATIONS = 4  # maximum number of generations of candidates
+_ALIKE, _ALIKE_FAILED = 0.1, 0.02  # rad; candidates with the same cells and closer launches count as one
+_SHIFT_MARGIN = 4.0  # in shifts of a reflection by another slope of the bed: distance within which a neighbouring cell is tried
+_BACK = 1e-6  # rad; the tolerance of the search limits the accuracy of an edge
 _STEEPER = 0.01  # rad
 
 
 @kernel
 def _find(candidates, n, cells, m, counts):
-    """Row of the candidate of so many reflections in a row of cells, launched alike; -1 where there is none."""
+    """Row of the candidate with m reflections in these cells and the same launch; -1 without one."""
     for i in range(n):
         alike = _ALIKE if candidates[i, at.CANDIDATE_GENERATION] != _FAILED else _ALIKE_FAILED
         if (
@@ -42,7 +43,7 @@ def _find(candidates, n, cells, m, counts):
 
 @kernel
 def add_candidate(candidates, n, cells, m, q, counts, generation):
-    """Append a candidate unless it is there or there is no room; return their number."""
+    """Append a candidate unless it exists or there is no room; return the number of candidates."""
     if n >= candidates.shape[0] or _MOST_GENERATIONS < generation < KNOWN or counts % 32 == 0:
         return n
     if _find(candidates, n, cells, m, counts) >= 0:
@@ -56,13 +57,13 @@ def add_candidate(candidates, n, cells, m, q, counts, generation):
 
 @kernel
 def candidate(candidates, i):
-    """Reflections of a candidate, and its generation."""
+    """Numbers of reflections of a candidate, and its generation."""
     return int(candidates[i, at.CANDIDATE_COUNTS]), int(candidates[i, at.CANDIDATE_GENERATION])
 
 
 @kernel
 def add_of_bracket(s, walls, course, bracket, n, tol, work):
-    """Append the cells of a bracket's ray; one without width is a ray at an edge of its cells."""
+    """Append the cells of a bracket's ray; a bracket without width is a ray at an edge of its cells."""
     inner = fewer_bounces(bracket)
     code = int(bracket[inner, at.CODE])
     angle = bracket[inner, at.ANGLE]
@@ -86,7 +87,7 @@ def add_of_bracket(s, walls, course, bracket, n, tol, work):
 
 @kernel
 def add_neighbours(walls, n, launch, counts, generation, work):
-    """Append the cells of the ray in work.path, one of them exchanged for a neighbour within reach."""
+    """Append the cells of the ray in work.path, with one of them replaced by a neighbour within reach."""
     path, cells, grid, candidates, steps = work.path, walls.cells, walls.bed, work.candidates, launch.steps
     n_e = grid.east.size
     bed = hold(walls, 0.0)
@@ -121,15 +122,16 @@ def add_neighbours(walls, n, launch, counts, generation, work):
                 n = add_candidate(candidates, n, cells[at.TRIED], launch.angle, launch.q, counts, generation)
                 cells[at.TRIED, bounce] = own
         bounce += 1
-        i += 1  # a reflection takes two rows
+        i += 1  # a reflection has two rows
     return n
 
 
 @kernel
-def follow(s, walls, course, place, bracket, accuracy, work):
-    """Newton's method over the cells of a candidate, then over the sea bed as it is.
+def solve_candidate(s, walls, course, place, bracket, accuracy, work):
+    """
+    Solve for the ray of a candidate by Newton's method over its cells, then over the actual sea bed.
 
-    place is the number of the candidate, and of all. Returns the number of candidates then, and the ray.
+    place contains the number of the candidate and the number of all candidates. Returns the new number of candidates, and the ray.
     """
     candidates, (i, n) = work.candidates, place
     counts, generation = candidate(candidates, i)
@@ -146,7 +148,7 @@ def follow(s, walls, course, place, bracket, accuracy, work):
     for attempt in range(4):
         if code % 1024 == counts or code % 32 != n_b:
             break
-        # it turns just below the surface, or is reflected there once too often
+        # it turns just below the surface, or has one reflection too many there
         m, q = launch.angle, launch.q
         m += math.copysign(_STEEPER * 2.0**attempt, m if code % 1024 < counts else -m)
         launch, jacobian, code = newton(
@@ -165,7 +167,7 @@ def follow(s, walls, course, place, bracket, accuracy, work):
             n = add_candidate(candidates, n, walls.cells[at.LANDED], m, q, counts, generation + 1)
         elif (
             candidates[there, at.CANDIDATE_GENERATION] != KNOWN
-        ):  # cells that lead to each other, round a corner
+        ):  # cells around a corner that produce each other
             n = add_neighbours(walls, n, launch, counts, generation + 1, work)
         return n, lost
     if not launch.ok:

@@ -1,7 +1,8 @@
-"""Links on a CUDA device: one thread a link, the same kernels as on the processor. Experimental: never run on a device.
+"""
+Solver of links on a CUDA device, with one thread per link and the kernels of the processor. Experimental: never run on a device.
 
-Numba compiles a function decorated for the processor again for the device when a CUDA kernel calls it. In the
-simulator (NUMBA_ENABLE_CUDASIM=1) all kernels are plain Python.
+If a CUDA kernel calls a function that is decorated for the processor, Numba compiles it again for the device. In the simulator
+(NUMBA_ENABLE_CUDASIM=1), all kernels are plain Python.
 """
 
 import warnings
@@ -28,12 +29,12 @@ from pymantaray.compile import cached_on_disk
 
 Array = NDArray[np.float64]
 _BLOCK = 64  # threads
-_THREADS = 32_768  # at 255 registers each, what the largest devices run at once; smaller ones queue them
-_SHARE = 0.7  # of the free memory of the device, for workspaces
+_THREADS = 32_768  # number of threads with 255 registers that the largest devices run at once; smaller devices queue them
+_SHARE = 0.7  # share of the device's free memory for workspaces
 
 
 def _solve_wave(domain, bounces, settings, source, receiver, work, results):
-    """Solve links in as many threads as work, an array (n_threads, ...) for each workspace, has rows."""
+    """Solve links; each workspace in ``work`` is an array (n_threads, ...) with one row per thread."""
     t = cuda.grid(1)
     if t >= work.path.shape[0]:
         return
@@ -69,7 +70,7 @@ solve_wave = cached_on_disk(cuda.jit, _solve_wave)
 
 
 class CudaSolver:
-    """The medium and the workspaces on the current device, for links up to the longest of those given."""
+    """Solver with the medium and workspaces on the current device, for links up to the longest of these links."""
 
     def __init__(
         self,
@@ -87,11 +88,11 @@ class CudaSolver:
         self._bounces, self._settings = bounces or (0, 0), settings
 
     def solve(self, source: Array, receiver: Array, results: Results) -> None:
-        """Solve links in one launch; results are filled as `solve_links` does."""
+        """Solve links in one launch and fill the results as `solve_links` does."""
         ends = [cuda.to_device(np.ascontiguousarray(x)) for x in (source, receiver)]
         out = Results(*(cuda.device_array(x.shape, x.dtype) for x in results))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NumbaPerformanceWarning)  # few links leave the device idle
+            warnings.simplefilter("ignore", NumbaPerformanceWarning)  # few links cannot use the whole device
             solve_wave[-(-self._threads // _BLOCK), _BLOCK](
                 self._domain, self._bounces, self._settings, *ends, self._work, out
             )
@@ -100,14 +101,14 @@ class CudaSolver:
 
 
 def _on_device(value: Any) -> Any:
-    """Copy arrays to the device, of a tuple each."""
+    """Copy an array, or all arrays of a tuple, to the device."""
     if isinstance(value, np.ndarray):
         return cuda.to_device(value)
     return type(value)(*map(_on_device, value)) if isinstance(value, tuple) else value
 
 
 def thread_count(n_links: int, sizes: Work) -> int:
-    """Threads for so many links: as many as run at once and have workspaces in the memory that is free."""
+    """Number of threads for some links, limited by the number that can run at once and by the free memory for workspaces."""
     needed = 8 * sum(prod(shape) for shape in sizes)
     fit = _SHARE * cuda.current_context().get_memory_info().free / needed
     return max(1, int(min(n_links, _THREADS, fit)))

@@ -1,31 +1,31 @@
-"""The sound-speed field of one link: a vertical section along the baseline, cut from the 3-D medium.
+"""
+Sound-speed field of one link: a vertical section of the 3-D medium along the baseline.
 
-Two kinds. ``SMOOTH``: columns at equally spaced ranges hold the field, its range derivative and its first
-two cross-track derivatives at the depth levels, with their depth derivatives; in between bicubic Hermite
-interpolation, exact in depth at the columns. ``LINEAR``: the trilinear field itself, which along a
-straight baseline is quadratic in range between the crossings of grid lines and linear in depth
-between levels. Off the baseline both are expanded to second order in the cross-track offset.
+There are two kinds. ``SMOOTH``: columns at equally spaced ranges contain the field, its range derivative and its first two cross-track
+derivatives at the depth levels, with their depth derivatives. Interpolation between them is bicubic Hermite, and exact in depth at the
+columns. ``LINEAR``: the trilinear field itself, which along a straight baseline is quadratic in range between crossings of grid lines,
+and linear in depth between levels. Off the baseline, both are expanded to second order in the cross-track offset.
 
-Rays that leave the water are traced on through a bounded continuation of the field, so that the miss
-distance stays a smooth function of the launch angle; such rays are rejected afterwards.
+Rays that leave the water continue through a bounded extension of the field. The miss distance is therefore a smooth function of the
+launch angle. The solver rejects such rays afterwards.
 """
 
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.layout import Section
+from pymantaray.acoustics._kernels.layout import FieldSection
 from pymantaray.compile import entry, inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import bilinear_weights
 
 LUT_SIZE = 512
 _LEAST_STEP = 50.0  # m; between columns
-ABOVE_SCALE = 20.0  # m; length over which the continuation above the surface bends to a constant
+ABOVE_SCALE = 20.0  # m; length over which the extension above the surface becomes constant
 BELOW_SCALE = 200.0  # m; the same below the deepest level
 
 
 @inlined
 def cubic(t, h, f0, d0, f1, d1):
-    """Value at the fraction t of an interval h, from values and slopes at its ends."""
+    """Value of the cubic at the fraction t of an interval h, from values and slopes at its ends."""
     t2 = t * t
     t3 = t2 * t
     return (
@@ -38,7 +38,7 @@ def cubic(t, h, f0, d0, f1, d1):
 
 @kernel
 def cubic_root(h, f0, d0, f1, d1):
-    """Fraction of an interval h at which the cubic is zero; the values at the ends differ in sign."""
+    """Fraction of an interval h at which the cubic is zero; the values at the ends have different signs."""
     lo, hi = 0.0, 1.0
     for _ in range(40):
         t = 0.5 * (lo + hi)
@@ -63,9 +63,11 @@ def sort_head(values, count):
 
 @entry
 def depth_lut(depth, lut):
-    """Fill a table from which `find_level` starts its search; return the entries per metre.
+    """
+    Fill a table of starts for the search of `find_level`; return the number of entries per metre.
 
-    A row holds a layer's number, the depth of the level above it, and of the two below, infinite beyond the last layer.
+    A row contains the index of a layer, the depth of the level above it, and the depths of the two levels below, infinite beyond the
+    last layer.
     """
     n = depth.size
     scale = LUT_SIZE / (depth[n - 1] - depth[0])
@@ -97,7 +99,7 @@ def find_level(s, z):
 
 @inlined
 def move_level(depth, k, z):
-    """As `find_level`, from a layer k near by: what the processor can guess it need not wait for."""
+    """As `find_level`, but starting from a layer k near by; the processor can predict the branches of this search."""
     while k < depth.size - 2 and z >= depth[k + 1]:
         k += 1
     while k > 0 and z < depth[k]:
@@ -107,9 +109,10 @@ def move_level(depth, k, z):
 
 @kernel
 def bspline_basis(knots, degree, x, w, dw, ddw):
-    """Values w and two derivatives of the degree + 1 B-splines that are not zero at x; return the first's index.
+    """
+    Compute values w and two derivatives of the degree + 1 B-splines that are not zero at x; return the index of the first.
 
-    Cox and de Boor's recurrence; x outside the knots extrapolates the end pieces.
+    The function uses the recurrence of Cox and de Boor. Outside the knots, it extrapolates the pieces at the ends.
     """
     n = knots.size - degree - 1
     lo, hi = degree, n
@@ -143,7 +146,7 @@ def bspline_basis(knots, degree, x, w, dw, ddw):
 
 @inlined
 def _product(q, north, east, line):
-    """Value (q = 0), range derivative, or first or second cross-track derivative of a product, from those of its two factors."""
+    """Value (q = 0), range derivative, or first or second cross-track derivative of a product, from those of both factors."""
     un, ue = line.unit_north, line.unit_east
     if q == 0:
         return north[0] * east[0]
@@ -175,7 +178,7 @@ def _add_splines(domain, line, r, work):
                 f = _product(q, (wn[a], dn[a], ddn[a]), (we[b], de[b], dde[b]), line)
                 f0, f1, f2, f3 = f1, f2, f3, f
             rows = coef[i_n + a]
-            # four at a time: of a lower degree the first have no weight
+            # four at a time; with a lower degree, the first have no weight
             row0, row1, row2, row3 = (
                 rows[max(last - 3, 0)],
                 rows[max(last - 2, 0)],
@@ -223,7 +226,7 @@ def add_crossings(grid, line, r_hi, breaks, count):
 
 @kernel
 def sort_breaks(r_hi, breaks, count):
-    """Sort ranges and append r_hi; of those at the same place one stays. Return their number."""
+    """Sort ranges, append r_hi and remove duplicates; return their number."""
     breaks[count] = r_hi
     count += 1
     sort_head(breaks, count)
@@ -268,27 +271,27 @@ def _cut_linear(domain, line, breaks, n_cells, data):
 
 @shared
 def cut_section(domain, line, horizontal, work):
-    """Section of the medium along a baseline, filled into work.store."""
+    """Compute the section of the medium along a baseline into work.store."""
     store, breaks, levels = work.store, work.breaks, (domain.depth, domain.lut, domain.lut_scale)
     if domain.kind == at.SMOOTH:
         count = 2
         if not domain.uniform:
             count = min(max(int(math.ceil(horizontal / domain.column_step)) + 1, 2), store.shape[0])
-        # columns at both ends; rays of short and steep links use the first cell's polynomial beyond them
+        # columns at both ends; beyond them, rays of short and steep links use the polynomial of the first cell
         step = max(horizontal / (count - 1), _LEAST_STEP)
         _cut_smooth(domain, line, step, count, work)
-        return Section(at.SMOOTH, count, 0.0, step, breaks, *levels, store, domain.layered)
-    reach = 1000.0  # m beyond the ends; rays of steep links stray behind the source
+        return FieldSection(at.SMOOTH, count, 0.0, step, breaks, *levels, store, domain.layered)
+    reach = 1000.0  # m beyond the ends; rays of steep links may extend behind the source
     breaks[0] = -reach
     count = 1 if domain.uniform else add_crossings(domain, line, horizontal + reach, breaks, 1)
     count = sort_breaks(horizontal + reach, breaks, count)
     _cut_linear(domain, line, breaks, count - 1, store)
-    return Section(at.LINEAR, count - 1, 0.0, 1.0, breaks, *levels, store, domain.layered)
+    return FieldSection(at.LINEAR, count - 1, 0.0, 1.0, breaks, *levels, store, domain.layered)
 
 
 @inlined
 def hermite(u, h):
-    """Cubic Hermite weights of (f0, f0', f1, f1') on an interval of length h, and their derivatives."""
+    """Cubic Hermite weights for (f0, f0', f1, f1') on an interval of length h, and their derivatives."""
     u2 = u * u
     u3 = u2 * u
     i1 = 1.0 / h
@@ -311,7 +314,7 @@ def hermite(u, h):
 
 @inlined
 def _beyond(x, scale):
-    """Weight on the slope at the edge, and its two derivatives, at a distance x beyond the edge."""
+    """Weight of the slope at the edge, and its two derivatives, at a distance x beyond the edge."""
     q = x / scale
     f = 1.0 / (1.0 + q * q)
     g = math.sqrt(f)
@@ -329,7 +332,7 @@ def _smooth_place(s, k, r, z):
 
 @inlined
 def _continue(s, z, c, cz, czz):
-    """Value and derivatives of the continuation where z is beyond the levels, else as given."""
+    """Value and derivatives of the extension if z is beyond the levels, otherwise the arguments."""
     if z < s.depth[0]:
         a, b, e = _beyond(z - s.depth[0], ABOVE_SCALE)
         return c + a * cz, b * cz, e * cz
@@ -341,7 +344,7 @@ def _continue(s, z, c, cz, czz):
 
 @inlined
 def smooth_planar(s, k, r, z):
-    """Sound speed and its depth derivatives in layer k of a SMOOTH section: c, c_z, c_zz."""
+    """Sound speed and its derivatives in layer k of a SMOOTH section: c, c_z, c_zz."""
     i, t, x = _smooth_place(s, k, r, z)
     d = s.data
     t1 = 1.0 - t
@@ -361,7 +364,7 @@ def smooth_planar(s, k, r, z):
 
 @inlined
 def smooth_full(s, k, r, z):
-    """Everything in layer k of a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz."""
+    """Sound speed and its derivatives in layer k of a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz."""
     i, t, x = _smooth_place(s, k, r, z)
     d = s.data
     v = hermite(t, s.r_step)
@@ -397,9 +400,10 @@ def smooth_full(s, k, r, z):
 
 @inlined
 def linear_full(s, b, k, r, z):
-    """Everything in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz.
+    """
+    Sound speed and its derivatives in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz.
 
-    k = -1 is the continuation above the first level, k = n - 1 the one below the last.
+    k = -1 is the extension above the first level, and k = n - 1 that below the last.
     """
     x = r - s.breaks[b]
     n = s.depth.size

@@ -1,7 +1,8 @@
-"""Eight numbers in one of the processor's vector registers: arithmetic on `Lanes`, for rays that march side by side.
+"""
+Arithmetic on eight numbers in a vector register of the processor (`Lanes`), for eight rays at a time.
 
-Comparisons give a mask, which `choose` and `any_lane` take. Products and sums may be contracted to one rounding. There is no
-plain Python of it.
+Comparisons return a mask for `choose` and `any_lane`. A product and a sum may be combined with a single rounding. There is no plain
+Python version.
 """
 
 import operator
@@ -20,15 +21,15 @@ _QUAD = ir.VectorType(ir.DoubleType(), 4)
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """Numba's type of eight numbers in a vector register; found by its name where a kernel that takes it is kept on disk."""
+    """Numba type of eight numbers in a vector register; the name identifies it in kernels on disk."""
 
 
 class Mask(types.Type):  # type: ignore[misc]
-    """Numba's type of eight truths."""
+    """Numba type of eight logical values."""
 
 
 def _kind(kind, element):
-    """Type whose values are held in a vector register."""
+    """Type with values in a vector register."""
 
     def of_vectors(self, manager, own):
         models.PrimitiveModel.__init__(self, manager, own, ir.VectorType(element, WIDTH))
@@ -41,7 +42,7 @@ LANES, MASK = _kind(Lanes, ir.DoubleType()), _kind(Mask, ir.IntType(1))
 
 
 def _splat(builder, value):
-    """Vector of one number."""
+    """Vector with eight equal numbers."""
     if isinstance(value.type, ir.VectorType):
         return value
     empty = ir.Constant(_VECTOR, ir.Undefined)
@@ -53,7 +54,7 @@ _PAIRS = (LANES, LANES), (LANES, types.float64), (types.float64, LANES)
 
 
 def _define(op, result, emit, pairs=_PAIRS):
-    """Define an operator of two numbers, one of which may be a single one."""
+    """Define an operator of two vectors, or of a vector and a number."""
 
     def lower(_context, builder, _signature, args):
         return emit(builder, *(_splat(builder, x) for x in args))
@@ -74,7 +75,7 @@ _define(operator.and_, MASK, lambda builder, a, b: builder.and_(a, b), ((MASK, M
 
 
 def _unary(name):
-    """Intrinsic of LLVM on eight numbers."""
+    """LLVM intrinsic for eight numbers."""
 
     @intrinsic
     def function(_context, _x):
@@ -104,7 +105,7 @@ def any_lane(_context, _mask):
 
 @intrinsic
 def choose(_context, _mask, a, b):
-    """One number where a mask is true, else another."""
+    """Elements of a where a mask is true, otherwise of b."""
 
     def generate(_context, builder, _signature, args):
         return builder.select(args[0], _splat(builder, args[1]), _splat(builder, args[2]))
@@ -121,7 +122,7 @@ def _pointer(context, builder, kind, array, index):
 
 @intrinsic
 def load(_context, rows, _i):
-    """Numbers of a row of an array (n, 8)."""
+    """Load a row of an array (n, 8)."""
 
     def generate(context, builder, signature, args):
         at = builder.mul(args[1], args[1].type(WIDTH))
@@ -133,7 +134,7 @@ def load(_context, rows, _i):
 
 @intrinsic
 def store(_context, rows, _i, value):
-    """Put numbers into a row of an array (n, 8)."""
+    """Store eight numbers in a row of an array (n, 8)."""
 
     def generate(context, builder, signature, args):
         at = builder.mul(args[1], args[1].type(WIDTH))
@@ -150,7 +151,7 @@ def _shuffled(builder, a, b, order):
 
 
 def _transposed(context, builder, quads):
-    """Four times eight numbers from eight times four."""
+    """Transpose eight vectors of four numbers to four vectors of eight."""
     pairs = [_shuffled(builder, quads[i], quads[i + 1], (0, 4, 1, 5, 2, 6, 3, 7)) for i in range(0, WIDTH, 2)]
     low, high = (0, 1, 8, 9, 2, 3, 10, 11), (4, 5, 12, 13, 6, 7, 14, 15)
     columns = []
@@ -163,7 +164,7 @@ def _transposed(context, builder, quads):
 
 
 def _indices(builder, lanes):
-    """Whole numbers, one by one, of eight that are not negative."""
+    """Integer parts of eight non-negative numbers, as eight integers."""
     long, short = ir.IntType(64), ir.IntType(32)
     whole = builder.fptosi(lanes, ir.VectorType(long, WIDTH))
     return [builder.extract_element(whole, short(i)) for i in range(WIDTH)]
@@ -185,14 +186,14 @@ def take(_context, array, index):
 
 
 def _quad(context, builder, kind, array, index):
-    """Four successive elements of an array."""
+    """Load four successive elements of an array."""
     place = _pointer(context, builder, kind, array, index)
     return builder.load(builder.bitcast(place, _QUAD.as_pointer()), align=8)
 
 
 @intrinsic
 def gather(_context, data, place):
-    """Four successive numbers from each of eight places in data."""
+    """Load four successive numbers from each of eight positions in data."""
 
     def generate(context, builder, signature, args):
         kind = signature.args[0]
@@ -204,7 +205,7 @@ def gather(_context, data, place):
 
 @intrinsic
 def blend(_context, data, place, _stride, weights):
-    """As `gather`, of sums by weights: those four, the next four, and both again a stride further on."""
+    """As `gather`, but weighted sums of these four numbers, the next four, and both of these one stride further."""
 
     def generate(context, builder, signature, args):
         long, short = ir.IntType(64), ir.IntType(32)

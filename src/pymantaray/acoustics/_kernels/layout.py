@@ -1,4 +1,4 @@
-"""Names of every column and every tuple that the kernels share, `at.NAME` there, and the workspaces that they write to."""
+"""Names of all columns and tuples that the kernels share (`at.NAME` in the kernels), and the workspaces of the kernels."""
 
 from collections import namedtuple
 from typing import Any
@@ -7,15 +7,15 @@ import numpy as np
 
 from pymantaray.compile import PLAIN
 
-# State y of a ray, see `step`. A fan integrates the first N_FAN numbers only.
+# State y of a ray, see `step`. For a fan, only the first N_FAN numbers are integrated.
 W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
 N_FAN, N_FULL = 4, 8
-# Kept beside it for a fan: the distance along the axis at which an OPEN ray left the water or a FORWARD one was reflected
-# too often (0: nowhere), and the largest |xi| on its way; of the former the derivative of that place by the launch angle, and of
-# the logarithm of how steeply it rose there. Its least and greatest offset across the axis on its way, with their derivatives.
+# Additional numbers for a ray of a fan: GONE, the distance along the axis at which an OPEN ray left the water or a FORWARD ray had too
+# many reflections (0: nowhere); GROWN, the largest |xi| on the path; for an OPEN ray, derivatives by the launch angle of GONE and of the
+# logarithm of the steepness there; the smallest and largest offset across the axis on the path, with their derivatives.
 GONE, GROWN, GONE_RATE, GONE_BEND = range(8, 12)
 HIGHEST, HIGHEST_RATE, LOWEST, LOWEST_RATE = range(12, 16)
-# Kept beside it for a full ray: the number of caustics, places at which XI passes through zero on the way.
+# Additional number for a full ray: the number of caustics, points on the path at which XI passes through zero.
 CAUSTICS_PASSED = 16
 N_STATE = 17
 
@@ -29,34 +29,35 @@ IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2
 NODE_TIME, NODE_POSITION, NODE_SLOWNESS, NODE_BOUNDARY = 0, 1, 4, 7
 N_NODE = 8
 
-# Ray of a fan: launch angle, miss and its slope, slowness and its slope, whether it came, code of its reflections; for the
-# search only: error of the cubic about it, tolerance, how far it diverged on its way (before it is traced, is expected to), and GONE
-# with what is known of it, and its least and greatest depth less the source's with their derivatives. The upper end of an interval has in place of DEFECT the number of the fan's interval that it is of.
+# Ray of a fan: launch angle, miss and its slope, slowness and its slope, 1 if it reached the end, code of its reflections. For the
+# search only: error of the cubic near it, tolerance, divergence on the path (before tracing: expected divergence), GONE with its two
+# derivatives, and smallest and largest depth relative to the source with their derivatives. The upper end of an interval has the number
+# of the fan's interval instead of DEFECT.
 ANGLE, MISS, SLOPE, SLOWNESS, SLOWNESS_SLOPE, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
 LEFT, LEFT_RATE, LEFT_BEND = range(10, 13)
 TOP, TOP_RATE, LOW, LOW_RATE = range(13, 17)
 INTERVAL = DEFECT
 N_RAY = 17
-N_BRACKET = 7  # of these an end of a bracket has the first
+N_BRACKET = 7  # number of these columns, from the first, that an end of a bracket has
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
-# both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis along which it was traced, and caustics.
+# both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis of integration, and caustics.
 TRAVEL_TIME, LAUNCH_ANGLE, ARRIVAL_ANGLE, SPREADING_DB, TURNING_POINTS = range(5)
 SOURCE_SLOWNESS, RECEIVER_SLOWNESS = 5, 8
 SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS, CAUSTICS = 11, 12, 13, 14
 N_ARRIVAL = 15
 HORIZONTAL, CHORD, VERTICAL = 0, 1, 2  # as `records.RayAxis`
 
-# What belongs to a link: chord travel time [s], sound speed at both ends [m/s], least miss [m], number of rays traced, and
-# 1 if none was left out for want of room.
+# Information about a link: chord travel time [s], sound speed at both ends [m/s], smallest miss [m], number of traced rays, and 1 if
+# there was room for all arrivals.
 CHORD_TIME, SOURCE_SPEED, RECEIVER_SPEED, MARGIN, RAYS, COMPLETE = range(6)
 N_INFO = 6
 
-# Rows of the cells of the sea bed: those in which the last ray was reflected, those that are held, those to be tried.
+# Rows of the array of sea-bed cells: reflections of the last ray, held cells, and cells to try.
 LANDED, HELD, TRIED = 0, 1, 2
-MOST_BOUNCES = 15  # of each kind
+MOST_BOUNCES = 15  # at each boundary
 
-# Candidate, see `cells`: its cells, launch angle, cross-track slowness, reflections at both boundaries, generation.
+# Candidate, see `cells`: cells, launch angle, cross-track slowness, reflections at both boundaries, generation.
 CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(
     MOST_BOUNCES + 1, MOST_BOUNCES + 5
 )
@@ -68,95 +69,100 @@ Domain = namedtuple(
     "Domain",
     "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed surface uniform layered radius",
 )
-Domain.__doc__ = """A medium as the kernels take it: sound speed, and `BoundaryGrid` of the sea bed and of the surface.
+Domain.__doc__ = """
+Medium for the kernels: sound speed, and `BoundaryGrid` of the sea bed and of the surface.
 
-field holds, for SMOOTH, B-spline coefficients (north, east, 2 * depth), else the sound speed (north, east, depth). A
-surface without ice has one point at depth 0. A uniform one does not vary horizontally; layered is such a LINEAR one
-whose levels reach the sea bed. radius is that of the Earth if depths and sound speeds are those of flattened water, else 0. [m]
+For SMOOTH, field contains B-spline coefficients (north, east, 2 * depth); for LINEAR, the sound speed (north, east, depth). A
+surface without ice has one point at depth 0. A uniform medium does not vary horizontally; a layered medium is uniform and LINEAR, and
+its levels reach the sea bed. radius is that of the Earth if depths and sound speeds are those of
+flattened water, otherwise 0. [m]
 """
 
-Section = namedtuple("Section", "kind n_range r_first r_step breaks depth lut lut_scale data layered")
-Section.__doc__ = """Field along one baseline.
+FieldSection = namedtuple(
+    "FieldSection", "kind n_range r_first r_step breaks depth lut lut_scale data layered"
+)
+FieldSection.__doc__ = """
+Sound-speed field along one baseline.
 
-n_range columns (SMOOTH) or cells (LINEAR); breaks holds the cell edges (LINEAR);
-lut maps depth to a level not below the cell's own. data is, for SMOOTH, (n_range, n_depth - 1, 16): the
-cubics in depth of c, c_r, c_y and c_yy in each layer; for LINEAR, (n_range, n_depth, 6).
+It has n_range columns (SMOOTH) or cells (LINEAR); breaks contains the edges of the cells (LINEAR). lut maps a depth to a level at or
+above the layer of this depth. For SMOOTH, data has shape (n_range, n_depth - 1, 16) and contains the cubics in depth of c, c_r, c_y and
+c_yy in each layer; for LINEAR, its shape is (n_range, n_depth, 6).
 """
 
 Baseline = namedtuple("Baseline", "north east unit_north unit_east")
-Baseline.__doc__ = """Where a link starts and its horizontal direction."""
+Baseline.__doc__ = """Start of a link, and its horizontal direction."""
 
 Walls = namedtuple("Walls", "bed surface line breaks n_breaks across cells held")
-Walls.__doc__ = """Sea bed and surface along one baseline; breaks are the ranges at which it crosses their grid lines, the ends too.
+Walls.__doc__ = """
+Sea bed and surface along one baseline; breaks are the ranges at which it crosses their grid lines, and its ends.
 
-across, usually 1, is the share of their slope across the plane that counts. Row LANDED of cells takes the cells of the sea
-bed in which a ray is reflected. Where held is not negative the bed is that of the cell cells[HELD, held] alone, continued
-beyond its edges by as much as it is wide; there is none elsewhere and for a cell -1.
+across is the share of the boundaries' slope across the plane that the kernels use, usually 1. Row LANDED of cells receives the cells
+of the sea bed in which a ray is reflected. If held is not negative, the bed is that of the cell cells[HELD, held] alone, extended
+beyond its edges by its width; elsewhere, and for a cell -1, there is no bed.
 """
 
-Rule = namedtuple("Rule", "kind max_surface max_bottom spare legs end_depth fold")
-Rule.__doc__ = """What a ray does at the surface and at the sea bed.
+BoundaryRule = namedtuple("BoundaryRule", "kind max_surface max_bottom spare legs end_depth fold")
+BoundaryRule.__doc__ = """
+Behaviour of a ray at the surface and at the sea bed.
 
-OPEN: it goes on beyond them. FORWARD: it is reflected, at most so many times, and spare times more of each kind: a search
-needs rays on both sides of those that it may keep. LEGS: on a vertical axis, it is
-reflected ``legs - 1`` times and ends at end_depth. fold is the mark of the boundary on which the receiver is, 0 if none: the
-search then unfolds the miss, see `search.shoot`.
+OPEN: the ray continues beyond them. FORWARD: it is reflected at most max_surface and max_bottom times, plus spare times each, because
+a search needs rays on both sides of the allowed ones. LEGS: on a vertical axis, it is reflected ``legs - 1`` times and ends at
+end_depth. fold is the mark of the boundary on which the receiver is, or 0: the search then unfolds the miss, see `search.shoot`.
 """
 OPEN, FORWARD, LEGS = 0, 1, 2
 
 Course = namedtuple("Course", "rule axis length target to_levels")
-Course.__doc__ = """How rays are followed: by a rule, along an axis over a length, to an offset target. [m]
+Course.__doc__ = """
+Integration of rays: rule at the boundaries, axis, length along it, and target offset. [m]
 
-Steps of a fan's direct rays through a SMOOTH section end at its levels with to_levels; those of full rays always do.
-For LEGS the length is a rough
-measure of all legs.
+With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of full rays always do. For LEGS, the
+length is an approximate total of all legs.
 """
 
 Axis = namedtuple("Axis", "z_source cb sb c_ref")
-Axis.__doc__ = """Axis through the source along which a ray is followed: depth of the source, cosine and sine of its tilt, sound speed there."""
+Axis.__doc__ = """Axis of integration through the source: depth of the source, cosine and sine of the tilt, sound speed at the source."""
 
 Cell = namedtuple("Cell", "column layer")
-Cell.__doc__ = """Cell of a section: number of its column along the range (LINEAR) and of its layer; layers -1 and n - 1 are outside the levels."""
+Cell.__doc__ = """Cell of a section: index of its column in range (LINEAR) and of its layer; layers -1 and n - 1 are outside the levels."""
 
 Point = namedtuple("Point", "along w dw side dside")
-Point.__doc__ = """Place of a ray: distance along the axis, offsets in and out of the plane, and the derivative of each by that distance."""
+Point.__doc__ = """Point of a ray: distance along the axis, offsets in and out of the plane, and their derivatives by this distance."""
 
-Lengths = namedtuple("Lengths", "first longest near")
-Lengths.__doc__ = """Lengths of a step to a face: that to begin with, the longest, and how near to the face it has to end. [m]"""
+StepLengths = namedtuple("StepLengths", "first longest near")
+StepLengths.__doc__ = """StepLengths of a step to a face: initial length, maximum, and maximum distance of its end from the face. [m]"""
 
 Reflections = namedtuple("Reflections", "surface bottom code")
-Reflections.__doc__ = """Reflections of a ray: the number at either boundary, and the code of their order and cells, see `boundary.append_code`."""
+Reflections.__doc__ = """Reflections of a ray: numbers at both boundaries, and the code of their order and cells, see `boundary.append_code`."""
 
-Found = namedtuple("Found", "count weak rays complete")
-Found.__doc__ = """Result of a search: rows of arrivals, rays too weak to count, rays traced, and whether none was left out for want of room."""
+SearchResult = namedtuple("SearchResult", "count weak rays complete")
+SearchResult.__doc__ = """Result of a search: number of arrivals, of rays below the cut-off and of traced rays; True if there was room for all."""
 
 ArcPoint = namedtuple("ArcPoint", "depth speed sine cosine")
-ArcPoint.__doc__ = """Place on an arc of `arcs`: depth, sound speed, and sine (positive down) and cosine of the ray's angle."""
+ArcPoint.__doc__ = """Point of an arc of `arcs`: depth, sound speed, and sine (positive down) and cosine of the ray's angle."""
 
 ArcRates = namedtuple("ArcRates", "sine cosine range")
 ArcRates.__doc__ = """Derivatives of sine, cosine and range by the launch angle at a fixed depth."""
 
 Snell = namedtuple("Snell", "a da sine_squared c_ref")
-Snell.__doc__ = """Constants of a ray through layers: a = cos / c with its derivative by the launch angle; sine squared and c at the source."""
+Snell.__doc__ = """Constants of a ray through layers: a = cos / c and its derivative by the launch angle; squared sine and c at the source."""
 
 Link = namedtuple("Link", "z0 z1 c0 c1 horizontal length unit_north unit_east")
-Link.__doc__ = """The two ends of a link: depths, sound speeds, distances and direction."""
+Link.__doc__ = """Ends of a link: depths, sound speeds, distances and direction."""
 
 Accuracy = namedtuple("Accuracy", "coarse fine miss")
-Accuracy.__doc__ = (
-    """Tolerances of a fan's rays and of an eigenray, and how near to the receiver an eigenray ends. [m]"""
-)
+Accuracy.__doc__ = """Tolerances of a fan's rays and of an eigenray, and maximum miss of an eigenray. [m]"""
 
 Settings = namedtuple("Settings", "cutoff_db tolerance canonical")
-Settings.__doc__ = """What the caller of `link.solve_links` may choose besides the numbers of reflections."""
+Settings.__doc__ = """Options of `link.solve_links` in addition to the numbers of reflections."""
 
 Results = namedtuple("Results", "rows counts status info")
-Results.__doc__ = """Arrivals (n_links, n, N_ARRIVAL) of links, how many each has, its status and its info (n_links, N_INFO)."""
+Results.__doc__ = """Arrivals (n_links, n, N_ARRIVAL) of links, and number of arrivals, status and information (n_links, N_INFO) of each link."""
 
 Ray = namedtuple("Ray", "y K ynew path")
-Ray.__doc__ = """What one ray is integrated in; K (7, N_FULL) asks for the full state, K (7, N_FAN) for that of a fan.
+Ray.__doc__ = """
+Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the state of a fan.
 
-path (n, N_PATH) takes every accepted step of a full ray when it has rows.
+path (n, N_PATH) receives every accepted step of a full ray if it has rows.
 """
 
 N_LANES = 47  # rows of eight numbers, see `march`
@@ -164,17 +170,18 @@ MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
-MAX_HALVED = 8  # intervals at a time
+MAX_HALVED = 8  # intervals halved at a time
 MAX_CANDIDATES = 96
-_ANGLES = 768  # nodes of a first fan besides those of the levels: twice the widest fan over its spacing
+_ANGLES = 768  # nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
 
 Work = namedtuple(
     "Work",
     "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts nodes fan extremes stack halves middles brackets rows lanes",
 )
-Work.__doc__ = """Workspaces of one thread, shared by all kernels; never read before they are written for a link.
+Work.__doc__ = """
+Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
 
-Without lanes, None on CUDA and in plain Python, the rays of a fan are traced one after the other.
+lanes is None on CUDA and in plain Python; the rays of a fan are then traced one after another.
 """
 
 
@@ -186,7 +193,7 @@ def shapes(
     path: int = MAX_PATH,
     halved: int = MAX_HALVED,
 ) -> Work:
-    """Shapes of the workspaces, for so many columns of a section, grid lines under a link, angles of a fan, steps, and intervals halved at a time."""
+    """Shapes of the workspaces for numbers of columns of a section, grid lines under a link, angles of a fan, steps, and intervals halved at a time."""
     return Work(
         y=(N_STATE,),
         K=(7, N_FULL),
@@ -215,11 +222,11 @@ def shapes(
 
 
 def least_shapes(domain: Any, longest: float) -> Work:
-    """Shapes that suffice for links of at most this horizontal distance in a medium. [m]"""
-    path = min(2048 + int(0.2 * longest), MAX_PATH)  # steps are some 5 m and more
+    """Smallest sufficient shapes for links up to a horizontal distance in a medium. [m]"""
+    path = min(2048 + int(0.2 * longest), MAX_PATH)  # steps have at least about 5 m
     lines = min(sum(one.north.size + one.east.size for one in (domain.bed, domain.surface)), MAX_COLUMNS)
     n_depth = domain.depth.size
-    if domain.kind == SMOOTH:  # one column more: distances may round differently on another processor
+    if domain.kind == SMOOTH:  # one extra column: distances may round differently on another processor
         columns = min(int(np.ceil(longest / domain.column_step)) + 2, MAX_COLUMNS)
         return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth, MAX_NODES), path, 1)
     columns = min(domain.north.size + domain.east.size, MAX_COLUMNS)

@@ -1,4 +1,4 @@
-"""One link from end to end: cut the section, search, refine, check that the ray stays in the water."""
+"""Solver of one link: compute the section, search, refine, and check that the rays stay in the water."""
 
 import math
 
@@ -44,9 +44,9 @@ from pymantaray.acoustics._kernels.trace import direct_course, full_ray, trace
 from pymantaray.compile import entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
-_CLEAR, _THROUGH, _BLOCKED = range(3)  # where a ray goes: in the water, through the surface, to the sea bed
+_CLEAR, _THROUGH, _BLOCKED = range(3)  # course of a ray: in the water, through the surface, into the sea bed
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
-_SPACING_SMOOTH = 0.016, 3e-4  # rad; of the first fan, and nodes nearer to each other are merged
+_SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
 _FULL_TOLERANCE_LENGTH = 2e4  # m; for longer links the tolerance grows with their length
 _GAUSS_NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
@@ -61,7 +61,7 @@ _GAUSS_WEIGHTS = (
 
 @kernel
 def baseline(domain, source, unit, horizontal, work):
-    """Section and boundaries along a baseline."""
+    """FieldSection and boundaries along a baseline."""
     line = Baseline(source[0], source[1], unit[0], unit[1])
     s = cut_section(domain, line, horizontal, work)
     breaks, end = work.wall_breaks, max(horizontal, 1e-6)
@@ -73,7 +73,7 @@ def baseline(domain, source, unit, horizontal, work):
 
 @kernel
 def prepare(domain, source, receiver, work):
-    """Section, boundaries and ends of a link."""
+    """FieldSection, boundaries and ends of a link."""
     dn, de, dz = receiver[0] - source[0], receiver[1] - source[1], receiver[2] - source[2]
     horizontal = math.hypot(dn, de)
     unit = 1.0, 0.0
@@ -189,9 +189,10 @@ def sphere_chord_time(s, link, radius, cuts):
 
 @kernel
 def solve_link(domain, bounces, settings, source, receiver, work, info):
-    """All eigenrays of one link with at most so many reflections at the surface and the bottom; with None, direct ones.
+    """
+    Find all eigenrays of one link with up to bounces reflections at the surface and the bottom; with None, only direct ones.
 
-    work.rows receives the arrivals; returns their number and the status.
+    work.rows receives the arrivals. Returns their number and the status.
     """
     for i in range(at.N_INFO):
         info[i] = np.nan
@@ -215,7 +216,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     tol = settings.tolerance * max(1.0, link.length / _FULL_TOLERANCE_LENGTH)
     fine, coarse = min(tol, 1e-4 * link.length), min(30.0 * tol, 1e-2 * link.length)
     spacing = _SPACING_SMOOTH
-    if s.kind == at.LINEAR:  # a ray that dips a centimetre into the next layer comes out metres away
+    if s.kind == at.LINEAR:  # a ray that enters the next layer by a centimetre leaves it metres away
         fine = min(1e-3 * tol, 1e-8 * link.length)
         coarse = fine
         spacing = _SPACING_LINEAR
@@ -224,7 +225,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     if course.axis.sb != 0.0:
         n, margin, rays, complete = _chord_bracket(s, walls, course, coarse, work)
     else:
-        # a ray that turns does so within the limits; one that does not is at some depth as steep as the chord
+        # a ray that turns is within the limits; a ray that does not turn is as steep as the chord at some depth
         lo = -math.acos(math.cos(limits[0]) * math.cos(min(slope, 0.0))) - BEYOND
         hi = math.acos(math.cos(limits[1]) * math.cos(max(slope, 0.0))) + BEYOND
         search = Search(coarse, fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0)
@@ -233,7 +234,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     count, through_surface, blocked, weak = _keep_direct(
         s, walls, link, (n, course), (settings.cutoff_db, weak_slope), accuracy, work
     )
-    if bounces is not None and bounces[0] + bounces[1] > 0:  # for None Numba leaves this out
+    if bounces is not None and bounces[0] + bounces[1] > 0:  # for None, Numba omits this branch
         limit = snell_limit(s, link.c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP
         hunt = Hunt(
             link,
@@ -262,13 +263,13 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     if blocked > 0:
         return 0, BLOCKED
     if through_surface > 0 or margin == 0.0:
-        info[at.MARGIN] = math.nan  # rays that would come by way of the surface miss by nothing
+        info[at.MARGIN] = math.nan  # rays through the surface have no miss
     return 0, SHADOW
 
 
 @kernel
 def _same_place(row):
-    """Fill the row of a link whose ends are at one place."""
+    """Fill the row of a link with coincident ends."""
     for i in range(at.N_ARRIVAL):
         row[i] = np.nan
     for i in (at.TRAVEL_TIME, at.TURNING_POINTS, at.CAUSTICS):
@@ -279,7 +280,7 @@ def _same_place(row):
 
 @kernel
 def _chord_bracket(s, walls, course, tol, work):
-    """The one bracket of a steep link, from which a regula falsi about the chord starts; returned as by `find_brackets`."""
+    """Bracket of a steep link, as the start of a regula falsi about the chord; returns the values of `find_brackets`."""
     half, rays = 0.02, 0
     a, b = work.stack[0, 0], work.stack[0, 1]
     while half <= 0.64:
@@ -308,10 +309,12 @@ def _place(launch, course, walls, work):
 
 @shared
 def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
-    """Refine the direct rays of a fan, its number of brackets and their course, and keep those that stay in the water.
+    """
+    Refine the direct rays in the brackets of a fan, and keep those that stay in the water.
 
-    cutoff is that of spreading, and the slope of the miss of rays too weak to be refined. [dB, m]
-    Returns the number of rows, and how many rays went through the surface, met the sea bed or are too weak.
+    fan contains the number of brackets and their course; cutoff contains the cut-off of the spreading, and the slope of the miss above
+    which rays are too weak. [dB, m] Returns the number of rows, and the numbers of rays through the surface, into the sea bed and below
+    the cut-off.
     """
     n, course = fan
     rows, brackets = work.rows, work.brackets
@@ -341,7 +344,7 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
             count = _keep_row(rows, count)
     if count + weak > 0:
         return count, through_surface, blocked, weak
-    for i in range(n):  # what becomes of rays too weak to be refined matters where there is no other
+    for i in range(n):  # the course of weak rays matters only without any other ray
         if not is_weak(brackets[i], cutoff[1], RESOLUTION):
             continue
         angle = cubic_angle(brackets[i, 0], brackets[i, 1], 0.0)
@@ -356,7 +359,10 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
 
 @kernel
 def _keep_row(rows, count):
-    """Keep the row after the first count, of rows of one ray (a caustic's two brackets may lead to it) the strongest; return how many are kept."""
+    """Append the row after the first count, or keep only the stronger of two rows of one ray; return the number of rows.
+
+    Both brackets at a caustic may lead to the same ray.
+    """
     row = rows[count]
     for j in range(count):
         near_in_time = abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < 1e-7
@@ -370,9 +376,10 @@ def _keep_row(rows, count):
 
 @entry
 def solve_links(domain, bounces, settings, source, receiver, share, work, results):
-    """Solve the links first, first + every, ... of share (first, every); the first arrivals of each, as many as there is room.
+    """
+    Solve the links first, first + every, ... of share (first, every); the results contain the first arrivals that have room.
 
-    With settings.canonical, each link is solved from its deeper end (ties: north, east) and turned round.
+    With settings.canonical, the solver starts from the deeper end of each link (ties: north, east) and reverses the results.
     """
     first, every = share
     rows, info = work.rows, results.info

@@ -1,7 +1,8 @@
-"""Direct rays of a fan through a SMOOTH section, eight side by side, each with steps of its own.
+"""
+Integration of eight direct rays of a fan at a time through a SMOOTH section, each with its own steps.
 
-The same equations, formula and control of error as in `step` and `trace`; a ray that has come makes room for the next.
-What eight rays share is only the instruction. Rays that do not get through at once are left to `trace`.
+Equations, formula and error control are those of `step` and `trace`. The eight rays share only the processor's instructions. When a
+ray reaches the end, the next ray takes its lane. `trace` traces rays that fail here.
 """
 
 import math
@@ -25,25 +26,25 @@ from pymantaray.acoustics._kernels.lanes import (
 from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, FAN_TUBE, LEAST_WIDTH, A, C
 from pymantaray.compile import inlined, kernel
 
-# Rows of the workspace: state, its derivatives at the seven stages of a step, and what belongs to each ray
+# Rows of the workspace: state, its derivatives at the seven stages of a step, and data of each ray
 _SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND, _TOL, _EXPECTED = 4, *range(32, 43)
 _TOP, _TOP_RATE, _LOW, _LOW_RATE = range(43, 47)
 FIRST_STEP = 60.0  # m
 _COME, _FAILED = 1.0, 2.0
-# Where rays diverge, measured by straight ones, the errors made on their way grow with them
-_DIVERGING = 3.0  # from here on a ray is traced with a tolerance that allows for it,
-_HOPELESS = 1e3  # up to here: weaker ones are no arrivals
-_AMPLIFIED, _DIVERGENCE_LIMIT = (
-    2.0,
-    30.0,
-)  # smaller by the first times the divergence, which counts up to the second
-_AT_LEVELS = 10.0  # times the tolerance is allowed where steps end at the levels: errors are a fiftieth of their estimate there
-ERRING = 100.0  # times tolerance and divergence away from the receiver, errors do not matter
+# Errors on the path of a ray grow with its divergence, relative to straight rays.
+_DIVERGING = 3.0  # divergence above which a ray needs a smaller tolerance
+_HOPELESS = 1e3  # divergence above which rays are too weak to be arrivals
+# the tolerance decreases by _AMPLIFIED times the divergence, which counts up to _DIVERGENCE_LIMIT
+_AMPLIFIED, _DIVERGENCE_LIMIT = 2.0, 30.0
+_AT_LEVELS = (
+    10.0  # factor of the tolerance if steps end at the levels: errors are then a fiftieth of their estimate
+)
+ERRING = 100.0  # distance from the receiver beyond which errors do not matter, in tolerances times divergence
 
 
 @kernel
 def allowed(tol, growth, to_levels):
-    """Tolerance of a ray's steps, which end at the levels or not, if it is expected to diverge by growth."""
+    """Tolerance of the steps of a ray with an expected divergence ``growth``; to_levels: steps end at the levels."""
     diverges = _DIVERGING < growth < _HOPELESS
     if to_levels:
         return tol * _AT_LEVELS / min(growth, _AT_LEVELS) if diverges else tol * _AT_LEVELS
@@ -52,19 +53,19 @@ def allowed(tol, growth, to_levels):
 
 @kernel
 def needs_more(miss, tol, growth, expected):
-    """True if a ray that diverged this much near the receiver must be traced again with a smaller tolerance than expected."""
+    """True if a ray near the receiver diverged so much that it must be traced again with a smaller tolerance."""
     return max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS and abs(miss) <= ERRING * tol * growth
 
 
 @inlined
 def _level(s, z):
-    """Number of the layer that each of eight rays is in, and its depth in it; as `field.find_level`."""
+    """Layers of eight rays, and their depths in the layers; as `field.find_level`."""
     i = floor((z - s.depth[0]) * s.lut_scale)
     k, top, below, after = gather(s.lut, 4.0 * choose(i < LUT_SIZE - 1.0, i, LUT_SIZE - 1.0))
     deeper = below < z
     k, top = choose(deeper, k + 1.0, k), choose(deeper, below, top)
     deeper = after < z
-    while any_lane(deeper):  # levels nearer to each other than the table's entries
+    while any_lane(deeper):  # levels closer to each other than the table's entries
         k = choose(deeper, k + 1.0, k)
         top = take(s.depth, k)
         deeper = (take(s.depth, k + 1.0) < z) & (k < s.depth.size - 2.5)
@@ -73,7 +74,7 @@ def _level(s, z):
 
 @inlined
 def _derivative(s, rows, slopes, pos, state, axis):
-    """Put the right-hand side of eight rays from row slopes on; return (h c)^2 less what it must be more than."""
+    """Write the right-hand side of eight rays to the rows from slopes; return (h c)^2 minus its lower limit."""
     w, p, xi, eta = state
     z_source, c_ref = axis
     last = s.depth.size - 1
@@ -141,7 +142,7 @@ def _embedded(rows, i):
 
 @inlined
 def _step(s, rows, pos, h, state, first_stage, axis):
-    """One step of Dormand and Prince; return the state after it and the least of what `_derivative` returns."""
+    """One step of Dormand and Prince; return the new state, and the smallest result of `_derivative`."""
     w, p, xi, eta = state
     w1, p1, xi1, eta1, room = w, p, xi, eta, pos + 1.0
     for stage in range(first_stage, 7):
@@ -158,7 +159,7 @@ def _step(s, rows, pos, h, state, first_stage, axis):
 
 @inlined
 def _to_level(s, z, down):
-    """Step of eight rays to just beyond the next level; as `trace._to_level`, but a level just passed is taken as a layer away."""
+    """Length of the step of eight rays to just beyond the next level; as `trace._to_level`, but a level at the ray counts as one layer away."""
     last = s.depth.size - 1
     inside = choose(z < s.depth[0], s.depth[0], z)
     inside = choose(inside < s.depth[last], inside, s.depth[last])
@@ -172,7 +173,7 @@ def _to_level(s, z, down):
 
 @kernel
 def _launch(rows, lane, fan, n_rays, course):
-    """Start the next ray of the fan in a lane; one beyond the last is the first again. Return whether it counts."""
+    """Start the next ray of the fan in a lane, or repeat the first ray after the last; return True for a new ray."""
     ray = int(rows[_NEXT, 0])
     rows[_NEXT, 0] += 1.0
     node = fan[ray if ray < n_rays else 0]
@@ -188,7 +189,7 @@ def _launch(rows, lane, fan, n_rays, course):
 
 @kernel
 def _relay(rows, fan, n_rays, course):
-    """Write rays that have come, or failed, into their nodes and start the next in their lanes; return the change of their number."""
+    """Write finished and failed rays to their nodes and start new rays in their lanes; return the change of the number of active rays."""
     change = 0
     for lane in range(WIDTH):
         if rows[_DONE, lane] == 0.0:
@@ -214,7 +215,7 @@ def _relay(rows, fan, n_rays, course):
 
 @kernel
 def _under_ice(walls, rows, z_source):
-    """Take the mark DONE from those of eight rays that are below ice that varies."""
+    """Remove the mark DONE from rays below varying ice."""
     for lane in range(WIDTH):
         r = rows[_POS, lane]
         if z_source + rows[at.W, lane] >= surface_at(walls, r, 0.0, r)[0]:
@@ -223,7 +224,7 @@ def _under_ice(walls, rows, z_source):
 
 @inlined
 def _exit(rows, above, state, top):
-    """Note how rays left the water at an offset top, NaN for where they are, as `trace`; return how far ahead that was."""
+    """Record the exit of rays from the water at an offset top (NaN: at their position), as `trace`; return the distance to it."""
     w, _, xi, _ = state
     dw, dp, dxi = load(rows, _SLOPES), load(rows, _SLOPES + 1), load(rows, _SLOPES + 2)
     back = (top - w) / dw
@@ -237,7 +238,7 @@ def _exit(rows, above, state, top):
 
 @inlined
 def _note_extremes(rows, state):
-    """Keep the least and the greatest offset of eight rays on their way, with the derivatives there."""
+    """Update the smallest and the largest offset of eight rays on their paths, with the derivatives there."""
     w, _, xi, _ = state
     top, low = load(rows, _TOP), load(rows, _LOW)
     store(rows, _TOP_RATE, choose(w < top, xi, load(rows, _TOP_RATE)))
@@ -248,14 +249,14 @@ def _note_extremes(rows, state):
 
 @inlined
 def _loaded(rows):
-    """State, place, step and what is kept of eight rays."""
+    """State, position, step and other data of eight rays."""
     state = load(rows, at.W), load(rows, at.P), load(rows, at.XI), load(rows, at.ETA)
     return state, load(rows, _POS), load(rows, _LENGTH), load(rows, _GONE), load(rows, _GROWN)
 
 
 @inlined
 def _stored(rows, state, pos, h, gone, grown):
-    """Put the same back."""
+    """Store the values of `_loaded`."""
     for i in range(4):
         store(rows, i, state[i])
     store(rows, _POS, pos)
@@ -266,10 +267,11 @@ def _stored(rows, state, pos, h, gone, grown):
 
 @inlined
 def _controlled(rows, h, left, room, width, to_levels):
-    """True if steps are accurate enough; the factor of their next length; and true if they are too short to continue.
+    """
+    Masks of steps that are accurate enough and of steps that are too short to continue, and the factor of the next length.
 
-    Where they end at the levels, the variation, here as a share of the ray's length, counts as in `step.step_error`.
-    Derivatives at the end of a good step become those at the beginning of the next.
+    If steps end at the levels, the error of the variation, relative to the ray's length, counts as in `step.step_error`. Derivatives at
+    the end of an accepted step become those at the start of the next.
     """
     error = h * (_embedded(rows, at.W) + left * _embedded(rows, at.P)) + 1e-300
     if to_levels:
@@ -290,7 +292,7 @@ def _controlled(rows, h, left, room, width, to_levels):
 
 @kernel
 def march(s, walls, course, fan, n_rays, rows):
-    """Trace rays of a fan, given by ANGLE, TOL and expected GROWTH, into its rows as `search.shoot` does; GOOD is 0 for those left to it."""
+    """Trace rays of a fan from ANGLE, TOL and expected GROWTH into its rows as `search.shoot` does; GOOD is 0 for rays that it must trace."""
     z_source, _, _, c_ref = course.axis
     length = course.length
     flat = walls.surface.depth.size == 1

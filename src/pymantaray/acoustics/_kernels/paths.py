@@ -1,10 +1,10 @@
-"""Paths of eigenrays, of single rays, and sections for pictures."""
+"""Paths of eigenrays and of rays with given launch angles, and sections for pictures."""
 
 import math
 
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import cut_section, field_at
-from pymantaray.acoustics._kernels.layout import Baseline, Course, Rule
+from pymantaray.acoustics._kernels.layout import Baseline, BoundaryRule, Course
 from pymantaray.acoustics._kernels.link import baseline, prepare
 from pymantaray.acoustics._kernels.trace import (
     direct_course,
@@ -16,16 +16,18 @@ from pymantaray.acoustics._kernels.trace import (
 from pymantaray.compile import entry, kernel
 from pymantaray.geometry.boundary_kernels import depth_at
 
-_LEG = 1e3  # m; rough length of a leg
-_NEAR_END = 1e-3  # of the link
-_FINER = 1e-3  # of the tolerance: a ray that breaks off is traced once more
+_LEG = 1e3  # m; approximate length of a leg
+_NEAR_END = 1e-3  # in lengths of the link
+_FINER = 1e-3  # factor of the tolerance for a second trace of a ray that ends early
 
 
 @kernel
 def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
-    """Trace one eigenray again, launched with a slowness, into work.path.
+    """
+    Trace one eigenray again, with a given slowness at the source, into work.path.
 
-    manner is its axis and its reflections at the surface and at the bottom. Returns whether it came, the steps and c at the source.
+    manner contains its axis and its reflections at the surface and at the bottom. Returns True if it reaches the end, the number of
+    steps, and c at the source.
     """
     s, walls, link = prepare(domain, source, receiver, work)
     axis, bounces = manner[0], (manner[1], manner[2])
@@ -56,11 +58,12 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
 
 @entry
 def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
-    """Trace eigenrays into rows of nodes, in the local frame and from the source, as long as there is room for any.
+    """
+    Trace eigenrays into rows of nodes in the local frame, from the source, while there is room for any ray.
 
-    ends (n, 2, 3) holds source and receiver; launch (n, 4) the slowness where it is launched, and 1 where that is the receiver;
-    manner (n, 3) the rays' axes and reflections at both boundaries. out takes the nodes, and how many each ray has, none where it
-    breaks off. Returns the number traced.
+    ends (n, 2, 3) contains source and receiver; launch (n, 4) the slowness at the launch, and 1 for a launch from the receiver;
+    manner (n, 3) the axes of the rays and their reflections at both boundaries. out receives the nodes, and the number of nodes of each
+    ray, 0 if it ends early. Returns the number of traced rays.
     """
     nodes, counts = out
     n = 0
@@ -103,7 +106,7 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
 
 @kernel
 def _line(start, end):
-    """Baseline from one place to another; northwards where they are above each other."""
+    """Baseline from one position to another; northward if one is above the other."""
     dn, de = end[0] - start[0], end[1] - start[1]
     length = math.hypot(dn, de)
     if length > 0.0:
@@ -113,15 +116,16 @@ def _line(start, end):
 
 @entry
 def trace_launches(domain, fan, angles, bounces, tol, work, out):
-    """Trace a fan of rays into rows of nodes, in the local frame, as long as there is room for any; return the number traced.
+    """
+    Trace a fan of rays into rows of nodes in the local frame, while there is room for any ray; return the number of traced rays.
 
-    fan is the source, the direction of the plane and the distance.
+    fan contains the source, the direction of the plane and the distance.
     """
     source, unit, distance = fan
     nodes, counts = out
     s, walls = baseline(domain, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
-    rule = Rule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
+    rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
     course = Course(rule, at.Axis(source[2], 1.0, 0.0, c), distance, 0.0, False)
     n = 0
     for i in range(angles.size):
@@ -137,14 +141,14 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
 
 @kernel
 def _local_node(row, line, c, surface, node):
-    """Bring a row of a path into the local frame."""
+    """Convert a row of a path to the local frame."""
     r, y, p_r, p_y = row[at.RANGE], row[at.SIDE], row[at.P_RANGE], row[at.P_SIDE]
     un, ue = line.unit_north, line.unit_east
     node[at.NODE_TIME] = row[at.TIME] / c
     node[at.NODE_POSITION] = line.north + r * un - y * ue
     node[at.NODE_POSITION + 1] = line.east + r * ue + y * un
     node[at.NODE_POSITION + 2] = row[at.DEPTH]
-    if row[at.BOUNDARY] == at.AT_SURFACE and surface.depth.size == 1:  # without the last nanometres
+    if row[at.BOUNDARY] == at.AT_SURFACE and surface.depth.size == 1:  # the last nanometres are missing
         node[at.NODE_POSITION + 2] = surface.depth[0, 0]
     node[at.NODE_SLOWNESS] = (p_r * un - p_y * ue) / c
     node[at.NODE_SLOWNESS + 1] = (p_r * ue + p_y * un) / c
@@ -154,7 +158,7 @@ def _local_node(row, line, c, surface, node):
 
 @entry
 def section_grid(domain, fan, ranges, depths, work, out):
-    """Sound speed (range, depth), sea bed and surface along a baseline into out; fan as in `trace_launches`."""
+    """Write sound speed (range, depth), sea bed and surface along a baseline to out; ``fan`` is as in `trace_launches`."""
     source, unit, distance = fan
     speed, floor, top = out
     line = Baseline(source[0], source[1], unit[0], unit[1])

@@ -1,10 +1,10 @@
-"""Eigenrays with reflections at the surface and the sea bed.
+"""
+Search for eigenrays with reflections at the surface and the sea bed.
 
-Two fans share the launch angles. Up to _STEEPEST_FORWARD from the horizontal, rays are followed in range
-and reflected wherever they meet a boundary. Closer to the vertical, where a ray may also turn back
-on a slope, they are followed in depth, leg by leg, for each number of reflections. Both look in the vertical plane
-of the link first; Newton's method on two launch angles then includes slopes and sound-speed gradients
-across it, and over a gridded sea bed goes on cell by cell.
+Two fans share the launch angles. Up to _STEEPEST_FORWARD from the horizontal, rays are integrated in range and reflected wherever they
+meet a boundary. Steeper rays, which may turn back on a slope, are integrated in depth, leg by leg, for each number of reflections. Both
+fans first search in the vertical plane of the link. Newton's method with two launch angles then includes slopes and sound-speed
+gradients across the plane. Over a gridded sea bed, it continues with given cells.
 """
 
 import math
@@ -18,7 +18,7 @@ from pymantaray.acoustics._kernels.cells import (
     add_neighbours,
     add_of_bracket,
     candidate,
-    follow,
+    solve_candidate,
 )
 from pymantaray.acoustics._kernels.refine import INSET, Launch, finish, refine_reflected, tube
 from pymantaray.acoustics._kernels.search import (
@@ -32,22 +32,22 @@ from pymantaray.acoustics._kernels.trace import forward_course, legs_course
 from pymantaray.compile import kernel
 
 _STEEPEST_FORWARD = 1.08  # rad
-_SHALLOWEST_LEGS = 1.02  # rad; the fans overlap, what both find is kept once
+_SHALLOWEST_LEGS = 1.02  # rad; the fans overlap, and rays of both are kept once
 _SPACING_FORWARD = 0.04  # rad, beyond the angles at which rays can turn
 _SPACING_LEGS = 0.13  # rad
-_OVERHANG = 0.08  # rad; as far beyond an edge of its cells in the plane, a ray may be within them out of it
-_RESOLUTION = 1e-6  # rad; narrower windows between changes of reflection are not looked into
-_TRUST = 2e-4  # rad; rays within the usual cut-off fill wider windows than this
+_OVERHANG = 0.08  # rad; a ray up to this angle beyond an edge of its cells in the plane may be within the cells out of the plane
+_RESOLUTION = 1e-6  # rad; narrower windows between changes of reflections are not searched
+_TRUST = 2e-4  # rad; rays above the usual cut-off have wider windows
 _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
 
 Hunt = namedtuple("Hunt", "link reach accuracy bounces cutoff_db weak_slope limit spacing")
-Hunt.__doc__ = """A link and what is looked for there: most reflections at the surface and at the bottom, cut-off [dB] and slope of the miss
-of rays too weak, steepest angle at which rays turn, and spacing of the first fan as `search.fan_nodes` takes it [rad].
+Hunt.__doc__ = """Link and settings of a search: maximum reflections at the surface and at the bottom, cut-off [dB], slope of the miss above which
+rays are too weak, steepest angle of rays that turn, and spacing of the first fan for `search.fan_nodes` [rad].
 """
 
 Reach = namedtuple("Reach", "top bed deepest slope across ice_slope ice_across inset on_boundary")
-Reach.__doc__ = """Boundaries of a link: depths at the receiver, and of the sea bed at most; largest slopes of sea bed and ice along and
-across; how far inside a boundary a receiver on it is met, and on which it is: -1 the surface, 1 the sea bed.
+Reach.__doc__ = """Boundaries of a link: depths at the receiver, largest depth of the sea bed, largest slopes of sea bed and ice along and
+across, distance of the target inside the boundary for a receiver on it, and this boundary: -1 the surface, 1 the sea bed.
 """
 
 
@@ -76,28 +76,25 @@ def reach_of(walls, link):
 
 @kernel
 def add_reflected(s, walls, hunt, count, work):
-    """Append all eigenrays with 1 to so many reflections to work.rows.
-
-    Returns rows in use, weak ones, rays traced, and whether none was left out.
-    """
+    """Append all eigenrays with one or more allowed reflections to work.rows; return a `SearchResult`."""
     horizontal, reach = hunt.link.horizontal, hunt.reach
-    so_far = at.Found(count, 0, 0, True)
+    result = at.SearchResult(count, 0, 0, True)
     steepest = 0.5 * math.pi
     if horizontal > 1e-9:
         legs = hunt.bounces[0] + hunt.bounces[1] + 1
         steepest = math.atan(1.3 * legs * reach.deepest / horizontal) + 0.1
-        so_far = _add_forward(s, walls, hunt, steepest, so_far, work)
-    # on a slope a ray gets steeper by twice its angle at each reflection, and may turn back
+        result = _add_forward(s, walls, hunt, steepest, result, work)
+    # on a slope, each reflection makes a ray steeper by twice the angle of the slope, so it may turn back
     turned = hunt.bounces[1] * math.atan(reach.slope) + hunt.bounces[0] * math.atan(reach.ice_slope)
     shallowest = max(_SHALLOWEST_LEGS - 2.0 * turned, hunt.limit + 0.05)
     if steepest > shallowest:
-        so_far = _add_in_legs(s, walls, hunt, shallowest, so_far, work)
-    return so_far
+        result = _add_in_legs(s, walls, hunt, shallowest, result, work)
+    return result
 
 
 @kernel
-def _add_forward(s, walls, hunt, steepest, so_far, work):
-    """Append the eigenrays that are followed along the horizontal."""
+def _add_forward(s, walls, hunt, steepest, result, work):
+    """Append the eigenrays that are integrated along the horizontal."""
     link, reach, nodes = hunt.link, hunt.reach, work.nodes
     hi = min(_STEEPEST_FORWARD, max(hunt.limit, steepest))
     inner = min(hunt.limit, hi)
@@ -117,12 +114,12 @@ def _add_forward(s, walls, hunt, steepest, so_far, work):
         fold_depth = reach.bed if at_bottom else reach.top
     course = forward_course(link, hunt.bounces, 1, fold, link.z1 - reach.inset)
     fan = aimed_at(course, fold_depth - link.z0)
-    return _collect(s, walls, (course, fan), n + 2 * more, hunt.limit, hunt, so_far, work)
+    return _collect(s, walls, (course, fan), n + 2 * more, hunt.limit, hunt, result, work)
 
 
 @kernel
-def _add_in_legs(s, walls, hunt, shallowest, so_far, work):
-    """Append the eigenrays that are followed in depth."""
+def _add_in_legs(s, walls, hunt, shallowest, result, work):
+    """Append the eigenrays that are integrated in depth."""
     link, deepest, nodes = hunt.link, hunt.reach.deepest, work.nodes
     half = 0.5 * math.pi - shallowest
     for first in range(2):
@@ -138,14 +135,14 @@ def _add_in_legs(s, walls, hunt, shallowest, so_far, work):
             for i in range(n):
                 nodes[i] = half * (2.0 * i / (n - 1) - 1.0)
             course = legs_course(link, (n_s, n_b), first == 0, link.z1 - hunt.reach.inset, legs * deepest)
-            so_far = _collect(s, walls, (course, course), n, -1.0, hunt, so_far, work)
-    return so_far
+            result = _collect(s, walls, (course, course), n, -1.0, hunt, result, work)
+    return result
 
 
 @kernel
-def _collect(s, walls, courses, n_nodes, steep, hunt, so_far, work):
-    """Find and refine the reflected rays of one fan; courses are that of the rays and, with the target of the search, the fan's."""
-    count, weak, rays, complete = so_far
+def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
+    """Find and refine the reflected rays of one fan; courses are that of the rays, and that of the fan with the target of the search."""
+    count, weak, rays, complete = result
     course, fan_course = courses
     reach, accuracy, cells = hunt.reach, hunt.accuracy, walls.cells
     width, trust = _RESOLUTION, _TRUST
@@ -170,7 +167,7 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, so_far, work):
             if generation == KNOWN:
                 continue
             same = True
-            n, launch = follow(s, walls, course, (done - 1, n), bracket, accuracy, work)
+            n, launch = solve_candidate(s, walls, course, (done - 1, n), bracket, accuracy, work)
         if launch.ok:
             if gridded:
                 q = launch.q
@@ -180,12 +177,12 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, so_far, work):
             weak += too_weak
         if gridded and not same:
             n = add_of_bracket(s, walls, course, bracket, n, accuracy.fine, work)
-    return at.Found(count, weak, rays + more_rays, complete and all_there)
+    return at.SearchResult(count, weak, rays + more_rays, complete and all_there)
 
 
 @kernel
 def _keep(s, walls, course, launch, counts, hunt, count, work):
-    """Write the ray in work.y into the next row unless it is there; return the rows in use, and 1 if it is too weak."""
+    """Write the ray in work.y to the next row unless it exists; return the number of rows, and 1 if the ray is below the cut-off."""
     link, reach, rows = hunt.link, hunt.reach, work.rows
     n_s, n_b = counts // 32, counts % 32
     if count >= rows.shape[0] or n_s > hunt.bounces[0] or n_b > hunt.bounces[1] or counts == 0:

@@ -1,16 +1,17 @@
-"""Hamilton's equations of a ray with their variation, and one Dormand-Prince 5(4) step of them.
+"""
+Hamilton's equations of a ray with their variation, and one Dormand-Prince 5(4) step of them.
 
-The independent variable is the distance ``s`` along an axis through the source in the section's plane,
-either the horizontal or the chord, tilted by an angle with cosine ``cb`` and sine ``sb``. With
-``n = c_ref / c``, ``w`` the offset across the axis in the plane (towards greater depth) and ``y`` the
-offset out of the plane (to the right), conjugate slownesses ``p`` and ``q`` and ``h = sqrt(n^2 - p^2 - q^2)``:
+The independent variable is the distance ``s`` along an axis through the source in the section's plane. The axis is horizontal, or the
+chord, with a tilt of cosine ``cb`` and sine ``sb``. With ``n = c_ref / c``, the offset ``w`` across the axis in the plane (towards
+greater depth), the offset ``y`` out of the plane (to the right), the conjugate slownesses ``p`` and ``q``, and
+``h = sqrt(n^2 - p^2 - q^2)``:
 
     w' = p / h,   p' = n n_w / h,   y' = q / h,   q' = n n_y / h,   T' = n^2 / h
 
 Rays therefore end exactly on the plane through the receiver. ``xi`` and ``eta`` are the derivatives of
 ``w`` and ``p`` by the launch angle; ``A`` is the integral of ``1 / h``, the derivative of ``y`` by ``q``.
 
-The state vector's columns are named in `layout`, A as DY_DQ. A fan needs the first four only.
+`layout` contains the names of the state vector's columns; that of A is DY_DQ. A fan needs only the first four.
 """
 
 import math
@@ -21,11 +22,9 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import linear_full, move_level, smooth_full, smooth_planar
 from pymantaray.compile import inlined, kernel
 
-TUBE, FAN_TUBE = (
-    1e-3,
-    2e-3,
-)  # accuracy of the ray tube's width: 0.004 dB; of a fan's ray whose steps end at the levels
-LEAST_WIDTH = 0.05  # of the length: narrower tubes are taken as so wide
+# relative accuracy of the ray tube's width: 0.004 dB; and for a fan's ray with steps that end at the levels
+TUBE, FAN_TUBE = 1e-3, 2e-3
+LEAST_WIDTH = 0.05  # minimum width of a tube for the error control, in lengths of the ray
 
 # Dormand and Prince (1980), the pair RK5(4)7M; the tests compare it with scipy.integrate.RK45
 C = np.array((0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0))
@@ -45,9 +44,10 @@ E1, E3, E4, E5, E6, E7 = 71 / 57600, -71 / 16695, 71 / 1920, -17253 / 339200, 22
 
 @inlined
 def _derivative(s, b, k, pos, y, dy, n_eq, axis):
-    """Right-hand side; ok False where the ray has turned across the axis, and the layer, found from layer k.
+    """
+    Right-hand side; returns False if the ray has turned across the axis, and the layer, from a search that starts at layer k.
 
-    n = 1 at the source, where the sound speed is axis.c_ref.
+    n is 1 at the source, where the sound speed is axis.c_ref.
     """
     z_source, cb, sb, c_ref = axis
     r = pos * cb - y[at.W] * sb
@@ -75,7 +75,7 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     n = c_ref * ic
     nw = -n * cw * ic
     nww = n * ic * (2.0 * cw * cw * ic - cww)
-    square = c_ref * c_ref - c * c * (p * p + q * q)  # (h c)^2, without waiting for 1 / c
+    square = c_ref * c_ref - c * c * (p * p + q * q)  # (h c)^2, which does not depend on the division 1 / c
     if not square > 1e-6 * c * c:
         return False, k
     ih = c / math.sqrt(square)
@@ -95,13 +95,13 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
 
 @kernel
 def derivative(s, cell, pos, y, dy, n_eq, axis):
-    """Right-hand side at one place; False where the ray has turned across the axis."""
+    """Right-hand side at one point; returns False if the ray has turned across the axis."""
     return _derivative(s, cell.column, cell.layer, pos, y, dy, n_eq, axis)[0]
 
 
 @inlined
 def step(s, cell, pos, h, ray, axis):
-    """One Dormand-Prince step from K[0] = derivative at pos; leaves the derivative at the end in K[6]."""
+    """One Dormand-Prince step from pos with the derivative in K[0]; the derivative at the end is in K[6]."""
     y, K, ynew = ray.y, ray.K, ray.ynew
     b, k = cell
     n_eq = K.shape[1]
@@ -119,16 +119,17 @@ def step(s, cell, pos, h, ray, axis):
 
 @inlined
 def _embedded(K, i):
-    """Difference of the two embedded formulas per length of step."""
+    """Difference of the two embedded formulas divided by the length of the step."""
     return abs(E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i])
 
 
 @inlined
 def step_error(h, ray, remaining, tol, width, tube):
-    """Estimated displacement at the end of the ray that this step's error causes. [m]
+    """
+    Estimate the displacement at the end of the ray due to the error of this step. [m]
 
-    A relative error tube of the variation, taken as no less than width, counts as much as the whole tolerance; where tube is 0,
-    the variation does not count.
+    An error of the variation of tube times its size (at least width) counts as much as the whole tolerance; if tube is 0, the
+    variation does not count.
     """
     K = ray.K
     total = _embedded(K, at.W) + remaining * _embedded(K, at.P)

@@ -1,8 +1,9 @@
-"""Trace one ray through a section, from the source to the receiver's plane, and the rules of a link's rays.
+"""
+Integration of one ray through a section from the source to the receiver's plane, and courses of a link's rays.
 
-A direct ray is followed along the horizontal, or along the chord of a steep link, and goes on beyond surface and sea bed.
-A reflected one is followed along the horizontal, or in depth where it is steep or may turn back on a slope. `direct_course`,
-`forward_course` and `legs_course` are the only places that say so; an arrival's row keeps which it was, RAY_AXIS.
+A direct ray is integrated along the horizontal, or along the chord of a steep link, and continues beyond surface and sea bed. A
+reflected ray is integrated along the horizontal, or in depth if it is steep or may turn back on a slope. Only `direct_course`,
+`forward_course` and `legs_course` define this; the row of an arrival records it as RAY_AXIS.
 """
 
 import math
@@ -29,45 +30,47 @@ from pymantaray.acoustics._kernels.boundary import (
     surface_at,
 )
 from pymantaray.acoustics._kernels.field import find_level, move_level
-from pymantaray.acoustics._kernels.layout import Course, Ray, Rule
+from pymantaray.acoustics._kernels.layout import BoundaryRule, Course, Ray
 from pymantaray.acoustics._kernels.step import FAN_TUBE, LEAST_WIDTH, TUBE, derivative, step, step_error
 from pymantaray.compile import inlined, kernel, out_of_line, shared
 
 MAX_STEPS = 100_000
-_MOST_STUCK = 20  # steps too short to be shortened, of a ray so flat that the field's last digits turn it
-_ENDLESS_LEG = 1e7  # m; length of a leg that a boundary ends
+_MOST_STUCK = 20  # minimum step of a ray so flat that rounding of the field turns it
+_ENDLESS_LEG = 1e7  # m; length of a leg that ends at a boundary
 
 
 @kernel
 def direct_course(link, along_chord):
-    """Follow direct rays along the horizontal, or along the chord."""
+    """Course of direct rays along the horizontal, or along the chord."""
     cb, sb, length, target = 1.0, 0.0, link.horizontal, link.z1 - link.z0
     if along_chord:
         slope = math.atan2(target, link.horizontal)
         cb, sb, length, target = math.cos(slope), math.sin(slope), link.length, 0.0
-    return Course(Rule(at.OPEN, 0, 0, 0, 0, 0.0, 0), at.Axis(link.z0, cb, sb, link.c0), length, target, False)
+    return Course(
+        BoundaryRule(at.OPEN, 0, 0, 0, 0, 0.0, 0), at.Axis(link.z0, cb, sb, link.c0), length, target, False
+    )
 
 
 @kernel
 def forward_course(link, bounces, spare, fold, z_end):
-    """Follow rays along the horizontal, reflected at most so many times at the surface and at the sea bed, to a depth."""
-    rule = Rule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
+    """Course of rays along the horizontal to a depth, with at most these reflections at the surface and at the sea bed."""
+    rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
     return Course(rule, at.Axis(link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0, False)
 
 
 @kernel
 def legs_course(link, bounces, down, z_end, length):
-    """Follow rays in depth, downwards at first or not, with these numbers of reflections, to a depth."""
+    """Course of rays in depth to an end depth, initially downward or upward, with these numbers of reflections."""
     legs = bounces[0] + bounces[1] + 1
     sb = 1.0 if down else -1.0
     sb_end = sb if legs % 2 == 1 else -sb
-    rule = Rule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
+    rule = BoundaryRule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
     return Course(rule, at.Axis(link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end, False)
 
 
 @kernel
 def ray_axis(course):
-    """Columns of an arrival's row about its course."""
+    """Axis of integration for an arrival's row."""
     if course.rule.kind == at.LEGS:
         return at.VERTICAL
     return at.CHORD if course.axis.sb != 0.0 else at.HORIZONTAL
@@ -75,46 +78,47 @@ def ray_axis(course):
 
 @inlined
 def course_to_levels(s, course):
-    """Have the steps of a fan's rays end at the levels: of direct ones along the horizontal, in a SMOOTH section."""
+    """Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a SMOOTH section."""
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
     return Course(course.rule, course.axis, course.length, course.target, able)
 
 
 @inlined
 def full_ray(work):
-    """Give what a ray with all its variations is integrated in; its path is kept."""
+    """Workspace of a ray with all variations and its path."""
     return Ray(work.y, work.K, work.ynew, work.path)
 
 
 @inlined
 def full_ray_end(work):
-    """Give the same without its path."""
+    """Workspace of a ray with all variations, without its path."""
     return Ray(work.y, work.K, work.ynew, work.no_path)
 
 
 @inlined
 def fan_ray(work):
-    """Give what a ray of a fan is integrated in."""
+    """Workspace of a ray of a fan."""
     return Ray(work.y, work.K_fan, work.ynew, work.no_path)
 
 
 @shared
 def trace(s, walls, course, angle, q0, tol, ray):
-    """Trace one ray to the course's length, for LEGS to the end of the last leg.
+    """
+    Trace one ray to the course's length, or for LEGS to the end of the last leg.
 
-    angle is the launch angle from the axis, q0 the slowness out of the plane, tol the end displacement
-    allowed over the length. [rad, 1, m] The end state is left in y, its derivative in K[0].
+    angle is the launch angle from the axis, q0 the slowness out of the plane, and tol the allowed displacement at the end.
+    [rad, 1, m] The end state is in y, and its derivative in K[0].
 
     Returns
     -------
     ok : bool
+        True if the ray reached the end.
     steps : int
-        Rows of path in use less one.
+        Number of rows of the path minus one.
     turns : int
         Turning points in depth.
     code : int
-        Equal for rays with the same reflections, in order, on the same cells of the boundaries; 32 surface + bottom
-        modulo 1024.
+        Code of the reflections, their order and the cells of the boundaries; 32 surface + bottom modulo 1024.
     """
     out_of_line()
     if fits(s, walls, course, q0):
@@ -138,7 +142,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     h = min(length, 60.0)
     if at_levels:
         h = min(h, _to_level(s, cell.layer, axis.z_source, down))
-    lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # place of the surface
+    lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # offset of the surface
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
@@ -146,8 +150,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
         if hit != at.IN_WATER:
             surface += 1 if hit == at.AT_SURFACE else 0
             bottom += 1 if hit == at.AT_BOTTOM else 0
-            so_far = at.Reflections(surface, bottom, code)
-            ok, code, new_axis = _reflected(s, walls, course.rule, axis, cell, (pos, hit), so_far, ray)
+            reflections = at.Reflections(surface, bottom, code)
+            ok, code, new_axis = _reflected(s, walls, course.rule, axis, cell, (pos, hit), reflections, ray)
             if not ok:
                 return False, count, turns, code
             if hit == at.AT_BOTTOM and walls.held >= 0.0:
@@ -176,12 +180,12 @@ def trace(s, walls, course, angle, q0, tol, ray):
             hit = at.IN_WATER
         if pos >= span:
             break
-        if walls.held >= 0.0 and pos > length:  # past the continued cell, where there is no bed
+        if walls.held >= 0.0 and pos > length:  # beyond the extended cell, without a bed
             break
         last = pos + h * (1.0 + 1e-12) >= span
         if last:
             h = span - pos
-        if rule.kind == at.FORWARD:  # no step across an edge of the boundaries' cells
+        if rule.kind == at.FORWARD:  # no step crosses an edge of the boundaries' cells
             while next_break < walls.n_breaks and walls.breaks[next_break] <= pos + 1e-9:
                 next_break += 1
             if next_break < walls.n_breaks and pos + h > walls.breaks[next_break]:
@@ -206,7 +210,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         if faces[1] > faces[0]:
             face, h_hit = crossing(s, walls, cell, faces, pos, h, ray, axis)
             if face >= 0:
-                h_hit = land(s, walls, cell, face, pos, at.Lengths(h_hit, h, near), ray, axis)
+                h_hit = land(s, walls, cell, face, pos, at.StepLengths(h_hit, h, near), ray, axis)
                 if h_hit < 0.0:
                     return False, count, turns, code
                 last = last and h_hit == h
@@ -220,7 +224,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
             K[0, i] = K[6, i]
         if face >= SURFACE:
             hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
-            if pos >= span:  # at the receiver's plane: it is there, not reflected
+            if pos >= span:  # in the receiver's plane: the end, not a reflection
                 hit = at.IN_WATER
         elif face >= 0:
             ok, cell = _next_cell(s, walls, cell, face, pos, ray, axis)
@@ -260,7 +264,7 @@ def _depth(axis, pos, y):
 
 @inlined
 def _launch(s, walls, rule, axis, angle, q0, ray):
-    """Start a ray; return whether it leaves into the water, its cell, and how fast it goes down along the axis."""
+    """Start a ray; return True if it enters the water, its cell, and its downward rate along the axis."""
     y, K = ray.y, ray.K
     z_source, cb, sb, _ = axis
     for i in range(at.N_STATE):
@@ -285,14 +289,15 @@ def _launch(s, walls, rule, axis, angle, q0, ray):
 
 
 @kernel
-def _reflected(s, walls, rule, axis, cell, place, so_far, ray):
-    """Reflect a ray; return whether it may be and goes on forward, the code of its reflections, and the axis of its next leg.
+def _reflected(s, walls, rule, axis, cell, place, reflections, ray):
+    """
+    Reflect a ray; return True if this is allowed and the ray continues forward, the code of its reflections, and the axis of its next leg.
 
-    place is where it is along the axis, and at which boundary; so_far are its reflections at both, with this one, and their code.
+    place contains its point and the boundary; reflections contains the numbers at both boundaries, including this one, and their code.
     """
     y = ray.y
     pos, hit = place
-    surface, bottom, code = so_far
+    surface, bottom, code = reflections
     too_many = surface > rule.max_surface or bottom > rule.max_bottom
     if too_many and ray.K.shape[1] == at.N_FAN and rule.kind == at.FORWARD and y[at.GONE] == 0.0:
         y[at.GONE] = pos
@@ -309,9 +314,10 @@ def _reflected(s, walls, rule, axis, cell, place, so_far, ray):
 
 @kernel
 def _next_cell(s, walls, cell, face, pos, ray, axis):
-    """Take a ray through a face of its LINEAR cell; return whether it goes on, and the cell beyond.
+    """
+    Move a ray through a face of its LINEAR cell; return True if it continues, and the next cell.
 
-    Its variation jumps with the field's gradient: rays beside it are there a little earlier or later.
+    The variation jumps with the field's gradient, because neighbouring rays cross the face a little earlier or later.
     """
     y, K = ray.y, ray.K
     _, cb, sb, _ = axis
@@ -341,7 +347,7 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
 
 @kernel
 def _note_exit(walls, axis, pos, z, y, K):
-    """Note where and how a ray of a fan left the water, if it did, taken as straight since."""
+    """Record the point and steepness at which a ray of a fan left the water, by a straight line from there, if it did."""
     _, cb, sb, _ = axis
     r = pos * cb - y[at.W] * sb
     top = surface_at(walls, r, 0.0, r)[0]
@@ -360,7 +366,7 @@ def _note_exit(walls, axis, pos, z, y, K):
 
 @kernel
 def _to_level(s, k, z, down):
-    """Step to the next level of a SMOOTH section: the error estimate does not see one that a steep ray steps over."""
+    """Length of the step to the next level of a SMOOTH section; the error estimate cannot detect a level inside a step of a steep ray."""
     ahead = 1 if down > 0.0 else 0
     thickness = s.depth[k + 1] - s.depth[k]
     gap = abs(s.depth[k + ahead] - z)
@@ -372,7 +378,7 @@ def _to_level(s, k, z, down):
 
 @kernel
 def _record(row, pos, y, dy, axis, boundary):
-    """Write one place of a full ray into a row of a path."""
+    """Write one point of a full ray to a row of a path."""
     _, cb, sb, _ = axis
     h = 1.0 / dy[at.DY_DQ]
     row[at.TIME] = y[at.TAU]

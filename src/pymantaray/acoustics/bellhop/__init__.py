@@ -1,4 +1,4 @@
-"""BELLHOP3D: its input files from a medium and links, what it writes, and its travel times beside ours."""
+"""BELLHOP3D: writer of its input files, reader of its output files, and comparison of its travel times with those of this package."""
 
 from typing import TYPE_CHECKING
 

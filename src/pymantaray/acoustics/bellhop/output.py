@@ -1,4 +1,4 @@
-"""Bellhop's output as records in SI units: arrivals (`.arr`, text or binary) and rays (`.ray`)."""
+"""Reader of Bellhop's output as records in SI units: arrivals (`.arr`, text or binary) and rays (`.ray`)."""
 
 import math
 import re
@@ -15,14 +15,14 @@ from pymantaray.records.base import Column, Record, column
 Array = NDArray[np.float64]
 _GRID = "source_depth source_north source_east receiver_bearing receiver_depth receiver_range"
 _DECLINATION = "angle from the horizontal, positive down,"
-_RECORD_MARK = bytes([4, 0, 0, 0])  # length of a binary file's first record: the four letters of its kind
+_RECORD_MARK = bytes([4, 0, 0, 0])  # length of the first record of a binary file, four letters with its kind
 _RAYS = re.compile(r"\s*'[^']*'([^']*)'(\w+)\s*'(.*)", re.DOTALL)  # title, head, coordinates, rays
 _COORDINATES = {"xyz": 3, "rz": 2}
 
 
 @dataclass(frozen=True, eq=False)
 class BellhopArrivals(Record):
-    """Arrivals and the grid of sources and receivers; Bellhop's x is north, y east. Azimuths are NaN in a 2-D file."""
+    """Arrivals and the grid of sources and receivers; Bellhop's x is north and y is east. Azimuths are NaN in a 2-D file."""
 
     kind: ClassVar[str] = "bellhop_arrivals"
 
@@ -47,7 +47,7 @@ class BellhopArrivals(Record):
     bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i4")
 
     def first_direct(self) -> Array:
-        """Earliest arrival without a bounce of every source and receiver, NaN where there is none. [s]"""
+        """Travel time of the earliest arrival without a bounce for every source and receiver; NaN if none exists. [s]"""
         first = np.full(self.count.size, np.inf)
         direct = (self.surface_bounces == 0) & (self.bottom_bounces == 0)
         np.minimum.at(first, self.pair[direct], self.travel_time[direct])
@@ -56,12 +56,12 @@ class BellhopArrivals(Record):
 
 @dataclass(frozen=True, eq=False)
 class BellhopRays(Record):
-    """Nodes of all rays one after the other, and one row per ray; in a 2-D file north is the range and east is 0."""
+    """Nodes of all rays in succession, and one row per ray; in a 2-D file, north is the range and east is 0."""
 
     kind: ClassVar[str] = "bellhop_rays"
 
     frequency: Column = column("", "Hz", "frequency")
-    ray: Column = column("node", "1", "ray that the node belongs to", "i8")
+    ray: Column = column("node", "1", "ray of the node", "i8")
     position: Column = column("node axis", "m", "north, east, down")
     launch_declination: Column = column("n_rays", "rad", f"{_DECLINATION} at the source")
     launch_azimuth: Column = column("n_rays", "rad", "azimuth at the source, of the first step")
@@ -71,10 +71,24 @@ class BellhopRays(Record):
 
 def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
     """
-    Read a `.arr` file of BELLHOP or BELLHOP3D, text or binary, arrivals in the file's order, which is not that of time.
+    Read an `.arr` file of BELLHOP or BELLHOP3D, text or binary; arrivals have the order of the file, not that of time.
 
-    A file without the mark 2D or 3D on top (as before 2018), or of an irregular grid of receivers, is refused. Bellhop keeps
-    travel times in single precision: 0.24 us from 2 to 4 s, 0.48 us from 4 to 8 s.
+    Bellhop stores travel times in single precision: the resolution is 0.24 us from 2 to 4 s and 0.48 us from 4 to 8 s.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        File with the mark 2D or 3D in its first line, as Bellhop has written it since 2018, and a rectilinear grid of receivers.
+
+    Returns
+    -------
+    BellhopArrivals
+        Arrivals in SI units.
+
+    Raises
+    ------
+    AcousticsError
+        If the file is unreadable, damaged, older, or has an irregular grid of receivers.
     """
     file = Path(path)
     content = _content(file)
@@ -87,7 +101,9 @@ def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
         stream = _Text(file, text)
     mark = mark.strip().strip("' ")
     if mark not in ("2D", "3D"):
-        raise AcousticsError(f"{file}: starts with {mark!r}; '2D' or '3D' is expected, as written since 2018")
+        raise AcousticsError(
+            f"{file}: starts with {mark!r}; it must start with '2D' or '3D', as Bellhop has written it since 2018"
+        )
     arrivals = _arrivals(stream, three_d=mark == "3D")
     if stream.left():
         raise AcousticsError(f"{file}: {stream.left()} numbers follow the last arrival")
@@ -96,10 +112,25 @@ def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
 
 def read_bellhop_rays(path: str | Path) -> BellhopRays:
     """
-    Read a `.ray` file of BELLHOP or BELLHOP3D, rays in the file's order.
+    Read a `.ray` file of BELLHOP or BELLHOP3D; rays have the order of the file.
 
-    The launch angle on a ray's first line is in degrees from some programs and in radians from others: the
-    one nearer to the direction of the first step is taken.
+    Some programs write the launch angle of a ray in degrees, others in radians. The function chooses the unit that agrees better
+    with the direction of the first step.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+        File with rays.
+
+    Returns
+    -------
+    BellhopRays
+        Nodes and rays in SI units.
+
+    Raises
+    ------
+    AcousticsError
+        If the file is unreadable or damaged.
     """
     file = Path(path)
     parts = _RAYS.match(_content(file).decode("utf-8", "replace"))
@@ -129,12 +160,14 @@ def read_bellhop_rays(path: str | Path) -> BellhopRays:
 
 
 class _Text:
-    """Numbers of a text, whatever its lines; a vector is a count and that many numbers."""
+    """Numbers of a text with any line breaks; a vector is a count followed by this many numbers."""
 
     def __init__(self, path: Path, text: str) -> None:
         self.path, self._at = path, 0
         words = text.replace("D", "E").split()
-        for i in [i for i, word in enumerate(words) if "*" in word][::-1]:  # 3*0.0, as some compilers write
+        for i in [i for i, word in enumerate(words) if "*" in word][
+            ::-1
+        ]:  # repeated values as written by some compilers, for example 3*0.0
             times, _, value = words[i].partition("*")
             words[i : i + 1] = [value] * (int(times) if times.isdigit() else 1)
         try:
@@ -148,7 +181,7 @@ class _Text:
     def take(self, n: int) -> Array:
         if n > self.left():
             raise AcousticsError(
-                f"{self.path}: the file ends early: is the run finished, its receiver grid rectilinear?"
+                f"{self.path}: the file ends early; wait for the end of the run, and use a rectilinear grid of receivers"
             )
         self._at += n
         return self._values[self._at - n : self._at]
@@ -156,7 +189,7 @@ class _Text:
     def whole(self) -> int:
         value = float(self.take(1)[0])
         if not (value.is_integer() and value >= 0.0):
-            raise AcousticsError(f"{self.path}: found {value:g} where a count is expected")
+            raise AcousticsError(f"{self.path}: found {value:g}; a count must be here")
         return int(value)
 
     def vector(self) -> Array:
@@ -164,7 +197,7 @@ class _Text:
 
 
 class _Binary:
-    """Numbers of four bytes in the records of an unformatted Fortran file, each between two marks of its length."""
+    """Numbers of four bytes in the records of an unformatted Fortran file, each between two markers of its length."""
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path, self._rest = path, content
@@ -178,7 +211,7 @@ class _Binary:
         if len(mark) < 4 or mark != self._rest[:4]:
             raise AcousticsError(f"{self.path}: the file ends early or is damaged")
         if size is not None and length != size:
-            raise AcousticsError(f"{self.path}: a record of {length} bytes where {size} are expected")
+            raise AcousticsError(f"{self.path}: a record has {length} bytes; it must have {size}")
         self._rest = self._rest[8 + length :]
         return whole
 
@@ -217,10 +250,10 @@ def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
             most = stream.whole()
         counts[pair] = n = stream.whole()
         if n > most:
-            raise AcousticsError(f"{stream.path}: {n} arrivals where at most {most} are announced")
+            raise AcousticsError(f"{stream.path}: {n} arrivals, but the header announces at most {most}")
         tables += [stream.take(columns) for _ in range(n)]
     rows = np.array(tables).reshape(-1, columns)
-    if not three_d:  # the azimuths that a 2-D file lacks
+    if not three_d:  # a 2-D file has no azimuths
         rows = np.insert(rows, [5, 6], np.nan, axis=1)
     return BellhopArrivals(
         frequency=frequency,
@@ -246,7 +279,7 @@ def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
 
 
 def _launch(written: float, points: Array) -> tuple[float, float]:
-    """Declination and azimuth at the source; NaN for a ray that takes no step."""
+    """Declination and azimuth at the source; NaN for a ray without a step."""
     if len(points) < 2:
         return math.nan, math.nan
     north, east, down = points[1] - points[0]

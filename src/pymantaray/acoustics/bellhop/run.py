@@ -1,4 +1,4 @@
-"""Finding and running Bellhop, and its travel times by the paper's rule beside those of the two-point solver."""
+"""Runner of Bellhop, and comparison of its travel times by the paper's rule with those of the two-point solver."""
 
 import os
 import resource
@@ -36,23 +36,23 @@ class BellhopRun(NamedTuple):
 
 
 def find_bellhop(program: str | Path | None = None) -> Path:
-    """Absolute path of the program, a name on PATH or a path; by default the first of the known names on PATH."""
+    """Absolute path of a program from its path or its name on PATH; default: the first of the known names on PATH."""
     names = PROGRAMS if program is None else (str(program),)
     for path in map(shutil.which, names):
         if path:
             return Path(path).resolve()
     if program is not None and Path(program).is_file():
-        raise AcousticsError(f"{program}: is there but may not be run; make it executable")
+        raise AcousticsError(f"{program}: is not executable; change its permissions")
     raise AcousticsError(
-        f"Bellhop: no {' or '.join(names)} on PATH; install it, or name the program by its path"
+        f"Bellhop: no {' or '.join(names)} on PATH; install it, or give the path of the program"
     )
 
 
 def run_bellhop(program: str | Path | None, env: str | Path, *, timeout: float = 600.0) -> BellhopRun:
     """
-    Run Bellhop, on one thread, on a `.env` file; it writes its results next to it.
+    Run Bellhop on an `.env` file with one thread; it writes its results into the same folder.
 
-    The Fortran program takes the name of the file alone; ``bellhopcxx`` and ``bellhopcuda`` are told that the run is 3-D.
+    The Fortran program takes only the name of the file; ``bellhopcxx`` and ``bellhopcuda`` also get an option for 3-D runs.
     """
     binary, file = find_bellhop(program), Path(env).resolve()
     words = ["--3D", "-1"] if "cxx" in binary.name or "cuda" in binary.name else []
@@ -61,7 +61,7 @@ def run_bellhop(program: str | Path | None, env: str | Path, *, timeout: float =
         old.unlink(missing_ok=True)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:
-        done = subprocess.run(  # a program that the user named, no shell
+        done = subprocess.run(  # program from the user, without a shell
             [str(binary), *words, file.stem],
             cwd=file.parent,
             stdin=subprocess.DEVNULL,
@@ -95,11 +95,11 @@ def bellhop_arrivals(
     program: str | Path | None = None,
     timeout: float = 600.0,
 ) -> tuple[BellhopArrivals, float]:
-    """Bellhop's arrivals on one link, horizontally relative to the source, and its CPU time [s]."""
+    """Bellhop's arrivals of one link, with horizontal positions relative to the source, and its CPU time [s]."""
     if medium.interpolation != "linear":
         raise AcousticsError(
-            "interpolation: 'smooth'; Bellhop draws straight lines between grid points, compare a medium made with"
-            " interpolation='linear' or by linear_medium"
+            "interpolation is 'smooth'; Bellhop interpolates linearly between grid points; use a medium with"
+            " interpolation='linear', or one from linear_medium"
         )
     start = np.asarray(source, dtype=float)
     with tempfile.TemporaryDirectory(prefix="mantaray-bellhop-") as folder:
@@ -119,46 +119,47 @@ def compare_with_bellhop(
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """
-    Earliest direct arrivals of the two-point solver and of Bellhop, link by link.
+    Earliest direct arrivals of the two-point solver and of Bellhop for each link.
 
     Parameters
     ----------
     medium : Medium
-        With ``linear`` interpolation, Bellhop's own.
+        Medium with ``linear`` interpolation, which is that of Bellhop.
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)``. [m]
     options : BellhopOptions, optional
-        See `write_bellhop`. The search for a direct arrival starts with its beams and doubles them up to 400.
+        Options as in `write_bellhop`. The search for a direct arrival starts with their number of beams and doubles it up to 400.
     program : str or pathlib.Path, optional
         Name on PATH, or a path. Default: the first of ``bellhopcxx3d``, ``bellhopcxx``, ``bellhop3d`` and
         ``bellhop3d.exe`` on PATH.
     timeout : float
-        Of each run of Bellhop. [s]
+        Time limit of each run of Bellhop. [s]
     progress : callable, optional
-        Takes a stage's name, the links done and the links there are.
+        Called with the name of the stage, the number of finished links and the total.
 
     Returns
     -------
     pandas.DataFrame
-        One row per link: its length, our status and travel time (no amplitude cut-off), Bellhop's travel time
-        and the beams it took, the difference (Bellhop minus ours) [us], and CPU times [ms]; ours are an average
-        over all links on one thread, after compilation.
+        One row per link: its length, status and travel time of the two-point solver (without amplitude cut-off), Bellhop's travel
+        time and number of beams, the difference (Bellhop minus solver) [us], and CPU times [ms]. The CPU time of the solver is an
+        average over all links on one thread, after compilation.
 
     Raises
     ------
     AcousticsError
-        As `write_bellhop`, if the medium is smooth, or if Bellhop is missing, fails, takes too long or writes no
-        result; the message ends with the tail of its print file.
+        As `write_bellhop`; also if the medium is smooth, or if Bellhop is missing, fails, exceeds the time limit or writes no
+        result. The message ends with the last lines of its print file.
 
     Notes
     -----
-    The rule is the paper's: a fan of 100 x 100 beams within 15 degrees of the chord, doubled until
-    an arrival without a bounce appears; the earliest one counts. Bellhop's positions, relative to the source,
-    and its travel times are in single precision, which alone makes up to about half a microsecond.
+    The rule is that of the paper: a fan of 100 x 100 beams within 15 degrees of the chord, doubled until an arrival without a bounce
+    exists; the earliest one counts. Bellhop stores positions relative to the source and travel times in single precision. This
+    alone causes differences of up to about half a microsecond.
     """
     options, binary = options or BellhopOptions(), find_bellhop(program)
     a, b = (np.ascontiguousarray(np.atleast_2d(np.asarray(p, dtype=float))) for p in (source, receiver))
-    find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1)  # compiles, and warms the caches
+    # the first call compiles the kernels and fills the caches
+    find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1)
     start = time.process_time()
     ours = find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1).first()
     our_cpu = (time.process_time() - start) / len(a)
@@ -193,7 +194,7 @@ def _first_direct(
     program: Path,
     timeout: float,
 ) -> tuple[float, int, float]:
-    """Earliest arrival without a bounce or NaN [s], the beams it took and the CPU time of all runs [s]."""
+    """Earliest arrival without a bounce or NaN [s], its number of beams, and the CPU time of all runs [s]."""
     cpu, beams = 0.0, options.beams
     while True:
         fan = replace(options, beams=beams)
@@ -206,7 +207,7 @@ def _first_direct(
 
 
 def _tail(file: Path, printed: bytes) -> str:
-    """End of the print file, or of what the program said, on one line."""
+    """Last lines of the print file, or of the output of the program, on one line."""
     try:
         text = file.with_suffix(".prt").read_text(encoding="utf-8", errors="replace")
     except OSError:

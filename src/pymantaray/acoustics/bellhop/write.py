@@ -1,4 +1,4 @@
-"""A medium and its links as BELLHOP3D input files: `.env`, `.ssp`, `.bty` and, under ice, `.ati`."""
+"""Writer of a medium and links as BELLHOP3D input files: `.env`, `.ssp`, `.bty` and, under ice, `.ati`."""
 
 import math
 import shutil
@@ -19,7 +19,7 @@ from pymantaray.records.writing import whole_file
 
 Array = NDArray[np.float64]
 _LETTER: dict[Run, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}
-_MOST_POINTS = 100_000_000  # of a finer grid; 0.8 GB
+_MAX_POINTS = 100_000_000  # of a finer grid; 0.8 GB
 
 
 def write_bellhop(
@@ -37,37 +37,36 @@ def write_bellhop(
     Parameters
     ----------
     folder : str or pathlib.Path
-        Where the files go; made if needed. Files of the same names are replaced.
+        Folder for the files, which is created if necessary. Existing files with the same names are replaced.
     medium : Medium
-        Its values at the grid points are written. Bellhop's grid means straight lines between them, so a
-        smooth medium is not the same ocean there; pass it through `linear_medium` first.
+        The files contain its values at the grid points. Bellhop interpolates linearly between them, so convert a smooth medium
+        with `linear_medium` first.
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)`` inside the grid. [m]
     options : BellhopOptions, optional
         Default: arrivals of 100 x 100 beams within 15 degrees of the chord over a rigid bed.
     origin : sequence of 2 floats
-        North and east of Bellhop's x = y = 0. Bellhop keeps positions in single precision: near the source
-        they lose least. [m]
+        North and east of Bellhop's x = y = 0. Bellhop stores positions in single precision, so an origin near the source
+        preserves most digits. [m]
 
     Returns
     -------
     list of pathlib.Path
-        The `.env` file of each link, ``link.env`` or, of several, ``link_0.env`` and so on. The other files of
-        further links are hard links to the first.
+        The `.env` file of each link: ``link.env`` for one link, otherwise ``link_0.env`` and so on. The other files of
+        further links are hard links to those of the first.
 
     Raises
     ------
     AcousticsError
-        If an end lies outside the grid or its levels.
+        If an end is outside the grid or its levels.
     WriteError
         If a file cannot be written.
 
     Notes
     -----
-    Bellhop's x is north, y east and z down, so its bearings are azimuths clockwise from north. Lengths are
-    written with all their digits. A medium with one profile is written as one (option C) with a flat `.bty`
-    that reaches beyond all links; any other as a hexahedral grid. The sea bed is bilinear in a medium and two
-    triangles a cell in Bellhop.
+    Bellhop's x is north, y is east and z is down, so its bearings are azimuths clockwise from north. The files contain all digits of
+    lengths. A medium with one profile becomes a profile (option C) with a flat `.bty` that extends beyond all links; any other medium
+    becomes a hexahedral grid. The sea bed is bilinear in a medium, and consists of two triangles per cell in Bellhop.
     """
     options = options or BellhopOptions()
     a, b = (np.atleast_2d(np.asarray(points, dtype=float)) for points in (source, receiver))
@@ -92,30 +91,30 @@ def write_bellhop(
 
 def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> Medium:
     """
-    Sample a medium on a finer grid, with straight lines between the points.
+    Sample a medium on a finer grid with linear interpolation.
 
     Parameters
     ----------
     medium : Medium
-        Smooth or linear; a linear one stays the same ocean.
+        Smooth or linear medium; the sound speed of a linear medium does not change.
     horizontal, vertical : int
-        Parts that each cell is cut into, along north and east and along depth.
+        Number of parts of each cell along north and east, and along depth.
 
     Returns
     -------
     Medium
-        With ``linear`` interpolation. Its difference from a smooth medium falls as the square of the parts.
+        Medium with ``linear`` interpolation. Its difference from a smooth medium decreases with the square of the number of parts.
     """
     from scipy.interpolate import CubicSpline, make_interp_spline
 
     if horizontal < 1 or vertical < 1:
-        raise AcousticsError(f"horizontal {horizontal}, vertical {vertical}; at least 1 part a cell")
+        raise AcousticsError(f"horizontal {horizontal}, vertical {vertical}; both must be at least 1")
     axes = (medium.north, medium.east, medium.depth)
     parts = (horizontal, horizontal, vertical)
     points = math.prod((axis.size - 1) * n + 1 for axis, n in zip(axes, parts, strict=True))
-    if points > _MOST_POINTS:
+    if points > _MAX_POINTS:
         raise AcousticsError(
-            f"horizontal {horizontal}, vertical {vertical}: {points:,} points; at most {_MOST_POINTS:,}"
+            f"horizontal {horizontal}, vertical {vertical}: {points:,} points; at most {_MAX_POINTS:,}"
         )
     north, east, depth = (_cut(axis, n) for axis, n in zip(axes, parts, strict=True))
     c = medium.sound_speed
@@ -159,16 +158,16 @@ def _check_ends(medium: Medium, a: Array, b: Array) -> None:
             deep, last = distinct_digits(p[2], medium.depth[-1])
             raise AcousticsError(
                 f"{end} of link {outside[0]}: {p[0]:g} north, {p[1]:g} east, {deep} m deep is outside the grid or"
-                f" its levels (0 to {last} m); Bellhop would move or lose it"
+                f" its levels (0 to {last} m); move it inside"
             )
 
 
 def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
     """
-    By their suffix `.bty` and, under ice, `.ati` of type R, and the hexahedral `.ssp` if sound speed varies horizontally.
+    Content of the files by suffix: `.bty`; under ice `.ati` of type R; and the hexahedral `.ssp` if sound speed varies horizontally.
 
-    All have x and y in kilometres, then lists along x: of each y, or of each depth and y. Bellhop needs two points
-    along an axis; one, no variation along it, becomes two beyond all ends.
+    All have x and y in kilometres, followed by lists along x for each y, or for each depth and y. Bellhop requires two points along
+    an axis, so an axis with one point (no variation) becomes two points beyond all ends.
     """
     centre = [np.mean(medium.north) - shift[0], np.mean(medium.east) - shift[1]]
     reach = 10_000.0 + 2.0 * float(np.abs(ends[:, :2] - centre).max())
@@ -243,12 +242,12 @@ def _plain(value: float) -> str:
 
 
 def _kilometres(value: float) -> str:
-    """Metres written as kilometres by moving the decimal point, so that no digit is lost."""
+    """Text of a length in kilometres, from metres with a shifted decimal point to keep all digits."""
     return format(Decimal(_plain(value)).scaleb(-3), "f")
 
 
 def _row(values: Iterable[float], word: Callable[[float], str] = _plain) -> str:
-    """Numbers of one list, ended by a slash."""
+    """Numbers of one list with a slash at the end."""
     return " ".join(map(word, values)) + " /"
 
 

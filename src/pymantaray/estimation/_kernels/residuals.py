@@ -12,13 +12,13 @@ from collections import namedtuple
 from pymantaray.compile import entry, inlined, kernel
 from pymantaray.estimation._kernels.products import add_transposed_product, set_product
 
-_SMALL = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
+_SMALL_ANGLE = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
 
 
 # Scratch: blocks of six by six and matrices of three by three; the latter, by what they hold:
-TO_ERROR, ERROR, JACOBIAN, BY_TURN, BETWEEN, LEVER, CROSS = range(7)
+TO_ERROR, ERROR, JACOBIAN, BY_ETA, BETWEEN, LEVER, CROSS = range(7)
 # Vectors beside them: the residual, whitened; R1^T (p2 - p1); the error's rotation vector and translation; and of the logarithm.
-RESIDUAL, WHITE, STRIDE, TURN, SHIFT, BEND = range(6)
+RESIDUAL, WHITE, STRIDE, ETA, SHIFT, BEND = range(6)
 BLOCKS, MATRICES, VECTORS = 4, 7, 6
 
 
@@ -121,7 +121,7 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
         scalar = 1.0 + trace
         for r in range(3):
             p, q = (r + 1) % 3, (r + 2) % 3
-            v[TURN, r] = m[ERROR, q, p] - m[ERROR, p, q]
+            v[ETA, r] = m[ERROR, q, p] - m[ERROR, p, q]
     else:  # near half a turn
         k = 0
         for r in range(3):
@@ -131,14 +131,14 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
         scalar = m[ERROR, b, a] - m[ERROR, a, b]
         sign = -1.0 if scalar < 0.0 else 1.0
         scalar *= sign
-        v[TURN, k] = sign * (1.0 + m[ERROR, k, k] - m[ERROR, a, a] - m[ERROR, b, b])
-        v[TURN, a] = sign * (m[ERROR, a, k] + m[ERROR, k, a])
-        v[TURN, b] = sign * (m[ERROR, b, k] + m[ERROR, k, b])
-    size = math.sqrt(v[TURN, 0] ** 2 + v[TURN, 1] ** 2 + v[TURN, 2] ** 2)
+        v[ETA, k] = sign * (1.0 + m[ERROR, k, k] - m[ERROR, a, a] - m[ERROR, b, b])
+        v[ETA, a] = sign * (m[ERROR, a, k] + m[ERROR, k, a])
+        v[ETA, b] = sign * (m[ERROR, b, k] + m[ERROR, k, b])
+    size = math.sqrt(v[ETA, 0] ** 2 + v[ETA, 1] ** 2 + v[ETA, 2] ** 2)
     angle = 2.0 * math.atan2(size, scalar)
     scale = angle / size if size > 1e-12 * scalar else 2.0 / scalar
     square = angle * angle
-    if angle < _SMALL:
+    if angle < _SMALL_ANGLE:
         bend, slope = 1.0 / 12.0 + square / 720.0 * (1.0 + square / 42.0), 1.0 / 360.0 + square / 7560.0
     else:
         cot, sine = 1.0 / math.tan(0.5 * angle), math.sin(0.5 * angle)
@@ -146,16 +146,16 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
         slope = (-2.0 + 0.5 * angle * cot + 0.25 * square / (sine * sine)) / (square * square)
     v[BEND, 0], v[BEND, 1], v[BEND, 2] = bend, slope, square
     for r in range(3):
-        v[TURN, r] *= scale
+        v[ETA, r] *= scale
     for r in range(3):  # w x t and w x (w x t) follow w and t in their rows
         p, q = (r + 1) % 3, (r + 2) % 3
-        v[TURN, 3 + r] = v[TURN, p] * v[SHIFT, q] - v[TURN, q] * v[SHIFT, p]
+        v[ETA, 3 + r] = v[ETA, p] * v[SHIFT, q] - v[ETA, q] * v[SHIFT, p]
     for r in range(3):
         p, q = (r + 1) % 3, (r + 2) % 3
-        v[SHIFT, 3 + r] = v[TURN, p] * v[TURN, 3 + q] - v[TURN, q] * v[TURN, 3 + p]
-        v[RESIDUAL, r] = v[TURN, r]
+        v[SHIFT, 3 + r] = v[ETA, p] * v[ETA, 3 + q] - v[ETA, q] * v[ETA, 3 + p]
+        v[RESIDUAL, r] = v[ETA, r]
     for r in range(3):
-        v[RESIDUAL, 3 + r] = v[SHIFT, r] - 0.5 * v[TURN, 3 + r] + bend * v[SHIFT, 3 + r]
+        v[RESIDUAL, 3 + r] = v[SHIFT, r] - 0.5 * v[ETA, 3 + r] + bend * v[SHIFT, 3 + r]
 
 
 @inlined
@@ -175,28 +175,28 @@ def _by_second(m, v, j):  # type: ignore[no-untyped-def]
     ``[t] / 2 - c ([w x t] + [w] [t]) + c' / |w| (w x (w x t)) w^T``.
     """
     bend, slope, square = v[BEND, 0], v[BEND, 1], v[BEND, 2]
-    _cross(m, 0.5 * v[TURN, 0], 0.5 * v[TURN, 1], 0.5 * v[TURN, 2])
+    _cross(m, 0.5 * v[ETA, 0], 0.5 * v[ETA, 1], 0.5 * v[ETA, 2])
     for r in range(3):
         for c in range(3):
-            m[JACOBIAN, r, c] = m[CROSS, r, c] + bend * v[TURN, r] * v[TURN, c]
+            m[JACOBIAN, r, c] = m[CROSS, r, c] + bend * v[ETA, r] * v[ETA, c]
         m[JACOBIAN, r, r] += 1.0 - bend * square
-    along = v[TURN, 0] * v[SHIFT, 0] + v[TURN, 1] * v[SHIFT, 1] + v[TURN, 2] * v[SHIFT, 2]
+    along = v[ETA, 0] * v[SHIFT, 0] + v[ETA, 1] * v[SHIFT, 1] + v[ETA, 2] * v[SHIFT, 2]
     _cross(
         m,
-        0.5 * v[SHIFT, 0] - bend * v[TURN, 3],
-        0.5 * v[SHIFT, 1] - bend * v[TURN, 4],
-        0.5 * v[SHIFT, 2] - bend * v[TURN, 5],
+        0.5 * v[SHIFT, 0] - bend * v[ETA, 3],
+        0.5 * v[SHIFT, 1] - bend * v[ETA, 4],
+        0.5 * v[SHIFT, 2] - bend * v[ETA, 5],
     )
     for r in range(3):
         for c in range(3):  # [w] [t] = t w^T - (w . t) 1
-            m[BY_TURN, r, c] = m[CROSS, r, c] + (slope * v[SHIFT, 3 + r] - bend * v[SHIFT, r]) * v[TURN, c]
-        m[BY_TURN, r, r] += bend * along
+            m[BY_ETA, r, c] = m[CROSS, r, c] + (slope * v[SHIFT, 3 + r] - bend * v[SHIFT, r]) * v[ETA, c]
+        m[BY_ETA, r, r] += bend * along
     for r in range(3):
         for c in range(3):
             j[1, r, c], j[1, r, 3 + c] = m[JACOBIAN, r, c], 0.0
             j[1, 3 + r, c] = j[1, 3 + r, 3 + c] = 0.0
             for k in range(3):
-                j[1, 3 + r, c] += m[BY_TURN, r, k] * m[JACOBIAN, k, c]
+                j[1, 3 + r, c] += m[BY_ETA, r, k] * m[JACOBIAN, k, c]
                 j[1, 3 + r, 3 + c] += m[JACOBIAN, k, r] * m[TO_ERROR, k, c]
 
 
@@ -358,7 +358,7 @@ def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # typ
 @kernel
 def _bend_way(rotation, step, a, b, square, place):  # type: ignore[no-untyped-def]
     """Add to a place that was moved straight on what the way along an arc has besides: ``b u x d + c u x (u x d)``, u the turn in the world."""
-    c = (1.0 - a) / square if square > _SMALL * _SMALL else (1.0 - square / 20.0) / 6.0
+    c = (1.0 - a) / square if square > _SMALL_ANGLE * _SMALL_ANGLE else (1.0 - square / 20.0) / 6.0
     ux = rotation[0, 0] * step[0] + rotation[0, 1] * step[1] + rotation[0, 2] * step[2]
     uy = rotation[1, 0] * step[0] + rotation[1, 1] * step[1] + rotation[1, 2] * step[2]
     uz = rotation[2, 0] * step[0] + rotation[2, 1] * step[1] + rotation[2, 2] * step[2]
@@ -380,7 +380,7 @@ def move(rotation, place, row, step, arc, new_rotation, new_place):  # type: ign
         x, y, z = step[k, 0], step[k, 1], step[k, 2]
         t2 = x * x + y * y + z * z
         t = math.sqrt(t2)
-        if t < _SMALL:
+        if t < _SMALL_ANGLE:
             a, b = 1.0 - t2 / 6.0 * (1.0 - t2 / 20.0), 0.5 - t2 / 24.0 * (1.0 - t2 / 30.0)
         else:
             a, b = math.sin(t) / t, 2.0 * math.sin(0.5 * t) ** 2 / t2

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.estimation import Candidates, Mixture, Prediction, RangeLinks
 from pymantaray.estimation.candidates import of_picks
-from pymantaray.sensing import Picker, Reception, Timing
+from pymantaray.sensing import Picker, ReceptionOptions, Timing
 from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values
 from pymantaray.sensing.picking import pick_receptions
 from pymantaray.sensing.receptions import Direction, Receptions
@@ -28,7 +28,7 @@ class CandidateRays:
     def __init__(
         self,
         medium: Medium,
-        reception: Reception,
+        reception: ReceptionOptions,
         timing: Timing,
         mixture: Mixture,
         *,
