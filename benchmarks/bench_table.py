@@ -30,7 +30,7 @@ def waters() -> dict[str, Water]:
         north, east, depth, speed, bed = (
             grid[key] for key in ("north", "east", "depth", "sound_speed", "bathymetry")
         )
-        found[path.stem.split("_")[1]] = Water(Medium(north, east, depth, speed, bed))
+        found[path.stem.split("_")[1]] = Water(Medium.from_grid(north, east, depth, speed, bathymetry=bed))
     file = DATA / "hycom" / "hycom_glby_930_2019030712_t003_ts3z.nc"
     found["hycom"] = open_water(str(file), bathymetry=3000.0, half_extent=10e3)
     return found

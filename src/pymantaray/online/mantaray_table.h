@@ -303,7 +303,7 @@ static inline void mantaray_horizontal_range(
     mantaray_result *result) {
     static const double guesses[7] = {0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024};
     double place[3] = {source_depth, receiver_depth, 0.0}, gradient[3];
-    double down = receiver_depth - source_depth;
+    double down = receiver_depth - source_depth, range = 0.0;
     uint32_t sector = mantaray_sector(t, bearing);
     mantaray_cell cell;
     int began = 0;
@@ -311,8 +311,9 @@ static inline void mantaray_horizontal_range(
         if (!began) {
             double first = travel_time / ((1.0 + (n < 7 ? guesses[n] : 0.0)) * MANTARAY_SLOWNESS);
             double square = first * first - down * down;
-            place[2] = sqrt(square > 0.0 ? square : 0.0);
+            range = sqrt(square > 0.0 ? square : 0.0);
         }
+        place[2] = range < t->lower[2] ? t->lower[2] : range > t->upper[2] ? t->upper[2] : range;
         mantaray_find(t, sector, place, &cell);
         if (cell.number < 0) {
             if (began) break; /* no later step would move the range */
@@ -320,13 +321,14 @@ static inline void mantaray_horizontal_range(
         }
         began = 1;
         double slowness = (1.0 + mantaray_mean(t, &cell, gradient, NULL)) * MANTARAY_SLOWNESS;
-        double distance = place[2], straight = sqrt(distance * distance + down * down);
-        double by_range = straight * gradient[2] * MANTARAY_SLOWNESS + slowness * distance / straight;
+        double inside = place[2], straight = sqrt(inside * inside + down * down);
+        double by_range = straight * gradient[2] * MANTARAY_SLOWNESS + slowness * inside / straight;
         double at = straight * slowness;
-        double square = distance * distance + (travel_time * travel_time - at * at) * distance / (at * by_range);
-        place[2] = sqrt(square > 0.0 ? square : 0.0);
-        if (place[2] == distance) break;
+        double square = inside * inside + (travel_time * travel_time - at * at) * inside / (at * by_range);
+        range = sqrt(square > 0.0 ? square : 0.0);
+        if (range == inside) break;
     }
+    place[2] = range;
     mantaray_look_up(t, sector, place, &travel_time, result);
 }
 

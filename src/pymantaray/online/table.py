@@ -144,17 +144,19 @@ class TravelTimeTable:
         """
         places, sector = self._places(source_depth, receiver_depth, travel_time, bearing)
         time, down = places[:, 2].copy(), places[:, 1] - places[:, 0]
-        began = np.zeros(time.size, dtype=np.bool_)
+        began, distance = np.zeros(time.size, dtype=np.bool_), np.zeros(time.size)
         for first in (*_FIRST_GUESSES, *(0.0,) * _ITERATIONS):
             straight = time / ((1.0 + first) * REFERENCE_SLOWNESS)
             guess = np.sqrt(np.maximum(straight * straight - down * down, 0.0))
-            places[:, 2] = np.where(began, places[:, 2], guess)
-            at, by_range, distance = *self._slope(places, sector), places[:, 2]
+            distance = np.where(began, distance, guess)
+            inside = places[:, 2] = np.clip(distance, self.lower[2], self.upper[2])
+            at, by_range = self._slope(places, sector)
             has = np.isfinite(at)
             began |= has
             with np.errstate(divide="ignore", invalid="ignore"):
-                square = distance * distance + (time * time - at * at) * distance / (at * by_range)
-            places[:, 2] = np.where(has, np.sqrt(np.maximum(square, 0.0)), distance)
+                square = inside * inside + (time * time - at * at) * inside / (at * by_range)
+            distance = np.where(has, np.sqrt(np.maximum(square, 0.0)), distance)
+        places[:, 2] = distance
         return self._look_up(places, sector, time)
 
     def _slope(self, places: Array, sector: NDArray[np.int64]) -> tuple[Array, Array]:
