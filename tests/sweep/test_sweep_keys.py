@@ -54,6 +54,7 @@ OTHER = {  # another allowed value of each field; numbers not listed are doubled
     "acoustics.sediment": "sand",
     "acoustics.arrival": "strongest",
     "acoustics.currents": True,
+    "acoustics.earth": "sphere",
     "ranging.timing": "two-way",
     "ranging.mistaken": "first-detected",
     "ranging.below_strongest_db": 6.0,

@@ -67,7 +67,7 @@ class AcousticsSection(Section):
     """Arrival that is the range: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
     currents: bool = False
     """Whether currents change travel times along the rays."""
-    cone_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = None
+    cone_deg: Degrees[Annotated[float, Field(gt=0.0, le=180.0)]] | None = None
     """Width of the transmitter's fan about the chord, half of it on either side; rays launched outside are lost. None without a limit. [degrees]"""
     earth: Earth = "flat"
     """Shape of the Earth for rays and straight distances: a plane, as in the paper, or a sphere."""

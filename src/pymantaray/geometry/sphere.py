@@ -60,7 +60,7 @@ class EarthSphere:
     --------
     >>> earth = EarthSphere.at_latitude(78.0)
     >>> print(round(earth.radius))
-    6397812
+    6397730
     >>> depth = earth.flattened_depth(1000.0)
     >>> print(round(float(depth - 1000.0), 3), round(float(earth.true_depth(depth)), 6))
     0.078 1000.0
