@@ -219,6 +219,8 @@ def made_replay():
             "measured_s": 2.0 + 1e-3 * n,
             "sigma_s": np.nan,
             "distance_m": 3e3,
+            "bearing_deg": np.where(n % 2, 180.0, 0.0),
+            "chord_s": 2.0,
             "status": "ok",
             "predicted_s": 2.0,
             "surface_bounces": n % 2,
