@@ -236,7 +236,10 @@ REFUSED_CONDITIONS = [
     (rays("mean", modes={"count": 2}) | {"variance": UNSURE}, "would count twice"),
     ({"clocks": {}, "solver": "incremental"}, "does not estimate"),
     ({"scale_sigma": 0.1, "solver": LAG}, "does not estimate"),
-    ({"solver": "fixed-lag"}, "conditions[0].solver.lag_h: missing; add it (lag: time after which poses are marginalized [h])"),
+    (
+        {"solver": "fixed-lag"},
+        "conditions[0].solver.lag_h: missing; add it (lag: time after which poses are marginalized [h])",
+    ),
     ({"solver": {"kind": "batch", "lag_h": 8.0}}, "`conditions[0].solver.lag_h`: unknown key"),
     ({"solver": LAG, "loss": "huber"}, "no robust loss"),
     ({"directions": "mean", "ranges": "straight"}, 'directions "mean" is for refracted'),
