@@ -33,7 +33,7 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     )
     assert "to do: ocean 1, fleet 1, rays 2, points 4; what points share is computed once" in shown.out
     assert "on 2 workers" in shown.out
-    assert "by what quick takes for each step, link and pose" in shown.out
+    assert "estimated from the preset quick, scaled by steps, links and poses" in shown.out
 
     out = tmp_path / "out"
     ran = mantaray("sweep", "run", file, "--out", out, "--workers", "1")

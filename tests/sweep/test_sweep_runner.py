@@ -189,7 +189,7 @@ def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkey
         "pymantaray.sweep.runner.open_pool",
         lambda _, *rest: open_pool(partial(run_task, str(tmp_path / "away")), *rest),
     )
-    with pytest.raises(JobError, match=r"2 points were done elsewhere; all workers must see this place$"):
+    with pytest.raises(JobError, match=r"workers wrote 2 points to another place; all workers must have access to this one$"):
         run_sweep(noises(2), tmp_path / "out", workers=1)
 
 

@@ -50,7 +50,7 @@ def test_a_sweep_in_an_object_store_has_the_digits_of_one_in_a_folder(noises, su
         there = run_sweep(noises(2), place, client=client)
     assert there.status() == (2, 2, 0, {})
     assert summaries(open_sweep(place)) == summaries(run_sweep(noises(2), tmp_path / "here", workers=1))
-    with pytest.raises(SweepError, match="studies need a folder"):
+    with pytest.raises(SweepError, match="run folders of studies cannot be written to a URL; give a folder"):
         run_sweep(noises(2), place, studies=True)
 
 

@@ -80,7 +80,7 @@ def _print_estimate(out: Printer, plan: "Plan", points: set[str], what: "Estimat
     shared, alone = what.seconds / workers, what.unshared_seconds / workers
     many = f"{workers} worker{'' if workers == 1 else 's'}"
     out.line(
-        f"time: about {duration(shared)} on {many}, {duration(alone)} if nothing were shared; by {what.origin}",
+        f"time: about {duration(shared)} on {many}, {duration(alone)} without shared stages; estimated from {what.origin}",
         workers=workers,
         time_s=shared,
         unshared_time_s=alone,
