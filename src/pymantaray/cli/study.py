@@ -351,8 +351,8 @@ def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | Non
 
     lost = dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0]
     counts = {
-        word: lost[status.name.lower()]
-        for status, word in RAY_STATUS_WORDS.items()
+        words.label: lost[status.name.lower()]
+        for status, words in RAY_STATUS_WORDS.items()
         if status not in ARRIVES and lost[status.name.lower()]
     }
     if counts:

@@ -26,14 +26,14 @@ _MOST_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows
 _STATUS_STYLES = {
     "ok": (style.BLUE, "predicted"),
-    "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED]),
-    "scattered": ("#AA4499", RAY_STATUS_WORDS[RayStatus.SCATTERED]),
-    "shadow": (style.ORANGE, RAY_STATUS_WORDS[RayStatus.SHADOW]),
-    "weak": (style.SKY, RAY_STATUS_WORDS[RayStatus.WEAK]),
-    "blocked": (style.GREEN, RAY_STATUS_WORDS[RayStatus.BLOCKED]),
-    "outside": (style.PINK, RAY_STATUS_WORDS[RayStatus.OUTSIDE]),
+    "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED].label),
+    "scattered": ("#AA4499", RAY_STATUS_WORDS[RayStatus.SCATTERED].label),
+    "shadow": (style.ORANGE, RAY_STATUS_WORDS[RayStatus.SHADOW].label),
+    "weak": (style.SKY, RAY_STATUS_WORDS[RayStatus.WEAK].label),
+    "blocked": (style.GREEN, RAY_STATUS_WORDS[RayStatus.BLOCKED].label),
+    "outside": (style.PINK, RAY_STATUS_WORDS[RayStatus.OUTSIDE].label),
     "unheard": (style.INK, "below the threshold"),
-    "unresolved": (style.GREY, RAY_STATUS_WORDS[RayStatus.UNRESOLVED]),
+    "unresolved": (style.GREY, RAY_STATUS_WORDS[RayStatus.UNRESOLVED].label),
 }
 
 
