@@ -200,11 +200,11 @@ def test_outputs_are_refused_before_any_work(tmp_path):
     (tmp_path / "folder.csv").mkdir()
     for name, options, said in (
         ("out.txt", {}, "must end in .csv or .nc"),
-        ("no/out.csv", {}, "there is no folder .*no; make it first"),
-        ("in.csv", {}, "in.csv: exists already; give another name or --force"),
-        ("folder.csv", {"force": True}, "folder.csv: exists already"),
+        ("no/out.csv", {}, "the folder .*no does not exist; create it"),
+        ("in.csv", {}, "in.csv: already exists; give another name or --force"),
+        ("folder.csv", {"force": True}, "folder.csv: already exists"),
         ("link.csv", {"force": True, "inputs": [tmp_path / "in.csv"]}, "link.csv: is the input"),
-        ("new.csv", {"beside": [tmp_path / "in.csv"]}, "in.csv: exists already"),
+        ("new.csv", {"beside": [tmp_path / "in.csv"]}, "in.csv: already exists"),
     ):
         with pytest.raises(WriteError, match=said):
             check_output(tmp_path / name, [".csv", ".nc"], **{"force": False, **options})
