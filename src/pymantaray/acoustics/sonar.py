@@ -1,5 +1,5 @@
 """
-Sonar equation: from transmission loss and the noise of the sea to the probability that a ping is heard.
+Sonar equation: from transmission loss and the noise of the sea to the detection probability of a ping.
 
 The theory page on loss has what was opened of the sources.
 """
@@ -128,30 +128,30 @@ class Sonar:
     Parameters
     ----------
     source_level_db : float
-        At 1 m, in the band. [dB re 1 µPa]
+        Level of a ping at 1 m, in the band. [dB re 1 µPa]
     frequency_hz, bandwidth_hz : float
         Middle and width of the band. [Hz]
     noise : WenzNoise or float
-        Of the sea, or a spectral level at the receiver, flat in the band. [dB re 1 µPa²/Hz]
+        Noise of the sea, or a spectral level at the receiver, constant in the band. [dB re 1 µPa²/Hz]
     processing_gain_db : float
-        What pulse compression and directivity add to the signal-to-noise ratio. [dB]
+        Gain in signal-to-noise ratio by pulse compression and directivity. [dB]
     threshold_db : float
-        Signal-to-noise ratio at which half the pings are heard. [dB]
+        Signal-to-noise ratio at which half of the pings are detected. [dB]
     spread_db : float
-        Standard deviation of the level about the predicted one (fading, aspect, what the model lacks). With
-        0 a ping is heard or not. [dB]
+        Standard deviation of the level around its prediction (fading, aspect, errors of the model). With
+        0 detection is certain or impossible. [dB]
 
     Notes
     -----
     Excess :math:`E = SL - TL - NL + PG - DT` with the noise level NL of the whole band; the level in decibels
     is normal with standard deviation :math:`\sigma`, so :math:`P = \Phi(E / \sigma)`. Draw a dropout with
-    ``heard = uniform < probability``. The default spread of 6 dB lies near the 5.6 dB of the intensity, in
-    decibels, of a fully saturated (Rayleigh) signal.
+    ``detected = uniform < probability``. The default spread of 6 dB is close to 5.6 dB, that of the intensity of a
+    fully saturated (Rayleigh) signal in decibels.
 
     Examples
     --------
     >>> sonar = Sonar(source_level_db=185.0, frequency_hz=25e3, bandwidth_hz=5e3, noise=50.0)
-    >>> sonar.probability_heard(sonar.figure_of_merit_db)
+    >>> sonar.detection_probability(sonar.figure_of_merit_db)
     array(0.5)
     """
 
@@ -201,7 +201,7 @@ class Sonar:
         """
         return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
 
-    def probability_heard(self, loss_db: ArrayLike) -> Array:
+    def detection_probability(self, loss_db: ArrayLike) -> Array:
         """
         Probability of detection.
 

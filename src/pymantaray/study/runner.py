@@ -30,7 +30,7 @@ LOG = logging.getLogger(__name__)
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
 _POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 4000, 500
-_MOST_STEPS = 1e13  # vehicles x physics steps
+_MAX_STEPS = 1e13  # vehicles x physics steps
 
 
 def run_study(
@@ -201,9 +201,9 @@ def refuse_too_large(config: StudyConfig, workers: int) -> None:
             f" a pose in each of {workers} workers and {n_links:.3g} links x {_LINK_BYTES} bytes are {needed:.3g}"
             f" GiB of memory; this machine has {there:.3g}"
         )
-    if n_vehicles * n_steps > _MOST_STEPS:
+    if n_vehicles * n_steps > _MAX_STEPS:
         raise StudyError(
-            f"{size} {n_steps:.3g} physics steps are more than {_MOST_STEPS:g}, which take a day; give a longer"
+            f"{size} {n_steps:.3g} physics steps are more than {_MAX_STEPS:g}, which take a day; give a longer"
             " physics_step_s"
         )
 

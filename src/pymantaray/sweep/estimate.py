@@ -11,7 +11,7 @@ from pymantaray.study import StudyConfig
 from pymantaray.study.tracks import mission_size
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
-from pymantaray.sweep.plan import Plan
+from pymantaray.sweep.plan import SweepPlan
 
 _OCEAN_SECONDS, _MEDIUM_SECONDS = 1.2, 0.2
 _SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 1e-4, 2e-5
@@ -43,7 +43,7 @@ class Estimate(NamedTuple):
     origin: str
 
 
-def estimate(plan: Plan, points: Collection[str], cost: Cost) -> Estimate:
+def estimate(plan: SweepPlan, points: Collection[str], cost: Cost) -> Estimate:
     """Time and disk space of some points of a plan."""
     n = len(points)
     alone = n * sum(cost.seconds[kind] for kind in (*STAGES, POINT))

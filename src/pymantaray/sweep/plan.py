@@ -21,7 +21,7 @@ EARLIER = "an earlier version"
 _MAX_FAULTS = 20  # in one message
 
 
-class Plan:
+class SweepPlan:
     """
     Keys of all tasks of a sweep.
 
@@ -76,7 +76,7 @@ def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:
                 raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 
 
-def plan_content(plan: Plan, toml: str) -> bytes:
+def plan_content(plan: SweepPlan, toml: str) -> bytes:
     """Content of the file of a plan's keys, with which progress is counted without making the plan again."""
     content = {
         "sweep": hashlib.sha256(toml.encode()).hexdigest(),
@@ -117,7 +117,7 @@ class SweepQueue(Queue):
     After a stage, the tasks that need it are issued before the next stage.
     """
 
-    def __init__(self, plan: Plan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
+    def __init__(self, plan: SweepPlan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
         self._plan, self._studies, self.keeps_stages = plan, studies, keep_stages
         self._lasting = frozenset(STAGES) if keep_stages else frozenset()
         self._what: dict[str, tuple[str, int]] = {}

@@ -17,7 +17,7 @@ from pymantaray.records.result_table import ResultTable
 from pymantaray.study.settings import key_heading
 from pymantaray.sweep.definition import Sweep, parse_sweep
 from pymantaray.sweep.keys import POINT
-from pymantaray.sweep.plan import Plan, read_plan
+from pymantaray.sweep.plan import SweepPlan, read_plan
 from pymantaray.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 
 OPEN = "open"
@@ -214,5 +214,5 @@ def open_sweep(place: str | Path) -> SweepResults:
     plan = read_plan(store.read(PLAN))
     known = plan is not None and plan.is_of(toml) and len(plan.keys) == len(sweep)
     return SweepResults(
-        store, sweep, plan.keys if plan and known else [key[POINT] for key in Plan(sweep).keys]
+        store, sweep, plan.keys if plan and known else [key[POINT] for key in SweepPlan(sweep).keys]
     )

@@ -12,7 +12,7 @@ from pymantaray.jobs.progress import TaskCount, TaskProgress
 from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.plan import EARLIER, Plan, SweepQueue, plan_content, read_plan
+from pymantaray.sweep.plan import EARLIER, SweepPlan, SweepQueue, plan_content, read_plan
 from pymantaray.sweep.points import PLAN, SWEEP, SWEEP_ENTRIES, finished, point_name, stage_name
 from pymantaray.sweep.results import SweepResults, open_sweep
 from pymantaray.sweep.tasks import run_task
@@ -72,7 +72,7 @@ def run_sweep(
         If the store cannot be written.
     """
     check_scheduler(client)
-    plan, store = Plan(sweep), open_store(out)
+    plan, store = SweepPlan(sweep), open_store(out)
     if studies and store.folder is None:
         raise SweepError(f"{out}: run folders of studies cannot be written to a URL; give a folder")
     _prepare(store, plan)
@@ -96,7 +96,7 @@ def run_sweep(
     return open_sweep(out)
 
 
-def _clear_stages(store: Store, plan: Plan, *, keep: bool) -> None:
+def _clear_stages(store: Store, plan: SweepPlan, *, keep: bool) -> None:
     """Remove the failures of a sweep's stages and, unless ``keep``, the stages."""
     own = {names[stage] for names in plan.keys for stage in STAGES}
     for name in store.names("stages"):
@@ -104,7 +104,7 @@ def _clear_stages(store: Store, plan: Plan, *, keep: bool) -> None:
             store.remove(f"stages/{name}")
 
 
-def _prepare(store: Store, plan: Plan) -> None:
+def _prepare(store: Store, plan: SweepPlan) -> None:
     """Write the definition and the plan of a sweep to its store."""
     store.claim("sweep", SWEEP, SWEEP_ENTRIES)
     toml = plan.sweep.to_toml()
@@ -113,7 +113,7 @@ def _prepare(store: Store, plan: Plan) -> None:
     store.write(PLAN, plan_content(plan, toml))
 
 
-def _warn_of_other_code(store: Store, plan: Plan) -> None:
+def _warn_of_other_code(store: Store, plan: SweepPlan) -> None:
     """Log a warning about points of the latest run that other code computed, which are not used."""
     latest = read_plan(store.read(PLAN))
     if latest is None or latest.version == code_version():
