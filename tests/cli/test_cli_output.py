@@ -140,7 +140,7 @@ class Screen(io.StringIO):
 def test_without_a_terminal_lines_come_while_one_part_takes_long(monkeypatch):
     screen = Screen(terminal=False)
     monkeypatch.setattr(sys, "stderr", screen)
-    monkeypatch.setattr(output, "_LINE_EVERY", 1e-3)
+    monkeypatch.setattr(output, "_LINE_INTERVAL", 1e-3)
     with progress_bars(quiet=False, stages=("ocean", "rays")) as report:
         report("ocean", 0, 1)
         assert screen.told.wait(60.0)
