@@ -1,4 +1,4 @@
-"""Selection of the arrival of a link that a receiver ranges on: the direct, the first or the strongest one."""
+"""Selection of the arrival of a link for its range: the direct, the first or the strongest arrival."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def choose_arrivals(
         Loss for ``strongest``; NaN counts as infinite. Default: ``spreading_db``, which lacks reflection, absorption and
         distance. [dB]
     delay : array_like, shape (n_arrivals,), optional
-        Added to the travel times before they are compared, see `current_delays`. [s]
+        Delays to add to the travel times before their comparison, see `current_delays`. [s]
     detected : ndarray of bool, shape (n_arrivals,), optional
-        False for arrivals that are not considered.
+        False for arrivals that are not detected and cannot be selected.
 
     Returns
     -------
