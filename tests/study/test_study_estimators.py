@@ -483,7 +483,11 @@ def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp
         ("far.nc: centre 74.5 N -140 E is not inside the data", "far.nc", {}),
         ("page.nc: ", "page.nc", {}),
         ("none.nc: .*o such file", "none.nc", {}),
-        ("far.nc: cast is 'X', but the file is an ocean without casts; remove the key cast", "far.nc", {"cast": "X"}),
+        (
+            "far.nc: cast is 'X', but the file is an ocean without casts; remove the key cast",
+            "far.nc",
+            {"cast": "X"},
+        ),
         ("cast.csv: no cast 'X'; available: cast", "cast.csv", {"cast": "X"}),
         ("far.nc: .*2014-01-01", "far.nc", {"time": dt.datetime(2015, 1, 1, tzinfo=dt.UTC)}),
     ):
