@@ -101,9 +101,9 @@ def travel_times(events: pd.DataFrame, seed: int) -> tuple[np.ndarray, np.ndarra
         a = find_eigenrays(medium, source[rows], receiver[rows], max_surface_bounces=2)
         least = link_loss_db(a.spreading_db, a.link, rows.size)
         candidate = a.spreading_db <= least[a.link] + 6.0
-        chosen = choose_arrivals(a, "first", heard=candidate)
+        chosen = choose_arrivals(a, "first", detected=candidate)
         candidate[chosen.row] = False
-        other = choose_arrivals(a, "first", heard=candidate)
+        other = choose_arrivals(a, "first", detected=candidate)
         straight = np.linalg.norm(receiver[rows] - source[rows], axis=-1) / 1440.0
         time[rows] = straight + 2e-3  # what leaks into a shadow
         time[rows[chosen.link]] = a.travel_time[chosen.row]

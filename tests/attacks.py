@@ -109,7 +109,7 @@ def run_one(attempt: Attempt, material: Material) -> str:
         errors = [line for line in said.splitlines() if line.startswith("error: ")]
         if code == 2 and not errors and attempt.call is None and not (folder / ".out").stat().st_size:
             faults.append(f"no line that says why: {said[:200]!r}")
-        if any(words in said for words in ("lists what it takes", "No such option")) and attempt.call is None:
+        if any(words in said for words in ("; see mantaray ", "No such option")) and attempt.call is None:
             faults.append(f"a wrong command: {said[:200]!r}")  # of this script
         if len(errors) > 5:
             faults.append(f"{len(errors)} error lines")

@@ -123,7 +123,7 @@ def test_without_links_there_are_no_tails():
 @pytest.mark.parametrize(
     ("message", "band", "coherent"),
     [
-        ("coherent is 'yes'; allowed are true, false and 'auto'", (HZ, 200.0), "yes"),
+        ("coherent is 'yes'; allowed: true, false and 'auto'", (HZ, 200.0), "yes"),
         ("bandwidth_hz is 0 Hz; it must be finite and positive", (HZ, 0.0), "auto"),
         ("frequency_hz is -1 Hz; it must be finite and positive", (-1.0, 10.0), "auto"),
     ],

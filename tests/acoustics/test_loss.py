@@ -216,9 +216,12 @@ def test_what_does_not_belong_together_is_refused(arrivals, paths):
 
     for options, message in (
         ({"frequency": 0.0}, "frequency_hz is 0 Hz; it must be finite and positive"),
-        ({"ends": (np.zeros((2, 3)), np.ones((2, 3)))}, r"arrivals of 1 links need \(1, 3\)"),
+        (
+            {"ends": (np.zeros((2, 3)), np.ones((2, 3)))},
+            r"for arrivals of 1 links, both must have shape \(1, 3\)",
+        ),
         ({"boundary": 0 * paths.boundary}, "disagree on the bounces of 7 arrivals, first 1"),
-        ({"arrival": paths.arrival + 1}, "paths reach arrival 9; the arrivals are 9"),
+        ({"arrival": paths.arrival + 1}, "paths: arrival 9; there are only 9 arrivals; trace their paths"),
     ):
         refused(AcousticsError, message, loss, **options)
 

@@ -53,7 +53,7 @@ def test_sonar_equation_by_hand():
     assert MODEM.noise_level_db == pytest.approx(86.9897, abs=1e-4)
     assert MODEM.snr_db(90.0) == pytest.approx(8.0103, abs=1e-4)
     assert MODEM.figure_of_merit_db == pytest.approx(88.0103, abs=1e-4)
-    assert MODEM.probability_heard(90.0) == pytest.approx(0.37, abs=0.001)  # Phi(-0.3316)
+    assert MODEM.detection_probability(90.0) == pytest.approx(0.37, abs=0.001)  # Phi(-0.3316)
     gained = Sonar(185.0, 25e3, 5e3, 50.0, processing_gain_db=20.0)
     assert gained.snr_db(90.0) == pytest.approx(28.0103, abs=1e-4)
     sea = WenzNoise(wind_speed=8.0)
@@ -61,7 +61,7 @@ def test_sonar_equation_by_hand():
 
 
 def test_limits_and_missing():
-    p = MODEM.probability_heard([-np.inf, np.inf, np.nan, MODEM.figure_of_merit_db])
+    p = MODEM.detection_probability([-np.inf, np.inf, np.nan, MODEM.figure_of_merit_db])
     np.testing.assert_array_equal(p, [1.0, 0.0, np.nan, 0.5])
     np.testing.assert_array_equal(
         probability_of_excess([-1e-9, 0.0, 5.0, -np.inf, np.nan], 0.0), [0.0, 1.0, 1.0, 0.0, np.nan]
@@ -74,7 +74,7 @@ def test_link_takes_its_strongest_arrival_or_their_sum():
     total = link_loss_db(loss, link, 4, combine="sum")
     expected = [-10.0 * np.log10(1e-8 + 1e-7), np.inf, 90.0, 5e3 - 10.0 * np.log10(2.0)]
     np.testing.assert_allclose(total, expected, rtol=1e-14)
-    np.testing.assert_array_equal(MODEM.probability_heard(link_loss_db([], [], 2)), [0.0, 0.0])
+    np.testing.assert_array_equal(MODEM.detection_probability(link_loss_db([], [], 2)), [0.0, 0.0])
     for combine in ("strongest", "sum"):  # NaN and equal positions stay
         out = link_loss_db([np.nan, 70.0, -np.inf, np.inf], [0, 0, 1, 2], 3, combine=combine)
         np.testing.assert_array_equal(out, [np.nan, -np.inf, np.inf])

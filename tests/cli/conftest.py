@@ -13,7 +13,7 @@ from pymantaray.study import load_study, study_toml
 @pytest.fixture
 def mantaray(capsys, monkeypatch):
     """Call `mantaray` with words; give its exit code and what it printed, which is the same on a busy machine."""
-    monkeypatch.setattr("pymantaray.cli.output._LINE_EVERY", 3600.0)
+    monkeypatch.setattr("pymantaray.cli.output._LINE_INTERVAL", 3600.0)
 
     def call(*words):
         capsys.readouterr()

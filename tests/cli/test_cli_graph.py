@@ -150,10 +150,10 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     done = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
     again = mantaray("graph", "convert", file, tmp_path / "t.tum")
-    assert again.err == f"error: {tmp_path / 't-A.tum'}: exists already; give another name or --force\n"
+    assert again.err == f"error: {tmp_path / 't-A.tum'}: already exists; give another name or --force\n"
     graph("convert", file, tmp_path / "t.tum", "--force")
     again = mantaray("graph", "convert", file, tmp_path / "g.g2o")
-    assert again.err == f"error: {tmp_path / 'g.g2o'}: exists already; give another name or --force\n"
+    assert again.err == f"error: {tmp_path / 'g.g2o'}: already exists; give another name or --force\n"
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
@@ -176,7 +176,7 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(man
     assert read_pyfg(tmp_path / "again.pyfg")[0].vehicle_name.tolist() == ["north-wind", "b_2"]
     (tmp_path / "new.names.csv").write_text("mine")
     refused = mantaray("graph", "convert", file, tmp_path / "new.pyfg")
-    assert refused.err.endswith("new.names.csv: exists already; give another name or --force\n")
+    assert refused.err.endswith("new.names.csv: already exists; give another name or --force\n")
     graph("solve", file, "--out", tmp_path / "out")
     assert (tmp_path / "out/estimate-north-wind.tum").is_file()
 

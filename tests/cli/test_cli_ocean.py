@@ -224,7 +224,7 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
 
 @pytest.mark.parametrize(("words", "says"), [
     ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
-    ("from-cast cast.csv ocean.nc", "exists already; give another name or --force"),
+    ("from-cast cast.csv ocean.nc", "already exists; give another name or --force"),
     ("from-cast none.csv new.nc --bottom 300", "cannot be read: No such file"),
     ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast cannot be combined"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
@@ -270,7 +270,7 @@ def test_casts_are_converted_for_other_programs_and_refused_in_one_line(mantaray
         (("cast.csv", "new.asvp"), "the time of cast is unknown"),
         (("cast.csv", "new.asvp", *time), "1501 levels; echo sounders accept at most 1000"),
         (("cast.csv", "new.asvp", "--name", "b"), "no cast 'b'; available: cast"),
-        (("cast.csv", "new.txt"), "the output's name must end in .asvp or .nc"),
+        (("cast.csv", "new.txt"), "the name of the output must end in .asvp or .nc"),
         (("cast.csv", "new.nc", "--lat", 3), "--lat and --lon must be used together"),
     ):
         refused = mantaray("ocean", "convert-cast", *words)

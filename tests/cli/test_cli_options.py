@@ -157,9 +157,9 @@ def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantar
 
 @pytest.mark.parametrize(("words", "fault"), [
     ("nope", "mantaray: No such command 'nope'"),
-    ("study quick --quiet", "mantaray study: No such command 'quick'; there are list, .*; perhaps: mantaray study run quick --quiet"),
+    ("study quick --quiet", "mantaray study: No such command 'quick'; allowed: list, .*; did you mean mantaray study run quick --quiet\\?"),
     ("ranges --itnerval 3", "mantaray ranges: No such option: --itnerval .*--interval"),
-    ("ranges own.csv --ocean synthetic:fram", "mantaray ranges: Missing option '--out'"),
+    ("export runs/latest --out o", "mantaray export: Missing option '--to'"),
     ("study run quick --workers two", "mantaray study run: Invalid value for '--workers'"),
     ("ocean check --currents rset", "mantaray ocean check: Invalid value for '--currents': .*'rest'"),
     ("ocean make", "mantaray ocean: No such command 'make'"),
@@ -168,7 +168,7 @@ def test_a_word_that_a_command_does_not_take_is_one_line_that_names_the_command(
     wrong = mantaray(*words.split())
     assert (wrong.code, wrong.out) == (2, "")
     command = fault.partition(":")[0]
-    assert re.fullmatch(f"error: {fault}.*; {command} --help lists what it takes\n", wrong.err), wrong.err
+    assert re.fullmatch(f"error: {fault}.*; see {command} --help\n", wrong.err), wrong.err
 
 
 @pytest.mark.parametrize("words", [(), ("ocean",), ("ocean", "fetch")])

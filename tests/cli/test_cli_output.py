@@ -140,7 +140,7 @@ class Screen(io.StringIO):
 def test_without_a_terminal_lines_come_while_one_part_takes_long(monkeypatch):
     screen = Screen(terminal=False)
     monkeypatch.setattr(sys, "stderr", screen)
-    monkeypatch.setattr(output, "_LINE_EVERY", 1e-3)
+    monkeypatch.setattr(output, "_LINE_INTERVAL", 1e-3)
     with progress_bars(quiet=False, stages=("ocean", "rays")) as report:
         report("ocean", 0, 1)
         assert screen.told.wait(60.0)
@@ -200,11 +200,11 @@ def test_outputs_are_refused_before_any_work(tmp_path):
     (tmp_path / "folder.csv").mkdir()
     for name, options, said in (
         ("out.txt", {}, "must end in .csv or .nc"),
-        ("no/out.csv", {}, "there is no folder .*no; make it first"),
-        ("in.csv", {}, "in.csv: exists already; give another name or --force"),
-        ("folder.csv", {"force": True}, "folder.csv: exists already"),
+        ("no/out.csv", {}, "the folder .*no does not exist; create it"),
+        ("in.csv", {}, "in.csv: already exists; give another name or --force"),
+        ("folder.csv", {"force": True}, "folder.csv: already exists"),
         ("link.csv", {"force": True, "inputs": [tmp_path / "in.csv"]}, "link.csv: is the input"),
-        ("new.csv", {"beside": [tmp_path / "in.csv"]}, "in.csv: exists already"),
+        ("new.csv", {"beside": [tmp_path / "in.csv"]}, "in.csv: already exists"),
     ):
         with pytest.raises(WriteError, match=said):
             check_output(tmp_path / name, [".csv", ".nc"], **{"force": False, **options})

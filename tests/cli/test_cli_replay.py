@@ -109,7 +109,7 @@ REFUSED = {
     "exactly one of --ocean, --profile and --run": (),
     "first: a profile has no sea bed": WATER[:2],
     "casts.csv: not valid TOML": (*WATER, "--detection", "casts.csv"),
-    "empty.toml: has no section [detection]": (*WATER, "--detection", "empty.toml"),
+    "empty.toml: no section [detection]; add it": (*WATER, "--detection", "empty.toml"),
     "francois-garrison, but first has no temperature or salinity": (*WATER, "--detection", "salty.toml"),
     "reference 'Z': no such node": (*WATER, "--reference", "Z"),
     "--window is -5 s; it must be finite and zero or positive": (*WATER, "--window", -5),

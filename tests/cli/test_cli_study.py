@@ -168,7 +168,7 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
     assert load_study("study.toml") == load_study("quick")
     Path("study.toml").write_text("# mine")
     refused = mantaray("study", "init", "quick", "study.toml")
-    assert (refused.code, refused.err) == (2, "error: study.toml: exists already; give another name\n")
+    assert (refused.code, refused.err) == (2, "error: study.toml: already exists; give another name\n")
     assert Path("study.toml").read_text() == "# mine"
 
 
@@ -181,7 +181,7 @@ def test_convert_prints_or_writes_a_file_with_the_names_of_today(mantaray, tmp_p
     assert Path("new.toml").read_text() == printed.out
     assert load_study("new.toml").estimator.start == "dead-reckoning"
     refused = mantaray("study", "convert", "old.toml", "new.toml")
-    assert (refused.code, refused.err) == (2, "error: new.toml: exists already; give another name\n")
+    assert (refused.code, refused.err) == (2, "error: new.toml: already exists; give another name\n")
 
 
 def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(mantaray, small, monkeypatch):
@@ -282,7 +282,7 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
     assert Path("browser.opened").read_text().strip() == (Path("run").resolve() / "index.html").as_uri()
     refused = mantaray("study", "run", small, "--out", "other", "--no-figures", "--open")
     assert refused.code == 2
-    assert "there is no page with --no-figures" in refused.err
+    assert "--no-figures writes no page to open" in refused.err
     assert not Path("other").exists()
 
 
@@ -339,10 +339,10 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
 
 @pytest.mark.parametrize(("words", "expected"), [
     (("run", "quick", "--realizations", "0"), "quick: study.realizations: found 0; allowed: 1 or more"),
-    (("run", "fast"), f"no preset 'fast'; there are {PRESETS}"),
+    (("run", "fast"), f"no preset 'fast'; allowed: {PRESETS}"),
     (("run", "no.toml"), "no.toml: cannot be read: No such file or directory"),
     (("show", "fast"), "no preset 'fast'"),
-    (("run", "."), ".: no preset, and no study's file, whose name ends in .toml"),
+    (("run", "."), ".: not a preset, and not a study file, whose name ends in .toml"),
     (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
 ])  # fmt: skip
 def test_known_errors_are_one_line(mantaray, small, words, expected):

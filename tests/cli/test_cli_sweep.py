@@ -31,9 +31,9 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     assert shown.out.startswith(
         "quick: 4 points\n  noise.range_sigma: 0.5, 1.0\n  mission.ping_interval_h: 1.0, 2.0\n"
     )
-    assert "to do: ocean 1, fleet 1, rays 2, points 4; what points share is computed once" in shown.out
+    assert "to do: ocean 1, fleet 1, rays 2, points 4; shared stages are computed once" in shown.out
     assert "on 2 workers" in shown.out
-    assert "by what quick takes for each step, link and pose" in shown.out
+    assert "estimated from the preset quick, scaled by steps, links and poses" in shown.out
 
     out = tmp_path / "out"
     ran = mantaray("sweep", "run", file, "--out", out, "--workers", "1")
@@ -59,7 +59,10 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     with xr.open_dataset(out / "table.nc") as dataset:
         assert dict(dataset.sizes) == {"noise.range_sigma": 2, "mission.ping_interval_h": 2, "condition": 2}
     again = mantaray("sweep", "collect", out, "--out", tmp_path / "sweep.toml")
-    assert (again.code, again.err) == (2, f"error: {file}: the output's name must end in .csv or .nc\n")
+    assert (again.code, again.err) == (
+        2,
+        f"error: {file}: the name of the output must end in .csv or .nc\n",
+    )
 
 
 def test_the_exit_status_says_that_points_have_failed(mantaray, told, file, tmp_path):

@@ -84,7 +84,7 @@ def test_levels_are_those_of_the_page(capsys, options, lines):
 def test_a_verbose_command_tells_its_stages_and_twice_what_led_to_an_error(mantaray):
     assert mantaray("ocean", "show", "synthetic:fram", "-v").err.endswith(" MiB\n")
     refused = mantaray("study", "show", "fast", "-vv").err
-    assert refused.startswith("what led to it:\nTraceback")
+    assert refused.startswith("traceback:\nTraceback")
     assert refused.splitlines()[-1].startswith("error: no preset 'fast'")
     assert mantaray("study", "show", "fast", "-v").err.startswith("error: no preset 'fast'")
 

@@ -57,7 +57,7 @@ def test_something_is_taken_unless_nothing_is_heard(loss, picker):
     link, time = np.zeros(len(loss)), np.arange(len(loss))
     taken = picker.probabilities(loss, link, time)
     assert (taken >= 0.0).all()
-    missed = 0.0 if picker.sonar is None else np.prod(1.0 - picker.sonar.probability_heard(loss))
+    missed = 0.0 if picker.sonar is None else np.prod(1.0 - picker.sonar.detection_probability(loss))
     assert taken.sum() == pytest.approx(1.0 - missed, abs=1e-9)
     if picker.sonar is None:
         louder = picker.probabilities(np.add(loss, 30.0), link, time)

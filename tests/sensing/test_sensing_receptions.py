@@ -68,7 +68,7 @@ def test_each_rule_selects_one_reception_per_link_and_direction(rule, forth, bac
 
 def test_the_selected_reception_has_the_probability_of_its_detection():
     receptions = select_receptions(with_detection(table(), SONAR), "strongest")
-    expected = SONAR.probability_heard(LOSS)
+    expected = SONAR.detection_probability(LOSS)
     np.testing.assert_array_equal(receptions.detection, [*expected, *expected])
     np.testing.assert_array_equal(receptions.probability[:4], expected * [0, 0, 1, 1])
     assert (select_receptions(table(AlongRays(None, None)), "first").probability[[0, 3]] == 1.0).all()
@@ -87,7 +87,7 @@ def test_exchanges_of_selected_receptions_and_all_combinations():
     one = selected_exchanges(receptions, 3, link, direction)
     np.testing.assert_array_equal(one.ping, [1, 5, -1, -1])
     np.testing.assert_array_equal(one.answer, [5, 1, -1, -1])
-    p = SONAR.probability_heard(80.0)
+    p = SONAR.detection_probability(80.0)
     np.testing.assert_array_equal(
         exchange_values(receptions.probability, one, OneWay())[0], [p, p, *[np.nan] * 2]
     )

@@ -152,8 +152,8 @@ REFUSED = [
     ("noise.range_sigma", 0.0, "noise.range_sigma: found 0.0; allowed: greater than 0"),
     ("noise.range_sigma", math.inf, "noise.range_sigma: found inf"),
     ("noise.range_sigma", "1", "noise.range_sigma: found '1'"),
-    ("ocean.source", ["a\0.nc"], r"ocean.source[0]: found 'a\x00.nc', which no file can be named"),
-    ("ocean.source", ["synthetic:fram", "a.nc"], "a synthetic source stands alone"),
+    ("ocean.source", ["a\0.nc"], r"ocean.source[0]: found 'a\x00.nc', which is not a valid file name"),
+    ("ocean.source", ["synthetic:fram", "a.nc"], "a synthetic ocean cannot be combined with others"),
     ("ocean.centre_lat", None, "centre_lat and centre_lon must be given together"),
     ("ocean.ice", -1.0, "ocean.ice: found -1.0; allowed: 0 or more or text"),
     ("acoustics.spreading_cutoff_db", -1.0, "found -1.0; allowed: greater than 0 or 'none'"),
@@ -162,8 +162,8 @@ REFUSED = [
     ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is none"),
     ("ranging.mistaken_correlation_s", 60.0, "ranging: mistaken_correlation_s is 60 s, but mistaken is none"),
     ("ranging", DEEP | {"mistaken": "strongest-detected"}, "but mistaken is strongest-detected"),
-    ("ranging.mistaken", "first-detected", "is first-detected, but nothing says what is detected"),
-    ("", {"ranging": DEEP, "detection": DETECTION}, "below_strongest_db and [detection] exclude each other"),
+    ("ranging.mistaken", "first-detected", "is first-detected, but there is no rule of detection"),
+    ("", {"ranging": DEEP, "detection": DETECTION}, "below_strongest_db and [detection] cannot be combined"),
     ("", {"ranging": DEEP, "acoustics": {"arrival": "first"}}, "but acoustics.arrival is first"),
     ("detection", DETECTION | {"scatter_db": 40.0}, "scatter_db is 40, but leakage is false"),
     ("acoustics.max_bottom_bounces", 16, "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
@@ -172,13 +172,13 @@ REFUSED = [
     ("mission.schedule", "slots", "mission.schedule: found 'slots'; allowed: a table"),
     ("ocean.time", "noon", "ocean.time: found 'noon'; allowed: a time as 2014-07-15T12:00:00"),
     ("ocean", 5, "ocean: found 5; allowed: a table"),
-    ("ocean.source", "", "ocean.source[0]: found ''; allowed: text of a letter or more"),
+    ("ocean.source", "", "ocean.source[0]: found ''; allowed: text of at least one letter"),
     ("detection", DETECTION | {"bandwidth_hz": 6e4}, "detection: bandwidth_hz is 60000, but frequency_hz"),
-    ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "exclude each other"),
+    ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "cannot be combined"),
     ("acoustics", {"surface_loss": "bubbles"}, "is bubbles, but acoustics.max_surface_bounces is 0"),
     ("acoustics", {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
-    ("acoustics", BOUNCE | {"surface_loss": "bubbles"}, "is bubbles, but without [detection] every arrival is heard"),
-    ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True}, "internal_tide runs through one snapshot"),
+    ("acoustics", BOUNCE | {"surface_loss": "bubbles"}, "is bubbles, but without [detection] every arrival is detected"),
+    ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True}, "internal_tide needs a single snapshot"),
     ("ocean.internal_tide", {"amplitude": -5.0}, "ocean.internal_tide.amplitude: found -5"),
     ("", ICE_BOUNCE, "there is no ice"),
     ("", ICE | {"ocean": {"ice": 2.0}}, "max_surface_bounces is 0"),
@@ -186,7 +186,7 @@ REFUSED = [
         "",
         ICE_BOUNCE
         | {"ocean": {"ice": 2.0}, "acoustics": ICE_BOUNCE["acoustics"] | {"surface_loss": "bubbles"}},
-        "exclude each other",
+        "cannot be combined",
     ),
     *((f"{s}.surprise", 1, f"`{s}.surprise`: unknown key. Allowed: ") for s in ("study", "ocean", "ranging", "noise", "fleet")),
 ]  # fmt: skip
@@ -208,7 +208,7 @@ REFUSED_CONDITIONS = [
     ({"belief": EXACT}, "`conditions[0].belief`: unknown key. "),
     ({"range_model": {"kind": "transmitter", "belief": "exact"}}, "range_model.belief`: unknown key."),
     ({"range_model": "curved"}, "conditions[0].range_model.kind: found 'curved'; allowed: 'transmitter', "),
-    ({"ranges": "none", "loss": "huber"}, 'loss is given, but ranges is "none"; leave one of both out'),
+    ({"ranges": "none", "loss": "huber"}, 'loss is given, but ranges is "none"; remove one of the two'),
     ({"ranges": "none", "range_sigma": 3.0}, 'range_sigma is given, but ranges is "none"'),
     ({"solver": "dead-reckoning"}, 'solver "dead-reckoning" uses no ranges, but ranges is refracted'),
     ({"links": "all"}, "a dropout has none"),
@@ -225,7 +225,7 @@ REFUSED_CONDITIONS = [
     (EIGENRAY | {"solver": "incremental"}, "incremental"),
     (
         EIGENRAY | {"loss": "huber", "variance": UNSURE | {"kind": "correlated"}},
-        "loss huber is of each range alone",
+        "loss huber applies to single ranges",
     ),
     (rays("mean", modes={"count": 0}), "range_model.modes.count: found 0; allowed: 1 or more"),
     (rays("mean", modes={"count": 2, "down_to": 300.0}), "down_to is given without rms"),
@@ -255,17 +255,17 @@ REFUSED_CONDITIONS = [
     ),
     (
         rays({"kind": "offset", "depth": [9.0, 3.0], "sound_speed": [0.5, 1.0]}),
-        "depths increasing",
+        "with increasing depths",
     ),
     (
         rays({"kind": "offset", "depth": [9.0], "sound_speed": [0.5, 1.0]}),
-        "sound_speed 2; needs as many",
+        "sound_speed 2; both must have the same number",
     ),
     ({"clocks": {}}, "condition e estimates clocks, but their priors are 0"),
-    (rays(VARYING), "condition e assumes water that varies, but the study's does not"),
+    (rays(VARYING), "condition e assumes an ocean that varies, but the study's does not"),
     (rays(VARYING) | {"variance": UNSURE}, 'for range_model "eigenray" with variance "fixed"'),
     ({"range_model": {"kind": "mean-slowness", "belief": VARYING}}, 'for range_model "eigenray"'),
-    (rays(VARYING, modes={"count": 1}), "modes are not estimated of a belief that varies in time"),
+    (rays(VARYING, modes={"count": 1}), "modes cannot be estimated for a belief that varies in time"),
 ]
 REFUSED += [("conditions", [{"name": "e", **values}], expected) for values, expected in REFUSED_CONDITIONS]
 
@@ -393,11 +393,11 @@ def test_what_ranging_refuses_is_refused_without_a_fleet(tmp_path):
 def test_unknown_preset_lists_those_there_are():
     with pytest.raises(
         StudyError,
-        match=r"no preset 'fast'; there are beaufort, estimators-beaufort, estimators-fram, fram, quick, survey",
+        match=r"no preset 'fast'; allowed: beaufort, estimators-beaufort, estimators-fram, fram, quick, survey",
     ):
         load_study("fast")
     with pytest.raises(
-        StudyError, match=r"no preset 'beufort'; did you mean beaufort[?] there are beaufort, "
+        StudyError, match=r"no preset 'beufort'; did you mean beaufort[?] allowed: beaufort, "
     ):
         load_study("beufort")
 

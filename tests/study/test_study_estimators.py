@@ -467,7 +467,7 @@ def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_p
     np.testing.assert_allclose(wide.profile()[1][:40], at_cast.profile()[1][:40], rtol=0, atol=1e-3)
     refused(
         OceanError,
-        r"small.nc: holds \+-3.*m north.*the fleet goes to .*give a larger ocean",
+        r"small.nc: covers \+-3.*m north.*the fleet reaches .*give a larger ocean",
         beliefs.believed,
         file_belief(tmp_path / "small.nc"),
         0,
@@ -483,7 +483,11 @@ def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp
         ("far.nc: centre 74.5 N -140 E is not inside the data", "far.nc", {}),
         ("page.nc: ", "page.nc", {}),
         ("none.nc: .*o such file", "none.nc", {}),
-        ("far.nc: cast is 'X', but this is an ocean; leave it out", "far.nc", {"cast": "X"}),
+        (
+            "far.nc: cast is 'X', but the file is an ocean without casts; remove the key cast",
+            "far.nc",
+            {"cast": "X"},
+        ),
         ("cast.csv: no cast 'X'; available: cast", "cast.csv", {"cast": "X"}),
         ("far.nc: .*2014-01-01", "far.nc", {"time": dt.datetime(2015, 1, 1, tzinfo=dt.UTC)}),
     ):

@@ -358,7 +358,7 @@ def test_a_missing_library_is_named_and_nothing_is_left(run, tmp_path, monkeypat
 def test_what_cannot_be_exported_is_refused_and_leaves_nothing(run, tmp_path, monkeypatch):
     refused(
         ExchangeError,
-        f"no format 'ply'; there are {', '.join(FORMATS)}",
+        f"unknown format 'ply'; allowed: {', '.join(FORMATS)}",
         export_run,
         run,
         "ply",

@@ -46,7 +46,7 @@ def test_a_cast_that_is_believed_is_placed_by_lat_and_lon():
     del cast["range_model"]["belief"]["lon"]
     refused(
         StudyError,
-        "the belief of cast: its place is lat and lon, or north and east; found lat$",
+        "the belief of cast: found lat; give either lat and lon, or north and east$",
         parse_study,
         {**copy.deepcopy(TINY), "conditions": [cast]},
     )
@@ -65,8 +65,8 @@ def no_centre():
 
 
 REFUSED = {
-    "A: its place is lat and lon, or north and east; found lat, lon, north": lambda: changed(north=1.0),
-    "A: its place is lat and lon, or north and east; found lat$": lambda: changed(lon=None),
+    "A: found lat, lon, north; give either lat and lon, or north and east": lambda: changed(north=1.0),
+    "A: found lat; give either lat and lon, or north and east$": lambda: changed(lon=None),
     "A: found lat 95.0, lon -140.0; allowed: numbers, lat from -90 to 90": lambda: changed(
         lat=95.0, lon=-140.0
     ),

@@ -101,7 +101,7 @@ def test_data_are_cited_by_what_they_say_of_themselves(tiny, tmp_path):
     assert by["chassignet2008"].used_for == "ocean"
     assert by["weatherall2015"].used_for == "sea floor"
     assert str(by["mine_2"]) == f"{mine}, data; cite as their provider asks"
-    assert by["cast"].used_for == "ocean that is believed"
+    assert by["cast"].used_for == "ocean that an estimator assumes"
     assert not {"steele2004", "zhao2015"} & by.keys()
 
 

@@ -284,7 +284,7 @@ def test_the_mission_is_as_long_as_the_trajectories_unless_it_is_cut(table):
     long = parse_study({**tree, "mission": {"duration_h": 2.0}})
     refused(
         StudyError,
-        "mission.duration_h is 2 h; the trajectories last 1 h: leave it out",
+        "mission.duration_h is 2 h, but the trajectories last 1 h; remove the key",
         lambda: with_tracks(long),
     )
 
@@ -313,7 +313,7 @@ def far_away(table):
 
 
 IMPOSSIBLE = {
-    "far.csv: no pose lies in the ocean: they are 10.* km north, .* the ocean reaches -15.0 to 15.0": lambda table: (
+    "far.csv: no pose is in the ocean: poses are 10.* km north, .* the ocean reaches -15.0 to 15.0": lambda table: (
         measure(far_away(table), OCEAN, 600.0)),
     "SlotSchedule: slots of 10 s from 0 s on: no vehicle or landmark is called 'Z'; allowed: A, B, M":
         lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
@@ -444,7 +444,7 @@ def test_a_run_of_local_positions_says_in_its_manifest_where_they_were_placed(ta
     config = parse_study(tree)
     assert "own vehicles, as long as their trajectories, 25" in repr(config)
     run = run_study(config, tmp_path / "run", workers=1)
-    (note,) = [n for n in run.manifest["fleet"]["notes"] if "the middle of the ocean was taken" in n]
+    (note,) = [n for n in run.manifest["fleet"]["notes"] if "the middle of the ocean is used" in n]
     assert f"{run.ocean.attrs['centre_latitude_deg']:g} N" in note
 
 

@@ -9,7 +9,7 @@ from pymantaray.errors import SweepError
 from pymantaray.study import load_study, study_toml
 from pymantaray.sweep import Sweep, load_sweep
 from pymantaray.sweep.definition import parse_sweep
-from pymantaray.sweep.plan import Plan
+from pymantaray.sweep.plan import SweepPlan
 
 FILE = """
 base = "quick"
@@ -100,7 +100,7 @@ def test_input_files_are_relative_to_the_sweep(tmp_path):
         (str(tmp_path / "b.nc"), str(tmp_path / "c.nc")),
     ]
     with pytest.raises(SweepError) as caught:
-        Plan(sweep)
+        SweepPlan(sweep)
     assert str(caught.value).splitlines() == [
         f"{tmp_path / 'a.nc'}: cannot be read: No such file or directory",
         f"{tmp_path / 'b.nc'}: cannot be read: No such file or directory",
@@ -132,7 +132,7 @@ def test_none_takes_a_section_out(small, none):
 def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
     sweep = Sweep(small, cross={"noise.range_sigma": [1.0, -1.0, "x"], "mission.gnss_depth": [1.0, 2.0]})
     with pytest.raises(SweepError) as caught:
-        Plan(sweep)
+        SweepPlan(sweep)
     assert str(caught.value).splitlines() == [
         f"point {number} (noise.range_sigma = {sigma}, mission.gnss_depth = {depth}): noise.range_sigma: found"
         f" {found}; allowed: {allowed}"
@@ -164,14 +164,14 @@ def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
             1.0,
             "`study.realizations.deeper`: `study.realizations` is 1, which has no keys; .*",
         ),
-        ("fleet.count", 9, "fleet.count is 9; the base has 1 to 2 vehicles"),
-        ("fleet.count", "x", "fleet.count is x; the base has 1 to 2 vehicles"),
-        ("fleet.spacing", "x", "fleet.spacing is x; needs a factor, such as 0.5"),
+        ("fleet.count", 9, "fleet.count is 9; it must be from 1 to 2, the vehicles of the base"),
+        ("fleet.count", "x", "fleet.count is x; it must be from 1 to 2, the vehicles of the base"),
+        ("fleet.spacing", "x", "fleet.spacing is x; it must be a factor such as 0.5"),
     ],
 )
 def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, line):
     with pytest.raises(SweepError, match=rf"^point 0 \(.*\): {line}$"):
-        Plan(Sweep(small, cross={field: [value]}))
+        SweepPlan(Sweep(small, cross={field: [value]}))
 
 
 @pytest.mark.parametrize(
@@ -190,20 +190,26 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
         ('base = "quick"\ncross = 1', "s.toml: cross: must be a table"),
         ('base = "quick"\nseeds = 1', "s.toml: seeds: must be a list"),
         ('base = "quick"\nzip = 1', r"s.toml: zip: must be tables \[\[zip\]\]"),
-        ('base = "quick"\n[cross]\na.b = 1', "s.toml: a.b: needs a list of at least one value; found 1"),
-        ('base = "quick"\n[cross]\na.b = []', r"s.toml: a.b: needs a list of at least one value; found \[\]"),
+        ('base = "quick"\n[cross]\na.b = 1', "s.toml: a.b: found 1; it must be a list of at least one value"),
+        (
+            'base = "quick"\n[cross]\na.b = []',
+            r"s.toml: a.b: found \[\]; it must be a list of at least one value",
+        ),
         (
             'base = "quick"\n[[zip]]\na = [1]\nb = [1, 2]',
-            "s.toml: zip 1: its lists must be of one length; found a 1, b 2",
+            "s.toml: zip 1: lists have different lengths, a 1, b 2; give lists of equal length",
         ),
         (
             'base = "quick"\n[[zip]]\nname = "key"\nlabels = ["a"]\na.b = [1]',
-            "s.toml: key is a column of its tables; give another name",
+            "s.toml: key is the name of another column of its tables; give another name",
         ),
-        ('base = "quick"\n[[zip]]\nname = "x"', "s.toml: zip 1: needs fields with their values, .*"),
+        (
+            'base = "quick"\n[[zip]]\nname = "x"',
+            "s.toml: zip 1: fields, or the name of labels, are missing; .*",
+        ),
         (
             'base = "quick"\nseeds = [1]\n[cross]\nstudy.seed = [1]',
-            "s.toml: study.seed is given more than once",
+            "s.toml: study.seed is given more than once; remove all but one",
         ),
     ],
 )

@@ -17,7 +17,7 @@ from pymantaray.jobs.store import open_store
 from pymantaray.study import open_run, parse_study, run_study
 from pymantaray.sweep import Sweep, run_sweep, stages, tasks
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
-from pymantaray.sweep.plan import Plan, SweepQueue
+from pymantaray.sweep.plan import SweepPlan, SweepQueue
 from pymantaray.sweep.points import stage_name
 from pymantaray.sweep.tasks import SweepTask, run_task
 
@@ -170,7 +170,7 @@ def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp
 
 
 def test_each_task_follows_the_stage_that_it_needs(depths):
-    plan = Plan(depths)
+    plan = SweepPlan(depths)
     queue = SweepQueue(plan, set(plan.points), keep_stages=False, studies=False)
     order, removed = [], []
     while (key := queue.next()) is not None:
@@ -189,13 +189,15 @@ def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkey
         "pymantaray.sweep.runner.open_pool",
         lambda _, *rest: open_pool(partial(run_task, str(tmp_path / "away")), *rest),
     )
-    with pytest.raises(JobError, match=r"2 points were done elsewhere; all workers must see this place$"):
+    with pytest.raises(
+        JobError, match=r"workers wrote 2 points to another place; all workers must have access to this one$"
+    ):
         run_sweep(noises(2), tmp_path / "out", workers=1)
 
 
 def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp_path):
     sweep, store = noises(2), open_store(tmp_path)
-    plan = Plan(sweep)
+    plan = SweepPlan(sweep)
     shared = frozenset(STAGES)
     run_task(store.url, SweepTask(RAYS, plan.keys[0], sweep.point(0), shared))
     stages._LATEST.clear()

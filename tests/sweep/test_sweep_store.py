@@ -14,7 +14,7 @@ from pymantaray.installation import code_version
 from pymantaray.jobs.store import open_store
 from pymantaray.records.writing import netcdf_groups
 from pymantaray.sweep import open_sweep, run_sweep, stages
-from pymantaray.sweep.plan import Plan
+from pymantaray.sweep.plan import SweepPlan
 from pymantaray.sweep.points import finished, point_name
 
 
@@ -50,7 +50,7 @@ def test_a_sweep_in_an_object_store_has_the_digits_of_one_in_a_folder(noises, su
         there = run_sweep(noises(2), place, client=client)
     assert there.status() == (2, 2, 0, {})
     assert summaries(open_sweep(place)) == summaries(run_sweep(noises(2), tmp_path / "here", workers=1))
-    with pytest.raises(SweepError, match="studies need a folder"):
+    with pytest.raises(SweepError, match="run folders of studies cannot be written to a URL; give a folder"):
         run_sweep(noises(2), place, studies=True)
 
 
@@ -118,7 +118,7 @@ def test_a_damaged_result_is_open_and_computed_again(here, noises, summaries, tm
 
 def test_a_damaged_failure_is_tried_again(here, noises, tmp_path):
     sweep = noises(1)
-    key = Plan(sweep).keys[0]["point"]
+    key = SweepPlan(sweep).keys[0]["point"]
     name = tmp_path / "out" / point_name(key, failed=True)
     name.parent.mkdir(parents=True)
     name.write_text("[1]")
@@ -149,7 +149,7 @@ def test_a_damaged_stage_is_computed_again_by_the_first_that_needs_it(
     results = run_sweep(noises(2), tmp_path / "out", keep_stages=True)
     for path in (tmp_path / "out" / "points").glob("*/*"):
         path.unlink()
-    (path,) = (tmp_path / "out" / "stages").glob(f"{Plan(noises(2)).keys[0]['rays']}.nc")
+    (path,) = (tmp_path / "out" / "stages").glob(f"{SweepPlan(noises(2)).keys[0]['rays']}.nc")
     content = path.read_bytes()
     flipped = content[:5000] + bytes([content[5000] ^ 1]) + content[5001:]
     path.write_bytes({"cut": content[: len(content) // 2], "bit": flipped, "empty": b""}[damage])

@@ -1,7 +1,7 @@
 """
-Absorption of sound by sea water: three published formulas, and the coefficient at any place of an ocean.
+Absorption of sound by sea water: three published formulas, and the coefficient at any position in an ocean.
 
-The theory page on loss has the formulas, the data behind them, how well they agree, and what was opened of the sources.
+The theory page on loss has the formulas, their data, a comparison, and the sources.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ Formula = Literal["francois-garrison", "ainslie-mccolm"]
 @dataclass(frozen=True, eq=False)
 class Absorption:
     """
-    Absorption coefficient at any place; build it with one of the class methods.
+    Absorption coefficient at any position; build it with one of the class methods.
 
     Attributes
     ----------
     db_per_km : callable
-        Of positions (n, 3) north, east, down [m] and a frequency [Hz]; gives (n,) [dB/km].
+        Function of positions (n, 3) north, east, down [m] and a frequency [Hz] that returns (n,) coefficients. [dB/km]
     """
 
     db_per_km: Callable[[Array, float], Array]
@@ -43,7 +43,7 @@ class Absorption:
     @classmethod
     def constant(cls, db_per_km: float) -> Self:
         """
-        Absorption with the same coefficient everywhere and at every frequency.
+        Return absorption with a constant coefficient.
 
         Parameters
         ----------
@@ -59,7 +59,7 @@ class Absorption:
 
     @classmethod
     def thorp(cls) -> Self:
-        """Thorp's formula: the same everywhere, whatever the water."""
+        """Return absorption by Thorp's formula, which does not depend on the water."""
         return cls(_thorp)
 
     @classmethod
@@ -73,15 +73,15 @@ class Absorption:
         formula: Formula = "francois-garrison",
     ) -> Self:
         """
-        Water that varies with depth only.
+        Return absorption in water that varies with depth only.
 
         Parameters
         ----------
         depth, temperature, salinity : array_like, shape (n_depth,)
-            Levels, strictly increasing, in-situ temperature and practical salinity; linear between the levels,
-            constant beyond them. One level is uniform water. [m, degC, -]
+            Levels in strictly increasing order, in-situ temperature and practical salinity, which are linear between the levels
+            and constant beyond them. One level is uniform water. [m, degC, -]
         pH : float
-            On the NBS scale. [-]
+            pH on the NBS scale. [-]
         formula : {"francois-garrison", "ainslie-mccolm"}
         """
         z = checked_array(AcousticsError, "depth", np.atleast_1d(depth), (None,), rising=True)
@@ -101,15 +101,14 @@ class Absorption:
         formula: Formula = "francois-garrison",
     ) -> Self:
         """
-        Water of an ocean data set, linear between its grid points and constant beyond its edges.
+        Return absorption in an ocean data set, linear between its grid points and constant beyond its edges.
 
         Parameters
         ----------
         ocean : xarray.Dataset
-            As `open_ocean` returns it, with ``water_temp`` and ``salinity`` on (depth, lat, lon).
+            Data set from `open_ocean`, with ``water_temp`` and ``salinity`` on (depth, lat, lon).
         centre : tuple of float, optional
-            Latitude and longitude of the local frame, as for `to_local`: the window's middle by default.
-            [degrees]
+            Latitude and longitude of the local frame, as for `to_local`. Default: the middle of the window. [degrees]
         pH, formula
             As in `from_profile`.
         """
@@ -121,7 +120,7 @@ class Absorption:
         if missing:
             raise AcousticsError(
                 f"ocean data set lacks {', '.join(missing)};"
-                " give the one that open_ocean returned, before to_local"
+                " use the data set from open_ocean, before to_local"
             )
         window = Window.of(ocean, centre)
         lat, lon = window.lat, window.lon
@@ -134,14 +133,14 @@ class Absorption:
 
     @classmethod
     def _of_water(cls, water: Callable[[Array], Array], *, pH: float, formula: Formula) -> Self:
-        """By in-situ temperature [degC] and practical salinity (n, 2) at positions (n, 3)."""
+        """Absorption from in-situ temperature [degC] and practical salinity (n, 2) at positions (n, 3)."""
         if formula not in _FORMULAS:
-            raise AcousticsError(f"absorption formula {formula!r}; allowed are {', '.join(_FORMULAS)}")
+            raise AcousticsError(f"absorption formula {formula!r}; allowed: {', '.join(_FORMULAS)}")
 
         return cls(partial(_by_formula, _FORMULAS[formula], pH, water))
 
 
-# functions of the module, so that an absorption can be handed to another process
+# module-level functions, so an absorption can be pickled for another process
 
 
 def _everywhere(db_per_km: float, position: Array, _frequency: float) -> Array:
@@ -197,7 +196,7 @@ def francois_garrison_db_per_km(
     a3 = np.where(T <= 20.0, cold, warm)
     p2 = 1.0 + z * (-1.37e-4 + 6.2e-9 * z)
     p3 = 1.0 + z * (-3.83e-5 + 4.9e-10 * z)
-    # fresh water has no boric acid: f1 = 0 leaves that term 0, f2 > 0 always
+    # fresh water has no boric acid: with f1 = 0 its term is 0; f2 is always positive
     boric, sulphate = a1 * f1 / (f1**2 + f**2), a2 * p2 * f2 / (f2**2 + f**2)
     return np.asarray((boric + sulphate + a3 * p3) * f**2)
 
@@ -213,7 +212,7 @@ def ainslie_mccolm_db_per_km(
     """
     Absorption by the simplified formula of Ainslie and McColm (1998), arguments as above. [dB/km]
 
-    A fit to Francois and Garrison, within 10 % of it.
+    The formula is a fit to that of Francois and Garrison within 10 %.
     """
     hz, T, S, z, ph = (np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH))
     f, km = hz / 1000.0, z / 1000.0
@@ -227,9 +226,9 @@ def ainslie_mccolm_db_per_km(
 
 def thorp_db_per_km(frequency_hz: ArrayLike) -> Array:
     """
-    Absorption by Thorp's formula as Jensen et al. and Bellhop use it, of a frequency [Hz]. [dB/km]
+    Absorption by Thorp's formula in the form of Jensen et al. and Bellhop at a frequency [Hz]. [dB/km]
 
-    For about 4 degC and 1000 m. Thorp (1967) printed the two relaxations only, 0.1 and 40 dB per kiloyard.
+    It applies to about 4 degC and 1000 m. Thorp (1967) has only the two relaxations, 0.1 and 40 dB per kiloyard.
     """
     f = (np.asarray(frequency_hz, dtype=float) / 1000.0) ** 2
     return np.asarray(0.0033 + f * (0.11 / (1.0 + f) + 44.0 / (4100.0 + f) + 3.0e-4))

@@ -1,4 +1,4 @@
-"""Field beside caustics: pairs of rays that one fold connects, and its sound on the dark side by continuation."""
+"""Field near caustics: pairs of rays of a fold, and the sound on its dark side by continuation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OFFSETS = np.array(
 )  # caustic widths above and below a receiver at which folds are looked for
 _WIDTH, _WIDTH_HZ = 2.5, 12e3  # m at Hz; width of a caustic of rays that curve with a radius of 88 km
 _INSIDE = np.array([0.7, 1.4])  # widths of the caustic inside it, from which its field is continued
-_FARTHEST = 4.0  # widths of the caustic; farther on the dark side there is nothing
+_FARTHEST = 4.0  # widths of the caustic; maximum distance on its dark side
 _WIDEST = 40.0  # rad; between the two rays of a fold
 
 
@@ -32,28 +32,28 @@ class Waves(NamedTuple):
     time: Array
     """[s]"""
     log_size: Array
-    """Natural logarithm of the size; minus infinity for nothing."""
+    """Natural logarithm of the magnitude; minus infinity for silence."""
     phase: Array
     """[rad]"""
 
     def at(self, rows: Indices) -> Waves:
-        """Some rows."""
+        """Waves in some rows."""
         return Waves(self.time[rows], self.log_size[rows], self.phase[rows])
 
 
 class Fold(NamedTuple):
-    """Field of two rays of a fold; every column is smooth across the caustic."""
+    """Field of the two rays of a fold; every column is smooth across the caustic."""
 
     time: Array
-    """Mean of both. [s]"""
+    """Mean travel time of both rays. [s]"""
     argument: Array
-    """Of Airy's function, positive on the lit side."""
+    """Argument of Airy's function, positive on the lit side."""
     size: Array
     """Sum of both pressures, times the fourth root of the argument."""
     skew: Array
     """Late minus early pressure, divided by the fourth root of the argument."""
     phase: Array
-    """Of the early ray. [rad]"""
+    """Launch angle of the early ray. [rad]"""
 
     def wave(self) -> Waves:
         """Field of both rays together."""
@@ -73,7 +73,7 @@ class Tails(NamedTuple):
 
 
 def waves_of(arrivals: Arrivals, loss: TransmissionLoss) -> Waves:
-    """Pressures by losses; each caustic takes a quarter of a cycle from the phase."""
+    """Pressures from losses; each caustic reduces the phase by a quarter of a cycle."""
     size = -loss.total_db * math.log(10.0) / 20.0
     return Waves(arrivals.travel_time, size, loss.boundary_phase - 0.5 * math.pi * arrivals.caustics)
 
@@ -88,9 +88,9 @@ def fold_between(early: Waves, late: Waves, frequency_hz: float) -> Fold:
 
 def fold_pairs(arrivals: Arrivals, frequency_hz: float, widest: float) -> Indices:
     """
-    Rows of the early and the late ray of folds by the largest phase between them [rad], shape (n, 2), the closest first.
+    Rows (n, 2) of the early and the late ray of folds up to a phase between them [rad], in ascending order of this phase.
 
-    Both rays have the same reflections and are neighbours by launch angle, and the late one has passed one more caustic.
+    Both rays have the same reflections and adjacent launch angles, and the late ray has passed one more caustic.
     """
     keys = (arrivals.launch_angle, arrivals.bottom_bounces, arrivals.surface_bounces, arrivals.link)
     order = np.lexsort(keys)
@@ -122,7 +122,7 @@ def find_tails(
     threads: int | None = None,
 ) -> Tails:
     r"""
-    Find the sound of caustics whose lit side ends above or below a receiver.
+    Find the sound of caustics whose dark side contains a receiver.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def find_tails(
     frequency_hz : float
         Centre of the signal's band. [Hz]
     bounces : tuple of int
-        Reflections at the surface and at the sea bed that the rays of a caustic may have.
+        Maximum numbers of reflections of the rays of a caustic at the surface and at the sea bed.
     bottom, surface : Reflection, optional
         As in `transmission_loss`.
     threads : int, optional
@@ -143,13 +143,13 @@ def find_tails(
     Returns
     -------
     Tails
-        Without absorption.
+        Sound without absorption.
 
     Notes
     -----
     Beside a fold, the argument x of Airy's function (see `received_loss_db`), :math:`(A_a + A_b) x^{1/4}`, :math:`(A_b - A_a) x^{-1/4}` and
-    the mean time are smooth functions of depth. They are taken from the two rays at two depths inside the caustic and
-    continued to the receiver in a straight line, where x is negative.
+    the mean time are smooth functions of depth. They are computed from the two rays at two depths inside the caustic and
+    extrapolated linearly to the receiver, where x is negative.
     """
     folds = _search(medium, source, receiver, arrivals, frequency_hz, bounces, threads)
     if not folds:
@@ -188,7 +188,7 @@ class _Edge(NamedTuple):
     edge: float
     """Depth relative to the receiver. [m]"""
     width: float
-    """Of the caustic, its sign towards the lit side. [m]"""
+    """Width of the caustic, with the sign of the direction to the lit side. [m]"""
     bounces: tuple[int, int]
     angle: float
     """Launch angle of the rays there. [rad]"""
@@ -203,7 +203,7 @@ def _search(
     bounces: tuple[int, int],
     threads: int | None,
 ) -> list[_Edge]:
-    """Edges of caustics on whose dark side receivers are."""
+    """Edges of caustics with receivers on their dark side."""
     n = len(source)
     steps = _OFFSETS * _WIDTH * (_WIDTH_HZ / frequency_hz) ** (2.0 / 3.0)
     offset = np.concatenate([steps, -steps])
@@ -238,7 +238,7 @@ def _edge(
     frequency_hz: float,
     link: int,
 ) -> _Edge | None:
-    """Edge by the same fold at two places, the nearer first; None if they are two folds, or if its dark side is elsewhere."""
+    """Edge from the same fold at two places, the nearer first; None for two different folds, or if the dark side is elsewhere."""
     a, b = pairs
     counts = [
         (int(rays.surface_bounces[p[0]]), int(rays.bottom_bounces[p[0]]), int(rays.caustics[p[0]]))
@@ -259,14 +259,14 @@ def _edge(
 
 
 def _has_rays(arrivals: Arrivals, edge: _Edge, angle: Array) -> bool:
-    """True if a receiver has rays of a fold's launch angles."""
+    """True if a receiver has rays with the launch angles of a fold."""
     rows = (arrivals.link == edge.link) & (arrivals.surface_bounces == edge.bounces[0])
     rows &= (arrivals.bottom_bounces == edge.bounces[1]) & (arrivals.launch_angle > angle.min())
     return bool((rows & (arrivals.launch_angle < angle.max())).any())
 
 
 def _same(edge: _Edge, other: _Edge) -> bool:
-    """True if two edges are of one caustic, found at different places."""
+    """True if two edges, found at different places, belong to one caustic."""
     near = abs(edge.edge - other.edge) < 0.5 * abs(edge.width)
     return (
         edge.link == other.link and edge.bounces == other.bounces and near and edge.width * other.width > 0.0
@@ -274,13 +274,13 @@ def _same(edge: _Edge, other: _Edge) -> bool:
 
 
 def _equal(fold: Fold, other: Fold, frequency_hz: float) -> bool:
-    """True if two folds have been found at different places and are one."""
+    """True if two folds, found at different places, are the same."""
     cycles = frequency_hz * abs(float(fold.time[0] - other.time[0]))
     return cycles < 0.2 and abs(float(fold.argument[0] - other.argument[0])) < 0.5
 
 
 def _nearest(rays: Arrivals, pairs: Indices, link: int, edge: _Edge) -> int | None:
-    """Pair of rays at a place that belongs to an edge; None if there is none."""
+    """Pair of rays at a place that belongs to an edge, or None."""
     early = pairs[:, 0]
     fits = (rays.link[early] == link) & (rays.surface_bounces[early] == edge.bounces[0])
     fits &= rays.bottom_bounces[early] == edge.bounces[1]
@@ -292,7 +292,7 @@ def _nearest(rays: Arrivals, pairs: Indices, link: int, edge: _Edge) -> int | No
 
 
 def _continued(inside: Fold, place: Array) -> Fold:
-    """Fold at offset 0 from two places, each column in a straight line."""
+    """Fold at offset 0, extrapolated linearly from two places."""
     share = place[1] / (place[1] - place[0])
     time, argument, size, skew = (np.array([share * c[0] + (1.0 - share) * c[1]]) for c in inside[:4])
     return Fold(time, argument, size, skew, inside.phase[:1])

@@ -11,24 +11,24 @@ from pymantaray.acoustics.medium import Medium
 Array = NDArray[np.float64]
 Field = NDArray[np.complex128]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
-_PLACES = 0.5 * (1.0 + np.polynomial.legendre.leggauss(5)[0])  # along the link, whose mean column is used
+_PLACES = 0.5 * (1.0 + np.polynomial.legendre.leggauss(5)[0])  # along the link, for the mean column
 _BELOW, _ABOVE = 40.0, 16.0  # widths of the boundary layer in wavenumber on both sides of the grazing ray
-_TAPER = 0.8  # share of each side over which the integrand is turned on
-_REAL = 24.0  # thicknesses of the boundary layer below the deeper end in which the water is the real one
-_DEEPER = 40.0  # thicknesses of the boundary layer that are solved below that
+_TAPER = 0.8  # fraction of each side with a taper
+_REAL = 24.0  # thicknesses of the boundary layer below the deeper end with the real water
+_DEEPER = 40.0  # additional thicknesses of the boundary layer below that
 _STEP = 0.15  # thicknesses of the boundary layer per step in depth
 _OVER = 2.0  # ranges of the link after which the sum over wavenumbers repeats
 _ROUNDS = 8
-_APART = 0.03  # share of the frequency by which the phases that give the delay differ
+_APART = 0.03  # relative difference of the two frequencies whose phases give the delay
 
 
 class Creep(NamedTuple):
-    """Sound that reaches one end of a link from the other along the surface."""
+    """Sound along the surface from one end of a link to the other."""
 
     spreading_db: float
-    """Relative to a metre's, less spherical spreading along the chord. [dB]"""
+    """Loss relative to 1 m, minus spherical spreading along the chord. [dB]"""
     travel_time: float
-    """Delay of the group. [s]"""
+    """Group delay. [s]"""
 
 
 class Column(NamedTuple):
@@ -111,7 +111,7 @@ class _Solver(NamedTuple):
     step: float
 
     def __call__(self, start: float, end: float, state: tuple[Field, Field]) -> tuple[Field, Field]:
-        """Carry f and f' from one depth to another, up or down."""
+        """Integrate f and f' from one depth to another, up or down."""
         n = max(math.ceil(abs(end - start) / self.step), 1)
         h = (end - start) / n
         z = start + h * (np.arange(n)[:, None] + 0.5 + np.array([-1.0, 1.0]) * math.sqrt(3.0) / 6.0)
@@ -138,7 +138,7 @@ class _Solver(NamedTuple):
 
 
 def _smooth_step(x: Array) -> Array:
-    """Rise from 0 to 1 between 0 and 1 by the error function, whose spectrum decays fastest for its width."""
+    """Step from 0 to 1 between 0 and 1 by the error function, whose spectrum decays fastest for its width."""
     from scipy.special import erfc
 
     return np.asarray(0.5 * erfc(3.5 * (1.0 - 2.0 * x)))
@@ -148,9 +148,9 @@ def _mean_column(
     medium: Medium, source: Array, receiver: Array, lower: float, frequency_hz: float
 ) -> Column | None:
     """
-    Mean of the water columns along a link to below its deeper end; None if sound speed does not decrease below the surface.
+    Mean water column along a link to below its deeper end; None if sound speed does not decrease below the surface.
 
-    From its minimum there on, sound speed decreases as below the surface, so that no ray comes back from deeper water.
+    Below its minimum, sound speed decreases as below the surface, so no ray returns from deeper water.
     """
     along = source + _PLACES[:, None] * (receiver - source)
     surface = medium.surface_depth(along)
@@ -183,13 +183,13 @@ def _mean_column(
 
 
 def _gradient_below(last: float, surface: float, further: Array) -> Array:
-    """Gradient below the deeper end: from the one there to that below the surface within a third of the depth. [1/s]"""
+    """Gradient below the deeper end, which changes within a third of the depth from its value there to that below the surface. [1/s]"""
     share = np.clip(3.0 * further / further[-1], 0.0, 1.0)
     return np.asarray(last + (surface - last) * share**2 * (3.0 - 2.0 * share))
 
 
 def _to_surface(medium: Medium, end: Array) -> tuple[float, float]:
-    """Horizontal distance [m] and time [s] of the ray that grazes the surface and comes to an end; NaN where none does."""
+    """Horizontal distance [m] and time [s] of the ray from an end that grazes the surface; NaN without such a ray."""
     u = 0.5 * (1.0 + _NODES)
     surface = _surface(medium, end)
     below = float(end[2]) - surface
@@ -204,5 +204,5 @@ def _to_surface(medium: Medium, end: Array) -> tuple[float, float]:
 
 
 def _surface(medium: Medium, place: Array) -> float:
-    """Depth of the surface above a place, under ice that of its underside. [m]"""
+    """Depth of the surface, or of the underside of ice, above a position. [m]"""
     return float(medium.surface_depth(place[None])[0])

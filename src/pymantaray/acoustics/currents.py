@@ -1,4 +1,4 @@
-"""Currents, and the first-order change of travel times by a current along each ray of the water at rest."""
+"""Currents, and their first-order effect on travel times along the rays in water at rest."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _GRID = ("north", "east", "depth")
-_SWIFTEST = 10.0  # m/s; no current is faster, a unit is wrong
+_SWIFTEST = 10.0  # m/s; faster currents have a wrong unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Currents:
     Parameters
     ----------
     north, east, depth : ndarray, shape (n_north,), (n_east,), (n_depth,)
-        Axes, strictly increasing; an axis of one point means no variation along it. [m]
+        Strictly increasing axes; a current does not vary along an axis with one point. [m]
     velocity : ndarray, shape (n_north, n_east, n_depth, 2)
-        Components to the north and to the east. [m/s]
+        Northward and eastward components. [m/s]
     """
 
     north: Array
@@ -63,12 +63,12 @@ class Currents:
     @classmethod
     def from_dataset(cls, ocean: xr.Dataset) -> Self:
         """
-        Currents of a local ocean.
+        Return the currents of a local ocean.
 
         Parameters
         ----------
         ocean : xarray.Dataset
-            With ``current_north`` and ``current_east`` on (north, east, depth), as `pymantaray.ocean.to_local` returns it. [m/s]
+            Data set from `pymantaray.ocean.to_local`, with ``current_north`` and ``current_east`` on (north, east, depth). [m/s]
 
         Returns
         -------
@@ -83,12 +83,12 @@ class Currents:
     @classmethod
     def uniform(cls, current_north: float, current_east: float) -> Self:
         """
-        Current that is the same everywhere.
+        Return a uniform current.
 
         Parameters
         ----------
         current_north, current_east : float
-            Components to the north and to the east. [m/s]
+            Northward and eastward components. [m/s]
 
         Returns
         -------
@@ -99,7 +99,7 @@ class Currents:
 
     def at(self, position: ArrayLike) -> Array:
         """
-        Velocity of the current at positions.
+        Return the velocity of the current at positions.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class Currents:
         Returns
         -------
         ndarray, shape (n, 3)
-            Trilinear between the grid points, constant beyond the edges; the component down is 0. [m/s]
+            Velocity, trilinear between grid points and constant beyond the edges; the downward component is 0. [m/s]
         """
         horizontal = linear_interpolator((self.north, self.east, self.depth), self.velocity)(position)
         return np.concatenate([horizontal, np.zeros((len(horizontal), 1))], axis=1)
@@ -117,7 +117,7 @@ class Currents:
 
 def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Array:
     r"""
-    First-order change of each arrival's travel time by the current along its ray.
+    Return the first-order change of each arrival's travel time by the current along its ray.
 
     Parameters
     ----------
@@ -131,26 +131,26 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
     Returns
     -------
     ndarray, shape (n_arrivals,)
-        Add it to ``travel_time`` for the way from source to receiver and subtract it for the way back; 0 between equal
+        Delay to add to ``travel_time`` from source to receiver, and to subtract in the other direction; 0 between equal
         positions. [s]
 
     Notes
     -----
-    :math:`\delta t = -\int u \cdot p \, dt` with the slowness :math:`p` along the ray of the water at rest. The theory page on
-    timing derives it and lists what it neglects. A reflection does not change it, because water moves along a boundary.
+    :math:`\delta t = -\int u \cdot p \, dt` with the slowness :math:`p` along the ray in water at rest. The theory page on timing
+    has the derivation and lists the neglected terms. Reflections do not contribute, because water moves along a boundary.
     """
     p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)
     change = np.where(
         nodes.weight > 0.0, -rate * nodes.weight, 0.0
-    )  # between equal positions slowness is NaN
+    )  # slowness is NaN between equal positions
     return np.bincount(nodes.arrival, weights=change, minlength=n_arrivals).astype(float)
 
 
 def carried(
     medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, currents: Currents, **options: Any
 ) -> Arrivals:
-    """Arrivals of links with the delays of the current in their travel times; options of `trace_paths`."""
+    """Arrivals of links whose travel times include the delays of the current; options as for `trace_paths`."""
     paths = trace_paths(medium, source, receiver, arrivals, **options)
     delay = current_delays(quadrature(paths), currents, arrivals.link.size)
     return replace(arrivals, travel_time=arrivals.travel_time + delay)

@@ -63,8 +63,8 @@ def find_eigenrays(
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)`` in the local frame. [m]
     max_surface_bounces, max_bottom_bounces : int
-        Largest number of reflections of an arrival, up to 15 each. The surface is flat or the underside of ice. Ice and sea
-        bed are bilinear between grid points. All reflect without loss.
+        Maximum numbers of reflections of an arrival, up to 15 each. The surface is flat or the underside of ice. Ice and sea
+        bed are bilinear between grid points. All boundaries reflect without loss.
     spreading_cutoff_db : float or None
         Eigenrays weaker than spherical spreading by more than this are discarded. None keeps every ray. [dB]
     tolerance : float
@@ -76,7 +76,7 @@ def find_eigenrays(
         Number of threads; the result does not depend on it. Default: all processors.
     device : {"cpu", "cuda"}
         Device that solves the links. "cuda" is experimental: it has been compiled and simulated, but never run on a device. Its
-        last digits differ from the processor's.
+        results differ in the last digits.
     progress : callable, optional
         Called after each block with the number of solved links and the total.
 
@@ -111,7 +111,7 @@ def find_eigenrays(
     if a.shape != b.shape:
         raise AcousticsError(f"source has shape {a.shape}, receiver {b.shape}; they must be equal")
     if not (tolerance > 0.0 and math.isfinite(tolerance)):
-        raise AcousticsError(f"tolerance: {tolerance}; a positive length in metres is needed")
+        raise AcousticsError(f"tolerance is {tolerance}; it must be a positive length in metres")
     from pymantaray.acoustics._kernels.layout import MOST_BOUNCES
 
     for name, number in (
@@ -119,7 +119,7 @@ def find_eigenrays(
         ("max_bottom_bounces", max_bottom_bounces),
     ):
         if number not in range(MOST_BOUNCES + 1):
-            raise AcousticsError(f"{name}: {number!r}; a whole number from 0 to {MOST_BOUNCES} is needed")
+            raise AcousticsError(f"{name} is {number!r}; it must be a whole number from 0 to {MOST_BOUNCES}")
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
     if medium.surface.roughness is not None:
         rough = Ends(a, b, (max_surface_bounces, max_bottom_bounces), cutoff)
@@ -177,7 +177,7 @@ def _arrivals(results: Results) -> Arrivals:
     short = int(np.count_nonzero(info[:, layout.COMPLETE] == 0.0))
     if short:
         warnings.warn(
-            f"{short} of {len(info)} links have more eigenrays than are kept; the latest or shallowest are left out",
+            f"{short} of {len(info)} links have more eigenrays than are stored; the latest or shallowest are omitted",
             RuntimeWarning,
             stacklevel=3,
         )
@@ -328,7 +328,9 @@ def as_positions(name: str, values: ArrayLike) -> Array:
     """Return positions as an array (n_links, 3) of finite floats; the name appears in messages. [m]"""
     points = np.atleast_2d(np.array(values, dtype=float, order="C"))  # kernels are compiled for that order
     if points.ndim != 2 or points.shape[1] != 3:
-        raise AcousticsError(f"{name}: shape {points.shape}; needs (n_links, 3): north, east, down in metres")
+        raise AcousticsError(
+            f"{name} has shape {points.shape}; it must be (n_links, 3): north, east, down in metres"
+        )
     if not np.all(np.isfinite(points)):
         raise AcousticsError(f"{name}: {np.count_nonzero(~np.isfinite(points))} coordinates are not finite")
     return points

@@ -17,7 +17,7 @@ from pymantaray.records import Arrivals
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Coherent = bool | Literal["auto"]
-"""True: all arrivals of a link are summed. False: each is detected alone. auto: those that the band does not separate are summed."""
+"""True: sum all arrivals of a link. False: detect each arrival alone. auto: sum arrivals that the band does not separate."""
 _CLOSE = 2.0 * math.pi  # rad; rays of a fold with a smaller phase between them are one arrival
 
 
@@ -31,7 +31,7 @@ def received_loss_db(
     tails: Tails | None = None,
 ) -> Array:
     r"""
-    Loss at which each arrival is received, together with arrivals that are not separate from it.
+    Return the loss of each received arrival, including interference with arrivals that are not separated from it.
 
     Parameters
     ----------
@@ -42,25 +42,25 @@ def received_loss_db(
     frequency_hz, bandwidth_hz : float
         Centre and width of the signal's band. [Hz]
     coherent : bool or "auto"
-        False: every arrival alone. True: the sum of all arrivals of a link at the centre of the band, as for a continuous tone.
+        False: each arrival alone. True: the sum of all arrivals of a link at the centre of the band, as for a continuous tone.
         auto: the output of a matched filter at the time of each arrival.
     tails : Tails, optional
-        Sound behind caustics near the receivers, from `find_tails`; it is part of the sums.
+        Sound behind caustics near the receivers, from `find_tails`, which the sums include.
 
     Returns
     -------
     ndarray, shape (n_arrivals,)
-        [dB]
+        Loss. [dB]
 
     Raises
     ------
     AcousticsError
-        If the frequency or the bandwidth is not positive, or ``coherent`` is none of the three values.
+        If the frequency or the bandwidth is not positive, or ``coherent`` is not one of the three values.
 
     Notes
     -----
-    The phase of an arrival is :math:`\omega T`, plus that of its reflections, less a quarter of a cycle for each caustic. A
-    rectangular band of width B separates arrivals by their delay: with ``auto`` arrival j is received at
+    The phase of an arrival is :math:`\omega T`, plus that of its reflections, minus a quarter of a cycle for each caustic. A
+    rectangular band of width B separates arrivals by their delay: with ``auto``, the received pressure of arrival j is
 
     .. math:: p_j = \Big| \sum_i a_i e^{i \phi_i} \operatorname{sinc}(B (T_i - T_j)) \Big|,
 
@@ -72,7 +72,7 @@ def received_loss_db(
 
     .. math:: p = \sqrt \pi e^{-i \pi / 4} \left[(A_a + A_b) x^{1/4} \mathrm{Ai}(-x) + i (A_b - A_a) x^{-1/4} \mathrm{Ai}'(-x)\right]
 
-    at the mean of their times. It was derived here by matching both rays far from the caustic. Its general form is in [1]_.
+    at the mean of their times. It was derived here by matching to both rays far from the caustic. Its general form is in [1]_.
 
     References
     ----------
@@ -80,7 +80,7 @@ def received_loss_db(
        points, also by continuation where these are complex.
     """
     if not (isinstance(coherent, bool) or coherent == "auto"):
-        raise AcousticsError(f"coherent is {coherent!r}; allowed are true, false and 'auto'")
+        raise AcousticsError(f"coherent is {coherent!r}; allowed: true, false and 'auto'")
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
     check_number(AcousticsError, "bandwidth_hz", bandwidth_hz, "Hz", positive=True)
     pairs = fold_pairs(arrivals, frequency_hz, _CLOSE)
@@ -101,7 +101,7 @@ def received_loss_db(
 
 
 def _with_folds(alone: Waves, pairs: Indices, frequency_hz: float) -> Waves:
-    """Waves with both rays of each fold as one, in the rows of both; the second row does not count in sums."""
+    """Waves with the joint field of each fold in the rows of both rays; sums exclude the second row."""
     if not pairs.size:
         return alone
     a, b = pairs.T
@@ -113,7 +113,7 @@ def _with_folds(alone: Waves, pairs: Indices, frequency_hz: float) -> Waves:
 
 
 def _sums(link: Indices, waves: Waves, frequency_hz: float, width_hz: float) -> Array:
-    """Loss of the sum of each link's waves at the time of each, of which a band of some width separates others. [dB]"""
+    """Loss of the sum of a link's waves at the time of each wave; a band with a width separates waves by their delay. [dB]"""
     n = link.size
     if not n:
         return np.zeros(0)

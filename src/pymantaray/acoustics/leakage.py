@@ -22,45 +22,46 @@ from pymantaray.records import Arrivals
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Solve = Callable[[Indices, Array], Arrivals]
-_RUNGS = 9  # distances at which rays are looked for, each half of the next
+_RUNGS = 9  # distances of the search for rays, each half of the next
 _DOWN = np.array([0.0, 0.0, 1.0])
-_SHARP = 0.02  # m; so well an edge is known
-_INSIDE = 2.0  # m; how far inside the edge rays are compared
-_WEAKEST = 40.0  # dB; weaker rays by more than spherical spreading carry less than what leaks
-_PAIR = 1e-3  # s; rays of one fold are not further apart there
+_SHARP = 0.02  # m; accuracy of an edge
+_INSIDE = 2.0  # m; distance inside the edge at which rays are compared
+_WEAKEST = 40.0  # dB; weaker rays (by spreading beyond spherical) are weaker than leaked sound
+_PAIR = 1e-3  # s; maximum time between rays of one fold there
 
 
 @dataclass(frozen=True)
 class Leakage:
     r"""
-    Model of sound that arrives where no ray does.
+    Model of sound that arrives without a ray.
 
     Parameters
     ----------
     reach : float
-        How far above or below the receiver a ray may pass. [m]
+        Maximum vertical distance of the nearest ray from the receiver. [m]
     scatter_db : float, optional
-        Scattered sound is so much weaker than spherical spreading, whatever leaks; by default there is none. [dB]
+        Level of scattered sound below spherical spreading, independent of leakage. Default: no scattered sound. [dB]
 
     Notes
     -----
-    The nearest ray is the one that arrives nearest above or below the receiver, at a distance m, at the edge of what is lit. Its travel
-    time is carried to the receiver by its slowness (Fermat); its level falls by one of three laws:
+    The nearest ray arrives above or below the receiver at the smallest distance m, at the edge of the lit region. Its slowness gives
+    the travel time at the receiver (Fermat). Its level decreases by one of three laws:
 
-    - Where two rays meet and end at the edge, as on the dark side of a caustic, Airy's [1]_: with the time :math:`\Delta T` between the two at
+    - If two rays merge at the edge, as on the dark side of a caustic, Airy's law [1]_: with the time :math:`\Delta T` between both rays at
       :math:`\delta` inside the edge and their mean intensity I there,
 
       .. math:: l = \delta \left(\tfrac34 \omega \Delta T\right)^{-2/3}, \qquad
          \overline{|p|^2} = 4 \pi I \sqrt{\delta / l} \; \mathrm{Ai}^2(m / l).
 
       l is the width of the caustic, 2.5 m at 12 kHz and 13 m at 1 kHz for rays that curve with a radius of 88 km.
-    - Elsewhere, as behind a seamount or where rays part, that of a straight edge half-way along the distance d [2]_: :math:`J(\nu)` below
-      the ray just inside, :math:`\nu = m \sqrt{2 / \lambda d}`, which is 6 dB at the edge, and a way longer by :math:`m^2 / d`. Behind a
-      smooth boundary less is heard, so it is an upper bound.
-    - Where the surface makes the shadow, both ends lying below water that is faster all the way up, sound creeps along the surface. The
+    - Otherwise, as behind a seamount or where rays diverge, the law of a straight edge at half the distance d [2]_: :math:`J(\nu)` below
+      the ray just inside, :math:`\nu = m \sqrt{2 / \lambda d}`, which is 6 dB at the edge, and a path longer by :math:`m^2 / d`. The level
+      behind a smooth boundary is lower, so this law is an upper bound.
+    - If the surface causes the shadow (sound speed increases towards the surface above both ends), sound creeps along the surface. Its
       level is that of the wave equation in the mean column of the link (`creeping.py`).
 
-    A ray that does reach the receiver, but beyond the cut-off and by 40 dB at most, is taken in its place where it is stronger.
+    A ray that reaches the receiver with a spreading beyond the cut-off, but at most 40 dB beyond spherical, replaces leaked sound if it
+    is stronger.
 
     References
     ----------
@@ -84,15 +85,15 @@ class Leaks(NamedTuple):
     """Arrivals on links without a ray, at most one per link."""
 
     link: Indices
-    """Of those that were asked for."""
+    """Index of the link."""
     place: Array
-    """Where the nearest ray arrives, shape (n, 3). [m]"""
+    """Position (n, 3) at which the nearest ray arrives. [m]"""
     arrivals: Arrivals
-    """That ray of each, from the source to its place; its spreading is that at the receiver."""
+    """Nearest ray of each link, from the source to its position; its spreading is that at the receiver."""
     shift: Array
-    """What the way from there to the receiver adds to the travel time. [s]"""
+    """Additional travel time from there to the receiver. [s]"""
     scattered: NDArray[np.bool_]
-    """Whether scattered sound is louder than what leaks."""
+    """True if scattered sound is louder than leaked sound."""
 
 
 def find_leaks(
@@ -107,7 +108,7 @@ def find_leaks(
     threads: int | None = None,
 ) -> Leaks:
     """
-    Find what leaks to receivers that no ray reaches.
+    Find the sound that leaks to receivers without a ray.
 
     Parameters
     ----------
@@ -118,21 +119,21 @@ def find_leaks(
     frequency_hz : float
         Middle of the signal's band. [Hz]
     bounces : tuple of int
-        Reflections at the surface and at the sea bed that the nearest ray may have.
+        Maximum numbers of reflections of the nearest ray at the surface and at the sea bed.
     spreading_cutoff_db : float or None
-        As in `find_eigenrays`: how strong the nearest ray has to be. [dB]
+        Cut-off for the nearest ray, as in `find_eigenrays`. [dB]
     threads : int, optional
         As in `find_eigenrays`.
 
     Returns
     -------
     Leaks
-        A link without a ray within reach has none.
+        Leaks of those links that have a ray within reach.
     """
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
 
     def solve(link: Indices, offset: Array, cutoff_db: float | None = spreading_cutoff_db) -> Arrivals:
-        """Arrivals at places so far below the receivers of links."""
+        """Arrivals at positions below the receivers of links by an offset. [m]"""
         place = receiver[link] + offset[:, None] * _DOWN
         return find_eigenrays(medium, source[link], place, *bounces, cutoff_db, threads=threads)
 
@@ -144,7 +145,7 @@ def find_leaks(
     n = len(source)
     weakest = None if spreading_cutoff_db is None else max(spreading_cutoff_db, _WEAKEST)
     weak = solve(np.arange(n), np.zeros(n), weakest)
-    weak_db = link_loss_db(weak.spreading_db, weak.link, n)  # infinite where there is none
+    weak_db = link_loss_db(weak.spreading_db, weak.link, n)  # infinite without a ray
     leak_db, offset, shift = np.full(n, np.inf), np.zeros(n), np.zeros(n)
     leak_db[dark] = level
     leaks = leak_db < weak_db
@@ -167,7 +168,7 @@ def _beyond(
     inside: Arrivals,
     frequency_hz: float,
 ) -> tuple[Array, Array]:
-    """Spreading at receivers beyond an edge [dB], and what the way from there adds to the travel time [s]."""
+    """Spreading at receivers beyond an edge [dB], and the additional travel time from there [s]."""
     level, delay = np.empty(edge.size), -edge * at_edge.receiver_slowness[:, 2]
     chord = np.linalg.norm(ends[1] - ends[0], axis=-1)
     for i, (m, d) in enumerate(zip(np.abs(edge).tolist(), chord.tolist(), strict=True)):
@@ -185,15 +186,17 @@ def _beyond(
         speed = at_edge.receiver_sound_speed[i]
         before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
         level[i] = before + knife_edge_db(m * math.sqrt(2.0 * frequency_hz / (speed * d)))
-        delay[i] += m * m / (speed * d)  # the way by an edge half-way, as in Fresnel's parameter
+        delay[i] += (
+            m * m / (speed * d)
+        )  # the path via an edge at half the distance, as in Fresnel's parameter
     return level, delay
 
 
 def airy_spreading_db(distance: float, phase: float, spreading_db: Array) -> float:
     """
-    Spreading at a distance [m] on the dark side of a caustic.
+    Spreading at a distance [m] on the dark side of a caustic. [dB]
 
-    By the phase between the two rays [rad] and their spreading, both `_INSIDE` on the other side. [dB]
+    It depends on the phase between the two rays [rad] and on their spreading [dB], both at `_INSIDE` on the other side.
     """
     from scipy.special import airye
 
@@ -212,9 +215,9 @@ def knife_edge_db(nu: float) -> float:
 
 def _edges(solve: Solve, room: Array, reach: float) -> tuple[Indices, Array]:
     """
-    Links within reach of a ray, and how far below the receiver the nearest lit place is. [m]
+    Links within reach of a ray, and the depth of the nearest lit position below the receiver. [m]
 
-    Room (2, n_links) is that of the water below and above the receivers. [m]
+    ``room`` (2, n_links) is the extent of the water below and above the receivers. [m]
     """
 
     def lit(link: Indices, offset: Array) -> NDArray[np.bool_]:
@@ -251,7 +254,7 @@ def _is_fold(inside: Arrivals, rays: Indices) -> bool:
 
 
 def _strongest(arrivals: Arrivals) -> Arrivals:
-    """The strongest arrival of each link alone; each has one."""
+    """Strongest arrival of each link; every link has at least one."""
     row = choose_arrivals(arrivals, "strongest").row
     columns = {
         f.name: getattr(arrivals, f.name)[row] for f in fields(Arrivals) if f.metadata["dims"][0] == "arrival"

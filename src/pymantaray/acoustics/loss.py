@@ -1,7 +1,7 @@
 """
-Transmission loss of every arrival: spreading, absorption along its path, and its bounces at sea bed and surface.
+Transmission loss of every arrival: spreading, absorption along its path, and reflections at sea bed and surface.
 
-The theory page on loss has the limits of each model and what was opened of its sources. Models of reflection are in `reflection`.
+The theory page on loss has the limits of each model and its sources. Models of reflection are in `reflection`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SURFACE, _BOTTOM = 1, 2  # codes of RayPaths.boundary
 
 @dataclass(frozen=True, eq=False)
 class TransmissionLoss(Record):
-    """Loss of each arrival at one frequency, row for row as the `Arrivals` it was made from."""
+    """Loss of each arrival at one frequency, in the same rows as the `Arrivals`."""
 
     kind: ClassVar[str] = "transmission_loss"
 
@@ -41,7 +41,7 @@ class TransmissionLoss(Record):
 
 
 class Bounces(NamedTuple):
-    """Bounces of ray paths, each (n_bounces,), with the angle to the boundary as it is tilted there [rad], and [m/s]."""
+    """Bounces of ray paths, each field of shape (n_bounces,); angles are relative to the tilted boundary. [rad, m/s]"""
 
     arrival: NDArray[np.int64]
     boundary: NDArray[np.int64]
@@ -62,7 +62,7 @@ def transmission_loss(
     paths: RayPaths | None = None,
 ) -> TransmissionLoss:
     """
-    Transmission loss of each arrival.
+    Return the transmission loss of each arrival.
 
     Parameters
     ----------
@@ -71,19 +71,19 @@ def transmission_loss(
     source, receiver : array_like, shape (n_links, 3) or (3,)
         As given to `find_eigenrays`. [m]
     arrivals : Arrivals
-        What `find_eigenrays` returned for them.
+        Result of `find_eigenrays` for these positions.
     frequency_hz : float
-        Middle of the signal's band. [Hz]
+        Centre of the signal's band. [Hz]
     absorption : Absorption, optional
-        By default the water absorbs nothing.
+        Absorption of the water. Default: none.
     bottom : Reflection, optional
-        Reflection at the sea bed, such as `FluidBottom`; by default that of ``medium.bed``. A bed without one reflects all sound
-        without a change of phase.
+        Reflection at the sea bed, such as `FluidBottom`. Default: that of ``medium.bed``; a bed without a reflection reflects all
+        sound without a change of phase.
     surface : Reflection, optional
-        Reflection at the surface, such as `SeaSurface` or `IceCover`; by default that of ``medium.surface``. A surface without
-        one reflects all sound with phase pi.
+        Reflection at the surface, such as `SeaSurface` or `IceCover`. Default: that of ``medium.surface``; a surface without a
+        reflection reflects all sound with phase pi.
     paths : RayPaths, optional
-        What `trace_paths` returned for the arrivals, if at hand; traced here where they are needed.
+        Result of `trace_paths` for the arrivals. Default: the function traces paths if it needs them.
 
     Returns
     -------
@@ -92,8 +92,7 @@ def transmission_loss(
     Raises
     ------
     AcousticsError
-        If the frequency is not positive, positions, arrivals and paths do not belong together, or a path's
-        bounces are not those of its arrival.
+        If the frequency is not positive, or positions, arrivals and paths, with their bounces, do not match.
     """
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
     geometric = geometric_loss_db(source, receiver, arrivals)
@@ -107,7 +106,9 @@ def transmission_loss(
     if paths is None and n and (absorption is not None or bounced):
         paths = trace_paths(medium, source, receiver, arrivals)
     if paths is not None and paths.arrival.size and paths.arrival.max() >= n:
-        raise AcousticsError(f"paths reach arrival {paths.arrival.max()}; the arrivals are {n}")
+        raise AcousticsError(
+            f"paths: arrival {paths.arrival.max()}; there are only {n} arrivals; trace their paths"
+        )
     absorbed = np.zeros(n)
     if absorption is not None and paths is not None:
         points = quadrature(paths)
@@ -141,18 +142,18 @@ def transmission_loss(
 
 def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals) -> Array:
     r"""
-    Spreading of each arrival relative to 1 m from the source, minus infinity between equal positions. [dB]
+    Return the spreading of each arrival relative to 1 m from the source; minus infinity between equal positions. [dB]
 
     `Arrivals` has :math:`10 \lg (c_s A / c_r \Omega d^2)` with the ray tube's cross-section A at the
     receiver, its solid angle :math:`\Omega` at the source, the speeds at both ends and the straight distance d. Adding
-    :math:`20 \lg d` leaves the loss of pressure of ray theory at constant density, which is reciprocal.
-    Within the caustic's own few wavelengths it is too small.
+    :math:`20 \lg d` gives the loss of pressure of ray theory at constant density, which is reciprocal.
+    It is too small within a few wavelengths of a caustic.
     """
     a, b = np.atleast_2d(np.asarray(source, dtype=float)), np.atleast_2d(np.asarray(receiver, dtype=float))
     n = arrivals.status.size
     if a.shape != (n, 3) or b.shape != (n, 3):
         raise AcousticsError(
-            f"source has shape {a.shape}, receiver {b.shape}; arrivals of {n} links need ({n}, 3) for both"
+            f"source has shape {a.shape}, receiver {b.shape}; for arrivals of {n} links, both must have shape ({n}, 3)"
         )
     distance = np.linalg.norm(b - a, axis=-1)[arrivals.link]
     with np.errstate(divide="ignore"):
@@ -162,9 +163,9 @@ def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals
 
 def find_bounces(paths: RayPaths) -> Bounces:
     r"""
-    Bounces of ray paths: two successive nodes at one place, both marked with the boundary.
+    Find the bounces of ray paths: two successive nodes at one position with a flag of the boundary.
 
-    Reflection changes slowness along the boundary's normal only, by twice its normal part, so the grazing
+    A reflection changes the slowness by twice its component along the boundary's normal, so the grazing
     angle has :math:`\sin\gamma = c\,|\mathbf{p}_{after} - \mathbf{p}_{before}| / 2`.
     """
     marked = np.flatnonzero(paths.boundary)

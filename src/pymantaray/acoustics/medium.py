@@ -1,4 +1,4 @@
-"""The medium of rays: sound speed on a grid, sea bed and surface."""
+"""Medium of rays: sound speed on a grid, sea bed and surface."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
-_SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; outside this a unit is wrong
+_SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; other values have a wrong unit
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
 _MOST_ADDED_LEVELS = 100  # above the first level
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
@@ -36,7 +36,7 @@ class Medium:
     Attributes
     ----------
     north, east : ndarray, shape (n_north,), (n_east,)
-        Grid axes; one value each where the medium is horizontally uniform. [m]
+        Grid axes, with one value each if the medium is horizontally uniform. [m]
     depth : ndarray, shape (n_depth,)
         Levels, positive down. [m]
     sound_speed : ndarray, shape (n_north, n_east, n_depth)
@@ -70,7 +70,7 @@ class Medium:
 
     def plot(self, ax: Any = None) -> Any:
         """
-        Plot the sound speed of all columns against depth: mean, and least to greatest shaded, with the sea bed.
+        Plot the sound speed of all columns against depth: mean, range from minimum to maximum (shaded), and sea bed.
 
         Parameters
         ----------
@@ -97,13 +97,13 @@ class Medium:
         earth: EarthSphere | None = None,
     ) -> Self:
         """
-        Medium on a grid of the local frame.
+        Build a medium on a grid of the local frame.
 
         Parameters
         ----------
         north, east, depth : array_like, shape (n_north,), (n_east,), (n_depth,)
-            Axes, strictly increasing. A horizontal axis of one point means no variation along it. Above a first
-            level below the surface its sound speed holds, on levels that are added, see `up_to_surface`. [m]
+            Strictly increasing axes. The medium does not vary along a horizontal axis with one point. If the first level is below
+            the surface, levels above it have its sound speed, see `up_to_surface`. [m]
         sound_speed : array_like, shape (n_north, n_east, n_depth)
             [m/s]
         bathymetry : BoundarySurface, float or array_like, shape (n_north, n_east)
@@ -138,7 +138,7 @@ class Medium:
         z, c = up_to_surface(z, c)
         if c.min() < _SLOWEST or c.max() > _FASTEST:
             raise AcousticsError(
-                f"sound_speed: {c.min():g} to {c.max():g} m/s; sea water lies in {_SLOWEST:g} to {_FASTEST:g},"
+                f"sound_speed: {c.min():g} to {c.max():g} m/s; it must be {_SLOWEST:g} to {_FASTEST:g} m/s in sea water;"
                 " check the units"
             )
         if interpolation not in ("smooth", "linear"):
@@ -196,12 +196,12 @@ class Medium:
         earth: EarthSphere | None = None,
     ) -> Self:
         """
-        Horizontally uniform and unbounded medium from one profile, over a flat sea bed.
+        Build a horizontally uniform and unbounded medium from one profile over a flat sea bed.
 
         Parameters
         ----------
         depth : array_like, shape (n_depth,)
-            Levels, strictly increasing, as in `from_grid`. [m]
+            Strictly increasing levels, as in `from_grid`. [m]
         sound_speed : array_like, shape (n_depth,)
             [m/s]
         bottom_depth : float or BoundarySurface
@@ -236,13 +236,13 @@ class Medium:
         cls, ocean: xr.Dataset, *, interpolation: Interpolation = "smooth", earth: Earth = "flat"
     ) -> Self:
         """
-        Medium of an ocean data set.
+        Build the medium of an ocean data set.
 
         Parameters
         ----------
         ocean : xarray.Dataset
-            Geographic, as `pymantaray.ocean.open_ocean` returns it, which is regridded about the middle of its window, or local, as
-            `pymantaray.ocean.to_local` returns it. A variable ``sea_ice_draft`` replaces the surface.
+            Geographic ocean from `pymantaray.ocean.open_ocean`, which is regridded around the middle of its window, or local ocean
+            from `pymantaray.ocean.to_local`. A variable ``sea_ice_draft`` replaces the surface.
         interpolation : {"smooth", "linear"}
             Interpolation of the sound speed between the grid points.
         earth : {"flat", "sphere"}
@@ -288,7 +288,7 @@ class Medium:
 
     def bottom_depth(self, position: ArrayLike) -> Array:
         """
-        Depth of the sea bed at positions.
+        Return the depth of the sea bed at positions.
 
         Parameters
         ----------
@@ -304,7 +304,7 @@ class Medium:
 
     def surface_depth(self, position: ArrayLike) -> Array:
         """
-        Depth of the surface, or of the underside of ice, at positions.
+        Return the depth of the surface, or of the underside of ice, at positions.
 
         Parameters
         ----------
@@ -325,7 +325,7 @@ class Medium:
 
     def sound_speed_at(self, position: ArrayLike) -> Array:
         """
-        Sound speed at positions, by the interpolation that rays use.
+        Return the sound speed at positions, with the same interpolation as for rays.
 
         Parameters
         ----------
@@ -335,7 +335,7 @@ class Medium:
         Returns
         -------
         ndarray, shape (n,)
-            By the medium's interpolation; NaN outside the water. [m/s]
+            Sound speed; NaN outside the water. [m/s]
         """
         from pymantaray.acoustics.eigenrays import find_eigenrays
 
@@ -343,7 +343,7 @@ class Medium:
         return speed
 
     def domain(self) -> Domain:
-        """Return the medium as the kernels take it, with columns of a section every eighth of a cell."""
+        """Medium in the form of the kernels, with columns of a section every eighth of a cell."""
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
 
         radius, depth = 0.0, self.depth
@@ -377,8 +377,8 @@ def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
     """
     Extend levels and sound speed (..., n_depth) to the surface with the sound speed of the first level.
 
-    A spline or line extrapolated from the first level would continue its slope. The added levels are as close as the first
-    two, at most 100, so that a spline is flat between them.
+    Extrapolation of a spline or line from the first level would continue its slope. The spacing of the added levels, at most 100,
+    is that of the first two, so a spline is flat between them.
     """
     if not depth[0] > 0.0:
         return depth, sound_speed
@@ -389,7 +389,7 @@ def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
 
 
 def _parts(count: int, size: int) -> list[slice]:
-    """Slices of a number of slabs of a size, small enough that intermediate arrays take little memory."""
+    """Slices of slabs with a size, so small that intermediate arrays need little memory."""
     step = max(_VALUES_PER_PART // size, 1)
     return [slice(start, start + step) for start in range(0, count, step)]
 
@@ -399,28 +399,28 @@ def _axis(name: str, values: ArrayLike) -> Array:
 
 
 def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:
-    """Refuse ice above depth 0 or, at a grid point of either boundary, below the sea bed."""
+    """Raise an error for ice above depth 0 or, at a grid point of either boundary, below the sea bed."""
     if surface.depth.min() < 0.0:
-        raise AcousticsError(f"ice_draft: {surface.depth.min():g} m; a draft is a depth, 0 or more")
+        raise AcousticsError(f"ice_draft: {surface.depth.min():g} m; it must be 0 m or more, positive down")
     if not surface.depth.any():
         return
     for nodes in (surface.nodes, bed.nodes):
         gap = bed.depth_at(nodes) - surface.depth_at(nodes)
         if gap.min() <= 0.0:
             raise AcousticsError(
-                f"ice_draft: the ice reaches {-gap.min():g} m into the sea bed; sound needs water"
+                f"ice_draft: the ice reaches {-gap.min():g} m into the sea bed; reduce the draft"
             )
 
 
 def _flattened(earth: EarthSphere, depth: Array) -> Array:
-    """Depths in flattened water, as writeable as they are: kernels are compiled for either kind of array. [m]"""
+    """Depths in flattened water; read-only if the input is read-only, because kernels are compiled for both kinds of arrays. [m]"""
     flat = earth.flattened_depth(depth)
     flat.setflags(write=depth.flags.writeable)
     return flat
 
 
 def _sphere_of(ocean: xr.Dataset, earth: Earth) -> EarthSphere | None:
-    """Sphere at the centre of a local ocean's frame, None for a flat Earth."""
+    """Sphere at the centre of a local ocean's frame; None for a flat Earth."""
     if earth == "flat":
         return None
     if earth != "sphere":
@@ -434,7 +434,7 @@ def _sphere_of(ocean: xr.Dataset, earth: Earth) -> EarthSphere | None:
 
 
 def require_local(ocean: xr.Dataset, *names: str) -> None:
-    """Refuse a data set that lacks variables of a local ocean."""
+    """Raise an error for a data set without variables of a local ocean."""
     if missing := [name for name in names if name not in ocean.variables]:
         raise AcousticsError(
             f"ocean data set lacks {', '.join(missing)}; make it with open_ocean and to_local"

@@ -1,4 +1,4 @@
-"""Paths of eigenrays and of the rays of a fan, integrals along them, and a section along one link."""
+"""Paths of eigenrays and of fans of rays, integrals along paths, and a section along one link."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 Array = NDArray[np.float64]
-_STEEPEST = 1.5  # rad; a ray of a fan may not be launched steeper
-_LONGEST_PATHS = 4  # paths of most nodes for which a thread has room
+_STEEPEST = 1.5  # rad; maximum launch angle of a ray of a fan
+_LONGEST_PATHS = 4  # paths with the maximum number of nodes in the memory of a thread
 _GAUSS_NODES, _GAUSS_WEIGHTS = (
     0.5 * (v + shift) for v, shift in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True)
 )
@@ -38,13 +38,13 @@ def trace_paths(
     threads: int | None = None,
 ) -> RayPaths:
     """
-    Paths of eigenrays.
+    Trace the paths of eigenrays.
 
     Parameters
     ----------
     medium : Medium
     source, receiver : array_like, shape (n_links, 3) or (3,)
-        The positions for which the arrivals were found. [m]
+        Positions of the arrivals' links. [m]
     arrivals : Arrivals
         From `find_eigenrays`, for the same medium and positions.
     tolerance : float
@@ -55,13 +55,12 @@ def trace_paths(
     Returns
     -------
     RayPaths
-        ``arrival`` is the row of ``arrivals``; from the source to the receiver. A ray between equal positions
-        has one node.
+        Paths from source to receiver; ``arrival`` is the row of ``arrivals``. A ray between equal positions has one node.
 
     Raises
     ------
     AcousticsError
-        If the positions do not fit the arrivals, or a ray breaks off.
+        If the positions do not match the arrivals, or a ray ends early.
     """
     from pymantaray.acoustics._kernels.paths import trace_arrivals
 
@@ -72,7 +71,8 @@ def trace_paths(
         )
     if medium.surface.roughness is not None and np.any(arrivals.surface_bounces):
         raise AcousticsError(
-            "paths of rays under rough ice are not available, only their arrivals; leave out the roughness (--ice-slope)"
+            "paths of rays under rough ice are not available, only their arrivals; remove the roughness (--ice-slope, in Python:"
+            " ice_slope_deg)"
         )
     domain = medium.domain()
     backwards = solved_backwards(a, b)[arrivals.link, None]
@@ -109,8 +109,8 @@ def trace_paths(
     if not counts.all():
         broken = np.flatnonzero(counts == 0)
         raise AcousticsError(
-            f"{broken.size} arrivals, first {broken[0]}, have no path: rays launched like them break off;"
-            " find them with canonical=True, in the same medium"
+            f"{broken.size} arrivals, first {broken[0]}, have no path, because rays with their launch angles end early;"
+            " compute the arrivals with canonical=True in the same medium"
         )
     return _as_paths(table, counts, medium)
 
@@ -127,7 +127,7 @@ def trace_fan(
     tolerance: float = 1e-3,
 ) -> RayPaths:
     """
-    Paths of rays launched from one place in one vertical plane.
+    Trace rays from one position in one vertical plane.
 
     Parameters
     ----------
@@ -137,18 +137,18 @@ def trace_fan(
     azimuth : float
         Direction of the plane, clockwise from north. [rad]
     launch_angles : array_like, shape (n_rays,)
-        From the horizontal, positive down, at most 1.5 either way. [rad]
+        Angles from the horizontal, positive down, of magnitude 1.5 at most. [rad]
     distance : float
-        Horizontal distance to which rays are traced; its end must lie in the medium's domain. [m]
+        Horizontal length of the rays; their end must be in the medium's domain. [m]
     max_surface_bounces, max_bottom_bounces : int
-        A ray ends where it would be reflected once more.
+        Maximum numbers of reflections; a ray ends at the next one.
     tolerance : float
         As in `find_eigenrays`. [m]
 
     Returns
     -------
     RayPaths
-        ``arrival`` is the number of the ray. Horizontal refraction takes rays out of the plane.
+        Paths; ``arrival`` is the number of the ray. Horizontal refraction moves rays out of the plane.
     """
     from pymantaray.acoustics._kernels.paths import trace_launches
 
@@ -158,7 +158,7 @@ def trace_fan(
         raise AcousticsError(f"source has shape {np.shape(source)}; a fan starts from one position (3,)")
     if not np.all(np.abs(angles) <= _STEEPEST):
         raise AcousticsError(
-            f"launch_angles: up to {np.max(np.abs(angles)):g} rad; a fan goes to {_STEEPEST} rad from the horizontal"
+            f"launch_angles: up to {np.max(np.abs(angles)):g} rad; they must be within {_STEEPEST} rad of the horizontal"
         )
     if not (distance > 0.0 and math.isfinite(distance)):
         raise AcousticsError(f"distance: {distance}; a positive length in metres is needed")
@@ -169,7 +169,7 @@ def trace_fan(
             if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
                 end_at, low, high = distinct_digits(place[k], axis[0], axis[-1])
                 raise AcousticsError(
-                    f"fan: {name} {end_at} m is outside the medium, {low} to {high} m; shorten it"
+                    f"fan: {name} {end_at} m is outside the medium, {low} to {high} m; reduce the distance"
                 )
     top, bed = medium.surface_depth(start)[0], medium.bottom_depth(start)[0]
     if not top <= start[0, 2] <= bed:
@@ -189,7 +189,7 @@ def trace_fan(
 
 
 def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
-    """Workspaces of one thread, and room for the nodes of a few paths."""
+    """Workspaces of one thread, and an array for the nodes of a few paths."""
     from pymantaray.acoustics._kernels.layout import N_NODE, workspace
 
     work = workspace(medium.depth.size)
@@ -197,7 +197,7 @@ def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
 
 
 def _as_paths(table: Array, counts: NDArray[np.int64], medium: Medium) -> RayPaths:
-    """Paths of a table of nodes; on a spherical Earth the depths are true, and the horizontal positions those of flattened water."""
+    """Paths from a table of nodes; on a spherical Earth, depths are true, but horizontal positions are those of flattened water."""
     from pymantaray.acoustics._kernels.layout import NODE_BOUNDARY, NODE_POSITION, NODE_SLOWNESS, NODE_TIME
 
     if medium.earth is not None:
@@ -222,9 +222,9 @@ class Quadrature(NamedTuple):
 
 def quadrature(paths: RayPaths) -> Quadrature:
     """
-    Gauss-Legendre points along paths, four on every segment.
+    Return Gauss-Legendre points along paths, four on every segment.
 
-    Between nodes a path is a cubic Hermite polynomial in time.
+    Between nodes, a path is a cubic Hermite polynomial in time.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def quadrature(paths: RayPaths) -> Quadrature:
     -------
     Quadrature
         ``arrival`` (n,), the row of the ray; ``position`` (n, 3) [m]; ``slowness`` (n, 3) along the ray [s/m]; ``weight``
-        (n,), the arc length that each point represents [m].
+        (n,), the arc length of each point [m].
     """
     first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
     a, b = first, first + 1
@@ -267,7 +267,9 @@ def resample(paths: RayPaths, n_points: int) -> Array:
     starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     out = np.empty((starts.size, n_points, 3))
     for i, nodes in enumerate(np.split(np.arange(paths.arrival.size), starts)[1:]):
-        nodes = nodes[np.append(np.diff(paths.travel_time[nodes]) > 0.0, True)]  # of a reflection the second
+        nodes = nodes[
+            np.append(np.diff(paths.travel_time[nodes]) > 0.0, True)
+        ]  # the second node of a reflection
         if nodes.size < 2:
             out[i] = paths.position[nodes[0]]
             continue
@@ -283,19 +285,19 @@ def resample(paths: RayPaths, n_points: int) -> Array:
 
 def path_integrals(paths: RayPaths, integrand: Callable[[Array], Array]) -> Array:
     """
-    Integrals of functions of position over the arc length of every ray.
+    Integrate functions of position over the arc length of every ray.
 
     Parameters
     ----------
     paths : RayPaths
         From `trace_paths` or `trace_fan`.
     integrand : callable
-        Takes positions (n, 3) [m] and returns values (n,) or (n, k).
+        Function of positions (n, 3) [m] that returns values (n,) or (n, k).
 
     Returns
     -------
     ndarray, shape (n_rays, k)
-        [unit of the integrand times m]
+        Integrals. [unit of the integrand times m]
     """
     points = quadrature(paths)
     return _gather(paths, points, _values(integrand, points.position) * points.weight[:, None])
@@ -303,14 +305,14 @@ def path_integrals(paths: RayPaths, integrand: Callable[[Array], Array]) -> Arra
 
 def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) -> Array:
     r"""
-    First-order change of travel time by a small change of the sound speed.
+    Return the first-order change of travel times by a small change of sound speed.
 
     Parameters
     ----------
     paths : RayPaths
         From `trace_paths`.
     basis : callable
-        Shapes of the change: takes positions (n, 3) [m] and returns values (n,) or (n, k).
+        Shapes of the change: function of positions (n, 3) [m] that returns values (n,) or (n, k).
 
     Returns
     -------
@@ -320,7 +322,7 @@ def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) ->
     Notes
     -----
     For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds` along the
-    unperturbed ray: by Fermat's principle the ray's displacement has no first-order effect.
+    unperturbed ray: by Fermat's principle, the displacement of the ray has no first-order effect.
     """
     points = quadrature(paths)
     squared = np.sum(points.slowness**2, axis=-1)
@@ -341,21 +343,21 @@ def ray_picture(
     spreading_cutoff_db: float | None = 15.0,
 ) -> xr.Dataset:
     """
-    Vertical section along one link with its chord, its eigenrays and a fan of other rays.
+    Return a vertical section along one link with its chord, its eigenrays and a fan of other rays.
 
     Parameters
     ----------
     medium : Medium
         Sound speed and bathymetry.
     source, receiver : array_like, shape (3,)
-        Positions ``(north, east, down)``, not the same. [m]
+        Different positions ``(north, east, down)``. [m]
     fan_angles : array_like, shape (n_fan,)
-        Launch angles of the fan, from the horizontal, positive down. Those too steep for `trace_fan` are left
-        out. [rad]
+        Launch angles of the fan, from the horizontal, positive down. Angles that are too steep for `trace_fan` are omitted.
+        [rad]
     n_range, n_depth, n_points : int
-        Points of the section along range and depth, and of each ray.
+        Numbers of points of the section along range and depth, and of each ray.
     max_surface_bounces, max_bottom_bounces : int
-        Of eigenrays and of the fan's rays.
+        Maximum numbers of reflections of eigenrays and of the rays of the fan.
     spreading_cutoff_db : float or None
         As in `find_eigenrays`. [dB]
 
@@ -365,8 +367,8 @@ def ray_picture(
         Section ``sound_speed (range, depth)``, ``sea_floor_depth`` and ``sea_ice_draft (range)``; rays ``ray_range``,
         ``ray_depth (ray, point)`` and, of dimension ray, ``ray_arrives``, ``ray_travel_time`` [s],
         ``ray_surface_bounces``, ``ray_bottom_bounces`` and ``ray_spreading`` [dB beyond spherical; NaN in the fan];
-        eigenrays come first, by travel time. The chord ``chord_range``, ``chord_depth (end)`` and ``chord_travel_time`` [s].
-        All lengths in metres. Attribute ``status`` is the link's `RayStatus` by name.
+        eigenrays come first, by travel time; chord ``chord_range``, ``chord_depth (end)`` and ``chord_travel_time`` [s].
+        All lengths are in metres. The attribute ``status`` is the name of the link's `RayStatus`.
     """
     import xarray as xr
 
@@ -374,7 +376,7 @@ def ray_picture(
     step = b - a
     horizontal = math.hypot(step[0], step[1])
     if not np.any(step):
-        raise AcousticsError("source and receiver coincide; a picture needs two places")
+        raise AcousticsError("source and receiver coincide; give two different positions")
     unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
     arrivals = find_eigenrays(medium, a, b, max_surface_bounces, max_bottom_bounces, spreading_cutoff_db)
     rays = [trace_paths(medium, a, b, arrivals)]
@@ -429,7 +431,7 @@ def ray_picture(
 def _section(
     medium: Medium, start: Array, unit: Array, horizontal: float, n_range: int, n_depth: int
 ) -> dict[str, tuple[str | tuple[str, ...], Array, str, str]]:
-    """Water, sea bed and ice from a place along a horizontal direction: dimensions, values, units and words of each."""
+    """Water, sea bed and ice from a position along a horizontal direction: dimensions, values, unit and description of each."""
     from pymantaray.acoustics._kernels.paths import section_grid
 
     domain, (work, _) = medium.domain(), _room(medium)
@@ -452,7 +454,7 @@ def _section(
 
 
 def _per_ray(values: NDArray[Any], paths: RayPaths, reduce: np.ufunc) -> NDArray[Any]:
-    """Values of the nodes of each ray as one."""
+    """One value per ray from the values of its nodes."""
     starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     return np.asarray(
         reduce.reduceat(values, starts, dtype=np.result_type(values, np.int64)) if starts.size else starts
@@ -460,7 +462,7 @@ def _per_ray(values: NDArray[Any], paths: RayPaths, reduce: np.ufunc) -> NDArray
 
 
 def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:
-    """Cubic Hermite polynomial at the fraction t of a segment that takes h, from places and velocities at its ends."""
+    """Cubic Hermite polynomial at the fraction t of a segment of duration h, from positions and velocities at its ends."""
     return np.asarray(
         (1.0 - 3.0 * t**2 + 2.0 * t**3) * x0
         + (t - 2.0 * t**2 + t**3) * h * v0
@@ -473,7 +475,7 @@ def _values(function: Callable[[Array], Array], position: Array) -> Array:
     values = np.asarray(function(position), dtype=float)
     if values.shape[:1] != position.shape[:1] or values.ndim > 2:
         raise AcousticsError(
-            f"integrand gave shape {values.shape} for positions {position.shape}; needs ({position.shape[0]}, k)"
+            f"integrand returned shape {values.shape} for positions {position.shape}; it must return ({position.shape[0]}, k)"
         )
     return values if values.ndim == 2 else values[:, None]
 

@@ -31,7 +31,7 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
     AcousticsError
         If the position or the time is unknown, two levels differ by less than 1 cm, or there are more than 1000 levels.
     """
-    lat, lon = _place(path, profile)
+    lat, lon = _profile_position(path, profile)
     if np.isnat(profile.time):
         raise AcousticsError(f"{path}: the time of {profile.name} is unknown; the format needs one")
     depth, speed = np.round(profile.depth, 2), np.round(profile.sound_speed, 2)
@@ -96,7 +96,7 @@ def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
             padded[k, : column.size] = column
         data[name] = ("profile", "z"), padded, {"standard_name": standard, "units": unit}
     data["depth"].attrs |= {"positive": "down", "axis": "Z"}
-    places = np.array([_place(path, p) for p in profiles])
+    places = np.array([_profile_position(path, p) for p in profiles])
     for k, (name, unit) in enumerate({"latitude": "degrees_north", "longitude": "degrees_east"}.items()):
         data[name] = "profile", places[:, k], {"standard_name": name, "units": unit}
     since = np.datetime64("1970-01-01", "ns")
@@ -106,7 +106,7 @@ def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
     write_netcdf(data.set_coords(["time", "latitude", "longitude", "depth"]), Path(path))
 
 
-def _place(path: str | Path, profile: Profile) -> tuple[float, float]:
+def _profile_position(path: str | Path, profile: Profile) -> tuple[float, float]:
     if profile.place is None:
         raise AcousticsError(
             f"{path}: the position of {profile.name} is unknown; give latitude and longitude"

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
-from pymantaray.errors import AcousticsError, OceanError
+from pymantaray.errors import AcousticsError, MantaRayError, OceanError
 from pymantaray.geometry.checks import check_number, checked_array, distinct_digits
 
 if TYPE_CHECKING:
@@ -23,6 +24,17 @@ _RAW_SPACING = 2.0  # m
 _POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s; limits for all seas
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
 _CUT_OFF = 4.0  # standard deviations beyond which Gaussian weights are zero
+
+
+class Named(Protocol):
+    """Cast, profile or water with a name."""
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+
+
+NamedT = TypeVar("NamedT", bound=Named)
 
 
 class Profile(NamedTuple):
@@ -94,13 +106,21 @@ def read_profile(
     AcousticsError
         If the file contains several casts, lacks a column, or its depth does not increase; the message gives the line.
     """
-    profiles = read_profiles(path, place, repair_freezing=repair_freezing)
-    if len(profiles) > 1:
-        names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
-        raise AcousticsError(
-            f"{path}: contains {len(profiles)} casts ({names}); only one is allowed; keep one"
+    return only_one(path, read_profiles(path, place, repair_freezing=repair_freezing), AcousticsError)
+
+
+def only_one(source: object, casts: Sequence[NamedT], error: type[MantaRayError]) -> NamedT:
+    """Return the only cast of a source; several raise an error that names them."""
+    if len(casts) > 1:
+        raise error(
+            f"{source}: contains {len(casts)} casts ({names_of(casts)}); only one is allowed; keep one"
         )
-    return profiles[0]
+    return casts[0]
+
+
+def names_of(casts: Sequence[Named]) -> str:
+    """Names of the first four casts, for messages."""
+    return ", ".join(cast.name for cast in casts[:4]) + (", ..." if len(casts) > 4 else "")
 
 
 def read_profiles(
@@ -163,7 +183,9 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
             f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
         )
     computed = not has_speed or vertical == "pressure"
-    lat, lon = _place(table, position) if computed else position or cast_place(table) or (np.nan, np.nan)
+    lat, lon = (
+        _cast_position(table, position) if computed else position or cast_place(table) or (np.nan, np.nan)
+    )
     depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
     water = (table.values("temperature"), table.values("salinity")) if has_water else None
     if water is not None and not np.isfinite(water).all():
@@ -196,10 +218,10 @@ def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | No
     from pymantaray.ocean.casts import cast_of_table, cast_place, cast_time
 
     if not table.has("sound_speed"):
-        cast = cast_of_table(table, name, _place(table, position), None)
+        cast = cast_of_table(table, name, _cast_position(table, position), None)
         return _of_cast(cast.with_repaired_salinity() if repair else cast)
     has_depth = table.has("depth")
-    place = (position or cast_place(table)) if has_depth else _place(table, position)
+    place = (position or cast_place(table)) if has_depth else _cast_position(table, position)
     depth = table.values("depth" if has_depth else "pressure")
     if not has_depth and place is not None:
         depth = np.asarray(-gsw.z_from_p(depth, place[0]), dtype=float)
@@ -325,7 +347,7 @@ def smooth_profile(
     return _record(*cast, levels, smoothed, "smoothed", length, interpolation)
 
 
-def _place(table: CastTable, position: tuple[float, float] | None) -> tuple[float, float]:
+def _cast_position(table: CastTable, position: tuple[float, float] | None) -> tuple[float, float]:
     from pymantaray.ocean.casts import cast_place
 
     place = position or cast_place(table)

@@ -1,8 +1,8 @@
 """
 Models of the reflection of sound at the sea bed and at the surface.
 
-A model has a method ``loss_and_phase`` as `pymantaray.geometry.boundary.Reflection` describes it; a new one needs this module
-alone. The theory page on loss has the limits of each model and what was opened of its sources.
+A model has a method ``loss_and_phase`` as in `pymantaray.geometry.boundary.Reflection`; a new model changes only this module. The
+theory page on loss has the limits of each model and its sources.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ _SEDIMENTS = {  # sound speed [m/s], density [kg/m3], attenuation [dB per wavele
 
 
 class _PlaneWave:
-    """Reflection that has a complex coefficient of pressure."""
+    """Reflection with a complex coefficient of pressure."""
 
     def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
         """
-        Reflection coefficient of plane waves, with time as exp(-i omega t).
+        Return the reflection coefficient of plane waves, with time as exp(-i omega t).
 
         Parameters
         ----------
@@ -79,7 +79,7 @@ class _PlaneWave:
         """Loss [dB] and phase [rad] of each reflection, see `pymantaray.geometry.boundary.Reflection`."""
         del frequency_hz
         r = self.coefficient(grazing_angle, sound_speed=sound_speed)
-        with np.errstate(divide="ignore"):  # nothing is reflected at the angle of intromission
+        with np.errstate(divide="ignore"):  # there is no reflection at the angle of intromission
             return -20.0 * np.log10(np.abs(r)), np.angle(r)
 
 
@@ -122,11 +122,11 @@ class FluidBottom(_PlaneWave):
     Parameters
     ----------
     sound_speed : float
-        [m/s]
+        Sound speed of the sediment. [m/s]
     density : float
-        [kg/m3]
+        Density of the sediment. [kg/m3]
     attenuation_db_per_wavelength : float
-        Of compressional waves in the sediment.
+        Attenuation of compressional waves in the sediment. [dB per wavelength]
     """
 
     sound_speed: float
@@ -156,7 +156,7 @@ class FluidBottom(_PlaneWave):
         The model neglects shear waves, which are slow in these sediments (50 to 600 m/s). Rock is missing because it is not a fluid.
         """
         if name not in _SEDIMENTS:
-            raise AcousticsError(f"sediment {name!r} is unknown; there are {', '.join(_SEDIMENTS)}")
+            raise AcousticsError(f"sediment {name!r} is unknown; allowed: {', '.join(_SEDIMENTS)}")
         return cls(*_SEDIMENTS[name])
 
     def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
@@ -183,14 +183,14 @@ class FluidBottom(_PlaneWave):
 @dataclass(frozen=True)
 class SeaSurface(_Scattering):
     """
-    Surface under wind.
+    Sea surface under wind.
 
     Parameters
     ----------
     wind_speed : float
-        At 10 m. [m/s]
+        Wind speed at 10 m. [m/s]
     model : {"bubbles", "coherent"}
-        What is lost: the energy that bubbles absorb, or all that is not reflected specularly and in phase.
+        Loss: the energy that bubbles absorb, or all energy that is not reflected specularly and in phase.
     """
 
     wind_speed: float
@@ -199,7 +199,7 @@ class SeaSurface(_Scattering):
     def __post_init__(self) -> None:
         check_fields(AcousticsError, self, "m/s", "wind_speed")
         if self.model not in ("bubbles", "coherent"):
-            raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed are 'bubbles' and 'coherent'")
+            raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed: 'bubbles' and 'coherent'")
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
         """
@@ -229,13 +229,13 @@ class SeaSurface(_Scattering):
 @dataclass(frozen=True)
 class IceCover(_Scattering):
     """
-    Underside of ice, which loses the same at every bounce.
+    Underside of ice with a constant loss per reflection.
 
     Parameters
     ----------
     db_per_bounce : float
-        Measured were some 20 dB at steep angles, falling beyond 30 degrees from the vertical [1]_, and 15 dB now and then at
-        grazing angles up to 30 degrees under undulating ice [2]_. [dB]
+        Loss per reflection. Measured values are about 20 dB at steep angles, less beyond 30 degrees from the vertical [1]_, and
+        occasionally 15 dB at grazing angles up to 30 degrees under undulating ice [2]_. [dB]
 
     References
     ----------
@@ -252,7 +252,7 @@ class IceCover(_Scattering):
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:  # noqa: ARG002
         """
-        Loss of each reflection, the same at every angle and frequency.
+        Return the loss of each reflection, which is constant.
 
         Parameters
         ----------
@@ -435,8 +435,8 @@ def coherent_surface_loss_db(
     r"""
     Loss of the specular, in-phase part of the field at a rough surface. [dB]
 
-    Kirchhoff's :math:`|R| = \exp(-2 k^2 \sigma^2 \sin^2\gamma)` for Gaussian elevations. What is lost here is
-    scattered, not gone: at modem frequencies the scattered part is what arrives.
+    Kirchhoff's :math:`|R| = \exp(-2 k^2 \sigma^2 \sin^2\gamma)` for Gaussian elevations. The lost energy is scattered: at modem
+    frequencies, receivers detect the scattered part.
     """
     k = 2.0 * math.pi * np.asarray(frequency_hz, dtype=float) / np.asarray(sound_speed, dtype=float)
     rayleigh = k * wave_height_rms(wind_speed) * np.sin(grazing_angle)
@@ -449,8 +449,8 @@ def bubble_loss_db(grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_sp
 
     After the APL-UW handbook of 1994:
     :math:`1.26 \cdot 10^{-3} U^{1.57} f^{0.85} / \sin\gamma` with f in kHz from 6 m/s on, below that the
-    value at 6 m/s times :math:`e^{1.2 (U - 6)}`. A fit to data of 20 to 40 kHz within 3 dB. Past a ceiling, scattering
-    from beneath the bubbles carries on.
+    value at 6 m/s times :math:`e^{1.2 (U - 6)}`. It fits data of 20 to 40 kHz within 3 dB. The loss has a ceiling, because
+    sound is also scattered below the bubbles.
     """
     wind = np.asarray(wind_speed, dtype=float)
     breaking = 1.26e-3 * np.maximum(wind, 6.0) ** 1.57 * np.exp(1.2 * np.minimum(wind - 6.0, 0.0))

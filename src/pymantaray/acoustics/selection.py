@@ -1,4 +1,4 @@
-"""Selection of the arrival of a link that a receiver ranges on: the direct, the first or the strongest one."""
+"""Selection of the arrival of a link for its range: the direct, the first or the strongest arrival."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
 Array = NDArray[np.float64]
 ArrivalRule = Literal["direct", "first", "strongest"]
-"""Which arrival is picked: the earliest that met no boundary, the earliest of all, or the one of least loss."""
+"""Rule that selects an arrival: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
 NEAR_DB = 1.0
-"""A pick that another limit, so much higher or lower, would change is marked. [dB]"""
+"""Change of the cut-off by which a selection is tested; selections that it changes are marked. [dB]"""
 
 
 class Chosen(NamedTuple):
-    """Links that have an arrival by some rule, increasing, and the row of that arrival of each."""
+    """Links with a selected arrival in ascending order, and the row of each arrival."""
 
     link: NDArray[np.int64]
     row: NDArray[np.int64]
@@ -32,35 +32,35 @@ def choose_arrivals(
     *,
     loss_db: ArrayLike | None = None,
     delay: ArrayLike | None = None,
-    heard: NDArray[np.bool_] | None = None,
+    detected: NDArray[np.bool_] | None = None,
 ) -> Chosen:
     """
-    Choose at most one arrival of each link.
+    Select at most one arrival of each link.
 
     Parameters
     ----------
     arrivals : Arrivals
         From `find_eigenrays`.
     rule : {"direct", "first", "strongest"}
-        ``direct``: the earliest arrival without a reflection. ``first``: the earliest of all. ``strongest``: the one of least
-        loss; of equals, the earliest.
+        ``direct``: the earliest arrival without a reflection. ``first``: the earliest of all. ``strongest``: the one with the
+        smallest loss, or the earliest of equal ones.
     loss_db : array_like, shape (n_arrivals,), optional
         Loss for ``strongest``; NaN counts as infinite. Default: ``spreading_db``, which lacks reflection, absorption and
         distance. [dB]
     delay : array_like, shape (n_arrivals,), optional
-        Added to the travel times before they are compared, see `current_delays`. [s]
-    heard : ndarray of bool, shape (n_arrivals,), optional
-        False for arrivals that are not considered.
+        Delays to add to the travel times before their comparison, see `current_delays`. [s]
+    detected : ndarray of bool, shape (n_arrivals,), optional
+        False for arrivals that are not detected and cannot be selected.
 
     Returns
     -------
     Chosen
-        Links that have such an arrival, increasing, and its row.
+        Links with a selected arrival in ascending order, and its row.
     """
     if rule not in get_args(ArrivalRule):
         raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(ArrivalRule))}")
     time = _delayed(arrivals, delay)
-    allowed = np.ones(time.size, dtype=bool) if heard is None else heard
+    allowed = np.ones(time.size, dtype=bool) if detected is None else detected
     if rule == "direct":
         allowed = allowed & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
     keys = [time]
@@ -70,7 +70,7 @@ def choose_arrivals(
 
 
 def first_rows(link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[np.bool_]) -> Chosen:
-    """Row of each link that comes first by the keys, the most important key first; only rows that are allowed count."""
+    """First allowed row of each link in the order of the keys, the most important key first."""
     order = np.lexsort([*reversed(keys), link])
     order = order[allowed[order]]
     links, at = np.unique(link[order], return_index=True)
@@ -81,13 +81,13 @@ def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> N
     """
     True for each link (n_links,) on which a spreading cut-off that is `NEAR_DB` higher or lower would change the selected arrival.
 
-    By arrivals that were looked for with a cut-off `NEAR_DB` higher than the one that is asked about [dB].
+    The arrivals must be from a search with a cut-off that is `NEAR_DB` higher than ``cutoff_db`` [dB].
     """
     if not (arrivals.spreading_db > cutoff_db - NEAR_DB).any():
         return np.zeros(arrivals.status.size, dtype=bool)
     picks = []
     for cutoff in (cutoff_db - NEAR_DB, cutoff_db, cutoff_db + NEAR_DB):
-        link, row = choose_arrivals(arrivals, rule, heard=~(arrivals.spreading_db > cutoff))
+        link, row = choose_arrivals(arrivals, rule, detected=~(arrivals.spreading_db > cutoff))
         pick = np.full(arrivals.status.size, -1)
         pick[link] = row
         picks.append(pick)
@@ -95,7 +95,7 @@ def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> N
 
 
 def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
-    """Arrivals by a lower cut-off than they were looked for with [dB]; a link that loses all of its own is WEAK, missed by nothing."""
+    """Arrivals within a lower cut-off [dB] than that of their search; a link that loses all of its arrivals is WEAK with miss distance 0."""
     strong = ~(arrivals.spreading_db > cutoff_db)
     if strong.all():
         return arrivals

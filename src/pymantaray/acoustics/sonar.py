@@ -1,7 +1,7 @@
 """
-Sonar equation: from transmission loss and the noise of the sea to the probability that a ping is heard.
+Sonar equation: from transmission loss and the noise of the sea to the detection probability of a ping.
 
-The theory page on loss has what was opened of the sources.
+The theory page on loss lists the sources.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ class WenzNoise:
     Parameters
     ----------
     wind_speed : float
-        [m/s]
+        Wind speed. [m/s]
     shipping : float
-        Activity, 0 (none near) to 1 (heavy). [-]
+        Shipping activity, from 0 (no ships near) to 1 (heavy traffic). [-]
 
     Notes
     -----
     Levels in dB re 1 µPa²/Hz, f in kHz, s the shipping and w the wind: :math:`17 - 30 \lg f`;
     :math:`40 + 20 (s - 0.5) + 26 \lg f - 60 \lg(f + 0.03)`;
-    :math:`50 + 7.5 \sqrt w + 20 \lg f - 40 \lg(f + 0.4)`; :math:`-15 + 20 \lg f`. The powers add. Deep open
-    water from about 1 Hz to 100 kHz; rain, ice, animals and the vehicle's own noise are not in it.
+    :math:`50 + 7.5 \sqrt w + 20 \lg f - 40 \lg(f + 0.4)`; :math:`-15 + 20 \lg f`. The powers are added. The model applies to
+    deep open water from about 1 Hz to 100 kHz, without rain, ice, animals and noise of the vehicle itself.
 
     Examples
     --------
@@ -52,11 +52,11 @@ class WenzNoise:
     def __post_init__(self) -> None:
         check_fields(AcousticsError, self, "m/s", "wind_speed")
         if not 0.0 <= self.shipping <= 1.0:
-            raise AcousticsError(f"WenzNoise: shipping is {self.shipping:g}; must lie in 0 to 1")
+            raise AcousticsError(f"WenzNoise: shipping is {self.shipping:g}; it must be from 0 to 1")
 
     def components_db(self, frequency_hz: ArrayLike) -> Array:
         """
-        Spectral levels of turbulence, shipping, wind and thermal agitation.
+        Return the spectral levels of turbulence, shipping, wind and thermal agitation.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class WenzNoise:
 
     def level_db(self, frequency_hz: ArrayLike) -> Array:
         """
-        Spectral level of all sources together.
+        Return the spectral level of all sources together.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class WenzNoise:
 
     def band_level_db(self, frequency_hz: float, bandwidth_hz: float) -> float:
         """
-        Level in a band: the integral of the spectrum.
+        Return the level in a band, which is the integral of the spectrum.
 
         Parameters
         ----------
@@ -123,35 +123,35 @@ class WenzNoise:
 @dataclass(frozen=True)
 class Sonar:
     r"""
-    A modem's transmitter and receiver, and the noise between them.
+    Transmitter and receiver of a modem, and the noise.
 
     Parameters
     ----------
     source_level_db : float
-        At 1 m, in the band. [dB re 1 µPa]
+        Level of a ping at 1 m, in the band. [dB re 1 µPa]
     frequency_hz, bandwidth_hz : float
         Middle and width of the band. [Hz]
     noise : WenzNoise or float
-        Of the sea, or a spectral level at the receiver, flat in the band. [dB re 1 µPa²/Hz]
+        Noise of the sea, or a spectral level at the receiver, constant in the band. [dB re 1 µPa²/Hz]
     processing_gain_db : float
-        What pulse compression and directivity add to the signal-to-noise ratio. [dB]
+        Gain in signal-to-noise ratio by pulse compression and directivity. [dB]
     threshold_db : float
-        Signal-to-noise ratio at which half the pings are heard. [dB]
+        Signal-to-noise ratio at which half of the pings are detected. [dB]
     spread_db : float
-        Standard deviation of the level about the predicted one (fading, aspect, what the model lacks). With
-        0 a ping is heard or not. [dB]
+        Standard deviation of the level around its prediction (fading, aspect, errors of the model). With
+        0 detection is certain or impossible. [dB]
 
     Notes
     -----
-    Excess :math:`E = SL - TL - NL + PG - DT` with the noise level NL of the whole band; the level in decibels
-    is normal with standard deviation :math:`\sigma`, so :math:`P = \Phi(E / \sigma)`. Draw a dropout with
-    ``heard = uniform < probability``. The default spread of 6 dB lies near the 5.6 dB of the intensity, in
-    decibels, of a fully saturated (Rayleigh) signal.
+    The excess is :math:`E = SL - TL - NL + PG - DT` with the noise level NL of the whole band. The level in decibels has a normal
+    distribution with standard deviation :math:`\sigma`, so :math:`P = \Phi(E / \sigma)`. Draw a detection with
+    ``detected = uniform < probability``. The default spread of 6 dB is close to 5.6 dB, that of the intensity of a
+    fully saturated (Rayleigh) signal in decibels.
 
     Examples
     --------
     >>> sonar = Sonar(source_level_db=185.0, frequency_hz=25e3, bandwidth_hz=5e3, noise=50.0)
-    >>> sonar.probability_heard(sonar.figure_of_merit_db)
+    >>> sonar.detection_probability(sonar.figure_of_merit_db)
     array(0.5)
     """
 
@@ -170,7 +170,7 @@ class Sonar:
             values["noise"] = self.noise
         for name, value in values.items():
             if not math.isfinite(value):
-                raise AcousticsError(f"Sonar: {name} is {value}; must be finite")
+                raise AcousticsError(f"Sonar: {name} is {value}; it must be finite")
         check_fields(AcousticsError, self, "dB", "spread_db")
 
     @property
@@ -187,7 +187,7 @@ class Sonar:
 
     def snr_db(self, loss_db: ArrayLike) -> Array:
         """
-        Signal-to-noise ratio after processing.
+        Return the signal-to-noise ratio after processing.
 
         Parameters
         ----------
@@ -201,9 +201,9 @@ class Sonar:
         """
         return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
 
-    def probability_heard(self, loss_db: ArrayLike) -> Array:
+    def detection_probability(self, loss_db: ArrayLike) -> Array:
         """
-        Probability of detection.
+        Return the probability of detection.
 
         Parameters
         ----------
@@ -220,7 +220,7 @@ class Sonar:
 
 def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
     """
-    Probability that a level with a normal distribution about its prediction exceeds a threshold.
+    Return the probability that a level with a normal distribution about its prediction exceeds a threshold.
 
     Parameters
     ----------

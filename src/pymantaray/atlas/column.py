@@ -139,8 +139,8 @@ def _count_within(arrivals: Arrivals, within_db: float) -> NDArray[np.int16]:
 
 def _share_without(status: NDArray[np.int8]) -> Array:
     in_water = (status != RayStatus.OUTSIDE).sum(axis=-1)
-    heard = (status == RayStatus.OK).sum(axis=-1)
-    return np.where(in_water > 0, 1.0 - heard / np.maximum(in_water, 1), np.nan)
+    with_path = (status == RayStatus.OK).sum(axis=-1)
+    return np.where(in_water > 0, 1.0 - with_path / np.maximum(in_water, 1), np.nan)
 
 
 def _worst(error: Array, axis: int | tuple[int, ...]) -> Array:

@@ -26,7 +26,7 @@ _SECOND = np.timedelta64(1, "s")
 _EPOCH = np.datetime64("1970-01-01T00:00:00", "ns")
 
 
-class Variable(NamedTuple):
+class AtlasVariable(NamedTuple):
     """One variable over the columns."""
 
     dims: tuple[str, ...]
@@ -53,31 +53,31 @@ def _flags(name: str, meanings: Iterable[tuple[str, int]]) -> dict[str, Any]:
 
 _BY_CONVENTION = ("convention", *_LINK)
 VARIABLES = {
-    "column_status": Variable(
+    "column_status": AtlasVariable(
         (), "i1", EDGE, _flags("status of the column", (("water", WATER), ("land", LAND), ("edge", EDGE)))
     ),
-    "range_error": Variable(
+    "range_error": AtlasVariable(
         _BY_CONVENTION,
         "f4",
         np.nan,
         _length("sound speed of the convention times travel time, minus distance"),
     ),
-    "reference_speed_error": Variable(
+    "reference_speed_error": AtlasVariable(
         _BY_CONVENTION, "f4", np.nan, _length("part due to the reference speed: travel time along the chord")
     ),
-    "bending_error": Variable(
+    "bending_error": AtlasVariable(
         _BY_CONVENTION, "f4", np.nan, _length("part due to bending: travel time minus time along the chord")
     ),
-    "link_status": Variable(
+    "link_status": AtlasVariable(
         _LINK,
         "i1",
         RayStatus.OUTSIDE,
         _flags("outcome of the link, without reflections", ((s.name.lower(), s.value) for s in RayStatus)),
     ),
-    "arrivals_within": Variable(
+    "arrivals_within": AtlasVariable(
         _LINK, "i2", 0, {"long_name": "arrivals close to the level of the strongest", "units": "1"}
     ),
-    "no_direct_path": Variable(
+    "no_direct_path": AtlasVariable(
         ("pair", "distance"),
         "f4",
         np.nan,
@@ -86,13 +86,13 @@ VARIABLES = {
             "units": "1",
         },
     ),
-    "worst_range_error": Variable(
+    "worst_range_error": AtlasVariable(
         ("convention", "pair", "distance"),
         "f4",
         np.nan,
         _length("maximum magnitude of range_error over the bearings"),
     ),
-    "safe_distance": Variable(
+    "safe_distance": AtlasVariable(
         ("convention", "safe"),
         "f4",
         np.nan,
@@ -101,7 +101,7 @@ VARIABLES = {
 }
 
 
-def shape_of(variable: Variable, links: AtlasLinks) -> tuple[int, ...]:
+def shape_of(variable: AtlasVariable, links: AtlasLinks) -> tuple[int, ...]:
     """Lengths of a variable's additional dimensions."""
     sizes = dict(zip(_LINK, links.shape, strict=True))
     sizes |= {"convention": len(CONVENTIONS), "safe": len(links.safe)}

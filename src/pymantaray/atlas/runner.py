@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _MARKER = "atlas.json"
 
 
-def blocks_place(out: Path) -> Path:
+def blocks_folder(out: Path) -> Path:
     """Folder beside a file with the blocks of an unfinished atlas."""
     return out.with_name(f"{out.name}.blocks")
 
@@ -76,7 +76,7 @@ def run_atlas(
             f"{path}: already exists, from another atlas or version of the code; give another name or --force (in Python:"
             " force=True)"
         )
-    store = open_store(blocks_place(path))
+    store = open_store(blocks_folder(path))
     store.claim("atlas", _MARKER, {_MARKER, "blocks"})
     store.write(_MARKER, described(atlas))
     for name in store.names("blocks"):

@@ -1,4 +1,4 @@
-"""Command `mantaray export`: write a run in formats of other programs."""
+"""Command `mantaray export`: export a run to formats of other programs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +14,7 @@ def export(
     out: Annotated[Path, typer.Option("--out", help="A new or empty folder; for rrd and mcap a new file.")],
     realization: Annotated[int, typer.Option("--realization", help="Index of the realization, from 0.")] = 0,
 ) -> None:
-    """Write a realization of a run for evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2."""
+    """Export one realization of a run to evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2."""
     from pymantaray.study import export_run
 
     typer.echo(str(export_run(run, to, out, realization=realization)))

@@ -25,7 +25,7 @@ In = Annotated[
 
 
 @dataclass(frozen=True)
-class ReadOptions:
+class GraphReadOptions:
     """Reading of a graph's file."""
 
     leave_out: Annotated[
@@ -61,7 +61,7 @@ class ReadOptions:
 
 
 @dataclass(frozen=True)
-class SolveOptions:
+class GraphSolveOptions:
     """Estimator, starts, anchor and truth of a graph."""
 
     start: Annotated[
@@ -102,7 +102,7 @@ class SolveOptions:
         bool | None,
         typer.Option(
             "--truth/--no-truth",
-            help="Whether the vertices are the ground truth. Default: not in g2o and TORO files.",
+            help="The vertices are the ground truth, or not. Default: not in g2o and TORO files.",
         ),
     ] = None
 
@@ -120,7 +120,7 @@ class SolveOptions:
 
 @app.command()
 @with_options
-def show(file: In, reading: ReadOptions, as_json: Json = False) -> None:
+def show(file: In, reading: GraphReadOptions, as_json: Json = False) -> None:
     """Show the contents of a graph, and whether it can be solved."""
     from pymantaray.estimation.diagnose import diagnose
     from pymantaray.estimation.external import anchor_graph
@@ -149,8 +149,8 @@ def show(file: In, reading: ReadOptions, as_json: Json = False) -> None:
 @with_options
 def solve(
     file: In,
-    reading: ReadOptions,
-    solving: SolveOptions,
+    reading: GraphReadOptions,
+    solving: GraphSolveOptions,
     printing: TableOptions,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")] = None,
 ) -> None:
@@ -187,7 +187,7 @@ def solve(
 @with_options
 def convert(
     file: In,
-    reading: ReadOptions,
+    reading: GraphReadOptions,
     out: Annotated[
         Path,
         typer.Argument(

@@ -11,8 +11,8 @@ from pymantaray.cli.groups import Fields, quantity, with_options
 from pymantaray.cli.options import (
     AnySourceOptions,
     Commands,
+    FolderOptions,
     Force,
-    Formats,
     TableOptions,
     WaterOptions,
     format_names,
@@ -38,7 +38,7 @@ _MAX_LISTED = 10  # unused pings
 _MAX_CANDIDATES = 8
 
 
-class _Group(TyperGroup):
+class _SurveyGroup(TyperGroup):
     """Group whose command `survey` is the default."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -50,7 +50,7 @@ class _Group(TyperGroup):
 
 app = Commands(
     help="Locate nodes from a survey of pings: mantaray locate SURVEY. Plan a survey: mantaray locate plan.",
-    cls=_Group,
+    cls=_SurveyGroup,
 )
 
 
@@ -106,9 +106,9 @@ class SurveyOptions:
         return replace(self.solving, modes=_modes(self.modes, repair_freezing=repair_freezing))
 
 
-@dataclass(frozen=True)
-class FolderOptions:
-    """Folder of the results, and formats of its figures and tables."""
+@dataclass(frozen=True, kw_only=True)
+class SurveyFolderOptions(FolderOptions):
+    """As `FolderOptions`, but without files by default."""
 
     out: Annotated[
         Path | None,
@@ -116,7 +116,6 @@ class FolderOptions:
             metavar="FOLDER", help="New or empty folder for page, tables and files. Default: no files."
         ),
     ] = None
-    formats: Formats = ""
 
 
 @app.command()
@@ -133,7 +132,7 @@ def survey(
     source: AnySourceOptions,
     options: WaterOptions,
     values: SurveyOptions,
-    folder: FolderOptions,
+    folder: SurveyFolderOptions,
     printing: TableOptions,
     bootstrap: Annotated[
         int, typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap.")
@@ -165,7 +164,7 @@ def survey(
             located, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
         )
     with printing.printer() as printed:
-        _tell(printed, located, notes)
+        _print_result(printed, located, notes)
         if page is not None:
             printed.paths(page=page)
 
@@ -348,7 +347,7 @@ def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float)
     return load_water(source, options, default="linear")
 
 
-def _tell(out: Printer, located: "Location", notes: list[str]) -> None:
+def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
     """Print the results."""
     from pymantaray.locate.write import summary
 

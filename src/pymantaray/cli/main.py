@@ -1,4 +1,4 @@
-"""Entry point of `mantaray`: one line for an error that is known, a traceback for one that is not."""
+"""Entry point of `mantaray`: one line for known errors, a traceback for all others."""
 
 import errno
 import os
@@ -20,7 +20,7 @@ from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.errors import MantaRayError
 from pymantaray.messages import without_secrets
 
-_UsageError: Any = typer.BadParameter.__base__  # which typer does not export
+_UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
 
 app = Commands(
     name="mantaray",
@@ -30,7 +30,7 @@ app = Commands(
 
 
 def _add_commands() -> None:
-    """Add what the modules of this folder have: an ``app`` is a group of commands, a function of the module's name a command."""
+    """Add the commands of this folder: a module has a group of commands, ``app``, or a function of its own name."""
     names = [module.name for module in pkgutil.iter_modules(cli.__path__)]
     for name in sorted(name for name in names if name != "main" and "_" not in name):
         module = import_module(f"{cli.__name__}.{name}")
@@ -55,12 +55,12 @@ def _root(
         bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Take options that stand before a command."""
+    """Read options before the command."""
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; exit with 0, 2 for bad usage or a known error, 130 for Ctrl-C, 141 where nobody reads."""
-    if threading.current_thread() is threading.main_thread():  # no other may
+    """Run the command line; exit with 0, 2 for wrong usage or a known error, 130 for Ctrl-C, 141 for a closed pipe."""
+    if threading.current_thread() is threading.main_thread():  # other threads cannot set signal handlers
         signal.signal(signal.SIGTERM, _stop)
     with standard_streams():
         try:
@@ -86,23 +86,23 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _check_environment() -> None:
-    """Refuse a variable of the environment on which libraries end in a traceback."""
+    """Raise an error for an environment variable that makes libraries fail."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
     if not re.fullmatch(r"\s*[+-]?\d+\s*", epoch):
         raise MantaRayError(
-            f"environment: SOURCE_DATE_EPOCH is {epoch[:40]!r}; needs whole seconds since 1970, or unset it"
+            f"environment: SOURCE_DATE_EPOCH is {epoch[:40]!r}; it must be whole seconds since 1970; correct or unset it"
         )
 
 
 def _lacks_memory(error: BaseException) -> bool:
-    """True if the system refused memory, whatever a library makes of that."""
+    """True if the system refused memory, for any exception that a library raises then."""
     refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
     words = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")
     return isinstance(error, MemoryError) or refused or any(word in str(error) for word in words)
 
 
 def _memory_line() -> str:
-    """Message about a lack of memory, with the limit of this process if it has one."""
+    """Error line about a lack of memory, with the limit of this process if it has one."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY:
         return "not enough memory; close other programs, or give fewer --workers or a smaller study"
@@ -110,16 +110,16 @@ def _memory_line() -> str:
 
 
 def _refuse(error: Any) -> NoReturn:
-    """End with the line of a word that the command does not take, and what lists those that it does."""
+    """Print the error line of wrong usage, with a pointer to the help, and exit."""
     fault = without_secrets(" ".join(error.format_message().split()).removesuffix("."))
-    if fault:  # where no word was given its message is the help, which is printed
+    if fault:  # without arguments there is no message, and the help is printed already
         command = error.ctx.command_path if error.ctx else "mantaray"
-        typer.echo(f"error: {command}: {fault}; {command} --help lists what it takes", err=True)
+        typer.echo(f"error: {command}: {fault}; see {command} --help", err=True)
     raise SystemExit(EXIT_KNOWN_ERROR) from None
 
 
 def _stop_behind(error: BaseException) -> int | None:
-    """Exit code of Ctrl-C or a request to stop that another exception replaced, as in the initialization of a compiled module."""
+    """Exit code of a Ctrl-C or stop request that another exception replaced, as in the import of a compiled module."""
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):
@@ -131,5 +131,5 @@ def _stop_behind(error: BaseException) -> int | None:
 
 
 def _stop(number: int, _frame: object) -> None:
-    """Turn a request to stop into an exception, so that a half-written run is cleaned up."""
+    """Raise an exception for a stop request, so that unfinished files are removed."""
     raise SystemExit(128 + number)

@@ -295,6 +295,7 @@ def convert_cast(
     """Write casts as profiles of sound speed for other programs."""
     check_output(out, [".asvp", ".nc"], inputs=[cast], force=force)
     from pymantaray.acoustics import read_profiles, write_asvp, write_profiles
+    from pymantaray.acoustics.profiles import names_of
     from pymantaray.ocean.convert import parse_instant
 
     lat, lon, time, name = which.lat, which.lon, which.time, which.name
@@ -302,7 +303,7 @@ def convert_cast(
         raise OceanError("--lat and --lon must be used together; give both")
     place = None if lat is None or lon is None else (lat, lon)
     profiles = read_profiles(cast, place, repair_freezing=which.repair_freezing)
-    names = ", ".join(p.name for p in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
+    names = names_of(profiles)
     if name is not None:
         profiles = [p for p in profiles if p.name == name]
     if not profiles or (out.suffix == ".asvp" and len(profiles) > 1):

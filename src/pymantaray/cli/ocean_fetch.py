@@ -71,7 +71,7 @@ def hycom(
             overwrite=force,
             progress=progress,
         )
-    _tell(fetched)
+    _log_notes(fetched)
 
 
 @app.command()
@@ -86,10 +86,10 @@ def copernicus(
     """Download a window of a GLORYS12 daily mean as a valid ocean; needs an account of Copernicus Marine."""
     from pymantaray.ocean.fetch import fetch_copernicus
 
-    _tell(fetch_copernicus(**asdict(window), product=product, overwrite=force))
+    _log_notes(fetch_copernicus(**asdict(window), product=product, overwrite=force))
 
 
-def _tell(fetched: "FetchResult") -> None:
+def _log_notes(fetched: "FetchResult") -> None:
     for remark in fetched.remarks:
         LOG.warning(remark)
     LOG.info("%s: %d requests", fetched.title, fetched.requests)

@@ -1,4 +1,4 @@
-"""Options that several commands share, each written down once."""
+"""Options that several commands share."""
 
 import functools
 import inspect
@@ -28,7 +28,7 @@ Pair = tuple[float, float]
 LINKS = typer.Argument(
     metavar="LINKS.csv",
     help="Columns source_north, source_east, source_depth, receiver_north, receiver_east, receiver_depth, all in metres;"
-    " with --ocean also source_lat, source_lon and so on; one link a row.",
+    " with --ocean also source_lat, source_lon and so on; one link per row.",
     show_default=False,
 )
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
@@ -41,7 +41,7 @@ Verbose = Annotated[
         "-v",
         count=True,
         show_default=False,
-        help="Log stages and times; -vv: all that is logged.",
+        help="Log stages and times; -vv: log all messages.",
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
@@ -54,7 +54,7 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change a key of the study, such as noise.range_sigma=2 or fleet.vehicles.B.target_depth=300; none takes a value out.",
+        help="Change a key of the study, such as noise.range_sigma=2 or fleet.vehicles.B.target_depth=300; none removes a value.",
     ),
 ]
 
@@ -63,10 +63,10 @@ Fan = Annotated[
     tuple[float, float, int] | None,
     typer.Option(
         metavar="FROM TO COUNT",
-        help="So many rays launched between two angles in degrees, positive down: instead of eigenrays, of a plot behind them.",
+        help="Fan of COUNT rays between two launch angles in degrees, positive down, instead of eigenrays (in a plot: behind them).",
     ),
 ]
-_MOST_RAYS = 100_000  # of a fan
+_MAX_RAYS = 100_000  # of a fan
 RepairFreezing = Annotated[
     bool,
     typer.Option(
@@ -77,18 +77,18 @@ RepairFreezing = Annotated[
 
 
 def parse_place(option: str, text: str) -> tuple[float, float, float]:
-    """North, east and depth with commas between: metres, or with units of their own. [m]"""
+    """Parse north, east and depth, separated by commas, in metres or with units. [m]"""
     try:
         north, east, depth = (number_in(word, "m") for word in text.split(","))
     except ValueError:
         raise AcousticsError(
-            f"{option} is {text!r}; needs north, east and depth in metres with commas between, as 6000,0,500"
+            f"{option} is {text!r}; it must be north, east and depth in metres, separated by commas, such as 6000,0,500"
         ) from None
     return north, east, depth
 
 
 def parse_duration(option: str, text: str, unit: str = "s", *, positive: bool = True) -> float:
-    """A number in the option's unit, or text with units of its own, as a configuration has it."""
+    """Parse a number in the option's unit, or text with a unit, as in a configuration."""
     try:
         value = number_in(text, unit)
     except ValueError as error:
@@ -101,28 +101,28 @@ def fan_angles(first: float, last: float, count: int) -> "NDArray[np.float64]":
     """Launch angles of a fan from degrees. [rad]"""
     import numpy as np
 
-    if not 1 <= count <= _MOST_RAYS or not first <= last or (count > 1 and first == last):
+    if not 1 <= count <= _MAX_RAYS or not first <= last or (count > 1 and first == last):
         raise AcousticsError(
-            f"--fan {first:g} {last:g} {count}: needs FROM below TO and a COUNT of 1 to {_MOST_RAYS}"
+            f"--fan is {first:g} {last:g} {count}; it must be FROM TO COUNT with FROM < TO and COUNT 1 to {_MAX_RAYS}"
         )
     return np.radians(np.linspace(first, last, count))
 
 
 def changes_of(assignments: list[str] | None) -> dict[str, Any]:
-    """Values by dotted key, of what ``--set`` was given."""
+    """Values by dotted key from the assignments of ``--set``."""
     from pymantaray.config.keys import parse_changes
 
     return parse_changes(assignments or [])
 
 
 class Commands(typer.Typer):
-    """A group of commands that all take ``--quiet`` and ``--verbose``."""
+    """Group of commands, all with ``--quiet`` and ``--verbose``."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(no_args_is_help=True, **settings)
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[..., Any]:
-        """Take a function as a command, and return it unchanged; one with an option ``--ocean`` is an `OceanCommand`."""
+        """Add a function as a command, and return it unchanged; a function with an option ``--ocean`` is an `OceanCommand`."""
         take = super().command
 
         def decorate(function: Callable[..., None]) -> Callable[..., None]:
@@ -134,14 +134,14 @@ class Commands(typer.Typer):
 
 
 def _has_option(command: Callable[..., None], name: str) -> bool:
-    """True if a function for typer has an option, not an argument, of a name."""
+    """True if a function for typer has an option (not an argument) with a name."""
     parameter = inspect.signature(command).parameters.get(name)
     kinds = getattr(parameter and parameter.annotation, "__metadata__", ())
     return any(isinstance(kind, OptionInfo) for kind in kinds)
 
 
 def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
-    """Add ``--verbose``, and ``--quiet`` where the command has no use of its own for it; log as much as they say."""
+    """Add ``--verbose``, and ``--quiet`` unless the command has it, and set the log level accordingly."""
     signature, by_name = inspect.signature(command), inspect.Parameter.KEYWORD_ONLY
     own = "quiet" in signature.parameters
     added = [] if own else [inspect.Parameter("quiet", by_name, default=False, annotation=NoWarnings)]
@@ -160,15 +160,14 @@ def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
 
 class OceanCommand(TyperCommand):
     """
-    Command whose ``--ocean`` is repeated, or followed by several files: ``--ocean a b`` for ``--ocean a --ocean b``.
+    Command whose ``--ocean`` may be repeated or followed by several files: ``--ocean a b`` means ``--ocean a --ocean b``.
 
-    Words behind ``--ocean FILE`` are further files only as far as the command has more words than arguments, so
-    that ``--ocean FILE IN OUT`` is one file. A command of any number of arguments takes all of them where its arguments
-    stand first: ``IN... --ocean a b``.
+    Words after ``--ocean FILE`` are files only if the command has more words than arguments, so ``--ocean FILE IN OUT`` has one
+    file. A command with any number of arguments takes all of them as files if its arguments come first: ``IN... --ocean a b``.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Write ``--ocean`` before each further file."""
+        """Insert ``--ocean`` before each additional file."""
         _, surplus, _ = self.make_parser(ctx).parse_args(args=list(args))
         endless = any(p.param_type_name == "argument" and p.nargs == -1 for p in self.params)
         first = bool(args) and not args[0].startswith("-")
@@ -177,7 +176,7 @@ class OceanCommand(TyperCommand):
 
 def repeat_ocean(words: list[str], most: int) -> list[str]:
     """
-    Write ``--ocean`` before at most so many words that stand behind it and its first value.
+    Insert ``--ocean`` before the words after its first value, at most ``most`` of them.
 
     Examples
     --------
@@ -185,7 +184,7 @@ def repeat_ocean(words: list[str], most: int) -> list[str]:
     ['quick', '--ocean', 'a', '--ocean', 'b', '--quiet']
     """
     out: list[str] = []
-    place = None  # of the word in a run behind the option, from 0; the first is its value
+    place = None  # number of the word after the option, from 0; the first is its value
     for word in words:
         if word.startswith("-"):
             place = 0 if word == _OCEAN else 1 if word.startswith(f"{_OCEAN}=") else None
@@ -199,14 +198,14 @@ def repeat_ocean(words: list[str], most: int) -> list[str]:
 
 
 class RunGroup(TyperGroup):
-    """Group of commands of which `run` takes what a user may write right behind the group's name."""
+    """Group of commands whose error message for an unknown command suggests `run`."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command; a word that is none is refused with what was perhaps meant."""
+        """Find a command; for an unknown word the error message suggests `run`."""
         if args and self.get_command(ctx, args[0]) is None:
             commands = ", ".join(self.list_commands(ctx))
             ctx.fail(
-                f"No such command '{args[0]}'; there are {commands}; perhaps: {ctx.command_path} run {' '.join(args)}"
+                f"No such command '{args[0]}'; allowed: {commands}; did you mean {ctx.command_path} run {' '.join(args)}?"
             )
         return super().resolve_command(ctx, args)
 
@@ -234,11 +233,11 @@ class OceanOptions:
 
     def __post_init__(self) -> None:
         if self.ocean and self.profile:
-            raise WaterError("--ocean and --profile given; give one of them")
+            raise WaterError("--ocean and --profile cannot be combined; give one of them")
 
     @property
     def words(self) -> list[str]:
-        """Names of files, or of a synthetic ocean, a preset or a configuration; none if no option is given."""
+        """Names of files, of a synthetic ocean, of a preset or of a configuration; empty without an option."""
         return [str(word) for word in (self.ocean or self.profile or [])]
 
     @property
@@ -258,7 +257,7 @@ class AnySourceOptions(OceanOptions):
 
     def __post_init__(self) -> None:
         if len(self.given) > 1:
-            raise WaterError(f"{' and '.join(self.given)} given; give one of them")
+            raise WaterError(f"{' and '.join(self.given)} cannot be combined; give one of them")
 
     @property
     def given(self) -> list[str]:
@@ -278,7 +277,7 @@ class SourceOptions(AnySourceOptions):
 
 @dataclass(frozen=True)
 class WaterOptions:
-    """Sea floor, ice, currents and domain of the water, whatever its source."""
+    """Sea floor, ice, currents and domain of water from any source."""
 
     sea_floor: Annotated[
         str | None,
@@ -286,13 +285,15 @@ class WaterOptions:
             "--sea-floor",
             "--bottom",
             metavar="M|FILE",
-            help="Depth of the sea floor in metres, or a NetCDF file of it; a profile needs one. Default: where the ocean's"
-            " levels end.",
+            help="Depth of the sea floor in metres, or a NetCDF file of it; required for a profile. Default: the deepest levels"
+            " of the ocean.",
         ),
     ] = None
     crs: Annotated[
         str | None,
-        typer.Option(help="Projection of a sea floor's file that names none, such as EPSG:3996 of IBCAO."),
+        typer.Option(
+            help="Projection of a sea floor file that does not name it, such as EPSG:3996 for IBCAO."
+        ),
     ] = None
     ice: Annotated[
         str | None,
@@ -314,8 +315,8 @@ class WaterOptions:
     currents: Annotated[
         Literal["required", "rest", "carry"] | None,
         typer.Option(
-            help="Whether files must have currents, water without them is at rest, or currents carry sound along the rays."
-            " Default: rest."
+            help="required: files must have currents; rest: water without currents is at rest; carry: currents also change"
+            " travel times along the rays. Default: rest."
         ),
     ] = None
     equation: Annotated[
@@ -337,27 +338,27 @@ class WaterOptions:
         Pair | None,
         typer.Option(
             metavar="LAT LON",
-            help="Where north and east are 0. Default: the middle of the data, or a cast's place.",
+            help="Position where north and east are 0. Default: the middle of the data, or the position of a cast.",
         ),
     ] = None
     half_extent: Annotated[
         tuple[str, str] | None,
         typer.Option(
             metavar="NORTH EAST",
-            help="Half sides of the domain in km. Default: the largest that fits; a profile has no sides.",
+            help="Half sides of the domain in km. Default: the largest domain in the data; a profile has no sides.",
         ),
     ] = None
     time: Annotated[
         list[str] | None,
         typer.Option(
-            help="Time of the ocean (UTC), if its files have several; of an atlas also repeated, by default the first."
+            help="Time of the ocean (UTC), if its files have several. May be repeated for an atlas. Default for an atlas: the first."
         ),
     ] = None
     thin: Annotated[
         float | None,
         typer.Option(
             metavar="M/S",
-            help="Leave out levels of a profile that interpolation meets within this sound speed.",
+            help="Remove levels of a profile if interpolation stays within this error of sound speed.",
         ),
     ] = None
     smooth: Annotated[
@@ -369,14 +370,14 @@ class WaterOptions:
         Pair | None,
         typer.Option(
             metavar="LAT LON",
-            help="Where a profile was taken, if its file does not say and sound speed or depth has to be computed.",
+            help="Position of a profile whose file has none, for the computation of sound speed or depth.",
         ),
     ] = None
     name: Annotated[
         list[str] | None,
         typer.Option(
             metavar="VARIABLE=STANDARD_NAME",
-            help="CF standard name of a variable that lacks one, such as temp=sea_water_potential_temperature; repeated.",
+            help="CF standard name of a variable that lacks one, such as temp=sea_water_potential_temperature. May be repeated.",
         ),
     ] = None
 
@@ -384,7 +385,7 @@ class WaterOptions:
     def keys(self) -> dict[str, Any]:
         """Options of `pymantaray.open_water`."""
         if self.time is not None and len(self.time) > 1:
-            raise WaterError(f"--time is given {len(self.time)} times; water has one instant here")
+            raise WaterError(f"--time is given {len(self.time)} times; only one instant is allowed; give one")
         time = _instant(self.time[0]) if self.time else None
         half = (
             None if self.half_extent is None else tuple(1e3 * _kilometres(side) for side in self.half_extent)
@@ -425,7 +426,7 @@ def _instant(text: str) -> Any:
 
 
 def _kilometres(text: str) -> float:
-    """Half a side of the domain. [km]"""
+    """Parse a half side of the domain. [km]"""
     try:
         return number_in(text, "km")
     except ValueError as error:
@@ -433,12 +434,12 @@ def _kilometres(text: str) -> float:
 
 
 def _decibels(text: str) -> float | str:
-    """A cut-off in decibels, or the word for none."""
+    """Parse a cut-off in decibels, or the word for none."""
     return "none" if text in ("none", "off") else float(text)
 
 
 def _metres_or_file(option: str, text: str | None) -> float | str | None:
-    """A depth or draft [m], or the name of a file that has it; a number with another unit is refused."""
+    """Parse a depth or draft [m], or the name of a file with it; a number with another kind of unit raises an error."""
     try:
         return None if text is None else number_in(text, "m")
     except ValueError as error:
@@ -451,22 +452,22 @@ def _named(text: str) -> tuple[str, str]:
     variable, sign, meaning = text.partition("=")
     if not (variable and sign and meaning):
         raise WaterError(
-            f"--name {text}: needs VARIABLE=STANDARD_NAME, such as temp=sea_water_potential_temperature"
+            f"--name {text}: it must be VARIABLE=STANDARD_NAME, such as temp=sea_water_potential_temperature"
         )
     return variable, meaning
 
 
 @dataclass(frozen=True)
 class ArrivalOptions:
-    """Selection of eigenrays that count as arrivals; by default that of the configuration, else direct rays within 15 dB."""
+    """Selection of eigenrays that count as arrivals. Default: that of a configuration, otherwise direct rays within 15 dB."""
 
     max_surface_bounces: Annotated[
         int | None,
-        typer.Option(min=0, max=15, help="Reflections at the surface that an arrival may have. Default: 0."),
+        typer.Option(min=0, max=15, help="Maximum number of reflections at the surface. Default: 0."),
     ] = None
     max_bottom_bounces: Annotated[
         int | None,
-        typer.Option(min=0, max=15, help="Reflections at the sea bed that an arrival may have. Default: 0."),
+        typer.Option(min=0, max=15, help="Maximum number of reflections at the sea bed. Default: 0."),
     ] = None
     cutoff_db: Annotated[
         str | None,
@@ -483,7 +484,7 @@ class ArrivalOptions:
             cutoff = 0.0
         if cutoff != "none" and not float(cutoff) > 0.0:
             raise AcousticsError(
-                f"--cutoff-db {self.cutoff_db}: a positive number of decibels or none is needed"
+                f"--cutoff-db is {self.cutoff_db}; it must be a positive number of decibels, or none"
             )
 
     @property
@@ -504,7 +505,7 @@ class SearchOptions(ArrivalOptions):
 
     tolerance: Annotated[
         float,
-        typer.Option(parser=quantity("m"), metavar="M", help="Error allowed at the end of a ray, in metres."),
+        typer.Option(parser=quantity("m"), metavar="M", help="Maximum error of the end of a ray, in metres."),
     ] = 1e-3
 
     def __post_init__(self) -> None:
@@ -514,7 +515,7 @@ class SearchOptions(ArrivalOptions):
 
 @dataclass(frozen=True)
 class PrintOptions:
-    """Text or JSON, and how much of it."""
+    """Form of the output, text or JSON, and its amount."""
 
     as_json: Json = False
     quiet: Quiet = False
@@ -526,7 +527,7 @@ class PrintOptions:
 
 @dataclass(frozen=True)
 class TableOptions(PrintOptions):
-    """Text, tables in a format, or JSON, and how much of it."""
+    """Form of the output, text, tables or JSON, and its amount."""
 
     to: To = "text"
 
@@ -555,8 +556,21 @@ Formats = Annotated[
 ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions:
+    """Folder of the results, and formats of its figures and tables."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="New or empty folder for the results. Default: a dated folder in runs."
+        ),
+    ] = None
+    formats: Formats = ""
+
+
 def format_names(text: str) -> tuple[str, ...]:
-    """Names in the option ``--format``; an unknown one is refused before anything is computed."""
+    """Parse the names of ``--format``; an unknown name raises an error before any computation."""
     names = tuple(filter(None, text.split(",")))
     for name in names:
         if name not in FORMATS:

@@ -25,17 +25,17 @@ class Report(Protocol):
     """Functions that show progress."""
 
     def __call__(self, stage: str, done: int, total: int, failed: int = 0, /) -> None:
-        """Take the name of a stage, how many of its parts are over, how many there are, and how many failed."""
+        """Show the name of a stage, the number of its finished parts, the total, and the number of failed parts."""
 
 
-_LINE_EVERY = 60.0  # where no bar can be shown [s]
+_LINE_INTERVAL = 60.0  # between lines if bars are not possible [s]
 
 
 class _Stream(io.TextIOBase):
     """
-    Standard output or error as commands see it: what its encoding lacks is replaced, what fails is told in one line.
+    Standard output or error of commands, which replaces characters that the encoding lacks and reports failures in one line.
 
-    It has no ``buffer``, behind which typer would write by an encoding of its own.
+    It has no ``buffer``, so typer cannot bypass the encoding.
     """
 
     def __init__(self, stream: TextIO, *, fails: bool) -> None:
@@ -72,7 +72,7 @@ class _Stream(io.TextIOBase):
             self._lose(error)
 
     def _lose(self, error: OSError) -> None:
-        """Send what is still to come nowhere, and end the command where its output is lost."""
+        """Discard all further text, and end the command if its output is lost."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)
@@ -85,7 +85,7 @@ class _Stream(io.TextIOBase):
 
 
 def _substitute(error: UnicodeError) -> tuple[bytes, int]:
-    """Bytes of a file's name as they are on disk; a question mark for a character that the encoding lacks."""
+    """Bytes of a file name as on disk; a question mark for a character that the encoding lacks."""
     assert isinstance(error, UnicodeEncodeError)
     lost = error.object[error.start : error.end]
     return b"".join(os.fsencode(c) if "\udc80" <= c <= "\udcff" else b"?" for c in lost), error.end
@@ -94,10 +94,10 @@ def _substitute(error: UnicodeError) -> tuple[bytes, int]:
 @contextmanager
 def standard_streams() -> Iterator[None]:
     """
-    Let nothing that is printed end in a traceback, whoever prints it.
+    Replace the standard streams by streams whose failures do not end in a traceback.
 
-    A pipe that nobody reads ends the command quietly, with the status that a shell gives it; a full device ends it in
-    one line. What cannot be told on standard error is not told, and the work goes on.
+    A closed pipe ends the command without a message, with the status that a shell uses; a full device ends it with one line.
+    Text that cannot be written to standard error is lost, and the command continues.
     """
     codecs.register_error("mantaray", _substitute)
     before = sys.stdout, sys.stderr
@@ -123,18 +123,20 @@ class Watch:
     def __init__(self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic) -> None:
         self.stages, self._clock = stages, clock
         self._present = ""
-        self._begun: dict[str, tuple[float, int]] = {}  # when, and how many parts were done then
-        self._latest: dict[str, tuple[float, int, int, int]] = {}  # when, done, failed, all
+        self._begun: dict[str, tuple[float, int]] = {}  # time of the first report, and finished parts
+        self._latest: dict[
+            str, tuple[float, int, int, int]
+        ] = {}  # time of the latest report; finished, failed and all parts
 
     def report(self, stage: str, done: int, total: int, failed: int = 0) -> None:
-        """Take note of the parts of a stage that are over, some of which may have failed."""
+        """Record the number of finished parts of a stage, including failed ones."""
         now = self._clock()
         self._begun.setdefault(stage, (now, done))
         self._latest[stage] = now, done, failed, total
         self._present = stage
 
     def left(self, stage: str) -> str:
-        """Time that the rest of a stage takes at the mean pace of what is done of it; nothing before its first part is."""
+        """Text with the remaining time of a stage at its mean speed so far; empty before the first part is finished."""
         (begin, before), (latest, done, _, total) = self._begun[stage], self._latest[stage]
         if not before < done < total:
             return ""
@@ -147,7 +149,7 @@ class Watch:
         return f"{failed} failed" if failed else ""
 
     def rest(self) -> str:
-        """The largest memory of this process and of any of its workers so far, and the stages to come."""
+        """Text with the peak memory of this process and of its largest worker, and the next stages."""
         from pymantaray.jobs.processes import Workers
 
         words = f"memory {peak_memory_mib():.0f} MiB"
@@ -157,7 +159,7 @@ class Watch:
         return f"{words}; then {', '.join(after)}" if after else words
 
     def line(self) -> str:
-        """All of it in one line."""
+        """Progress, memory and next stages in one line."""
         if not self._present:
             return self.rest()
         _, done, _, total = self._latest[self._present]
@@ -168,9 +170,9 @@ class Watch:
 @contextmanager
 def progress_bars(*, quiet: bool, stages: Sequence[str] = ()) -> Iterator[Report | None]:
     """
-    Progress on standard error: a bar per stage in a terminal, otherwise a line per minute; None if ``quiet``.
+    Show progress on standard error: a bar per stage in a terminal, otherwise a line per minute; None if ``quiet``.
 
-    ``stages`` are those that are known to come, in order.
+    ``stages`` are the known stages in order.
     """
     if quiet or sys.stderr is None:
         yield None
@@ -220,11 +222,11 @@ def _bars(watch: Watch) -> Iterator[Report]:
 
 @contextmanager
 def _lines(watch: Watch, stream: TextIO) -> Iterator[Report]:
-    """Lines while the block runs, whether parts end or not; stages are logged as they end."""
+    """Print lines at regular intervals, and log the end of each stage."""
     over, start = threading.Event(), time.perf_counter()
 
-    def tell() -> None:
-        while not over.wait(_LINE_EVERY):
+    def print_line() -> None:
+        while not over.wait(_LINE_INTERVAL):
             print(watch.line(), file=stream, flush=True)
 
     def report(stage: str, done: int, total: int, failed: int = 0) -> None:
@@ -232,7 +234,7 @@ def _lines(watch: Watch, stream: TextIO) -> Iterator[Report]:
         if done == total:
             LOG.info("%s: %d, after %.2f s", stage, total, time.perf_counter() - start)
 
-    threading.Thread(target=tell, daemon=True).start()
+    threading.Thread(target=print_line, daemon=True).start()
     try:
         yield report
     finally:
@@ -241,7 +243,7 @@ def _lines(watch: Watch, stream: TextIO) -> Iterator[Report]:
 
 @contextmanager
 def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
-    """Progress of a solve on standard error, its last step and cost; None if ``quiet`` or without a terminal."""
+    """Show the last step and cost of a solve on standard error; None if ``quiet`` or without a terminal."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
@@ -253,7 +255,7 @@ def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
 
 @contextmanager
 def counted_progress(noun: str, *, quiet: bool) -> Iterator[TaskProgress | None]:
-    """Progress of points or blocks: finished, failed and remaining, as `progress_bars` for stages."""
+    """Show finished, failed and remaining points or blocks, as `progress_bars` does for stages."""
     with progress_bars(quiet=quiet) as report:
         if report is None:
             yield None
@@ -262,7 +264,7 @@ def counted_progress(noun: str, *, quiet: bool) -> Iterator[TaskProgress | None]
 
 
 def duration(seconds: float) -> str:
-    """A time in words, as ``4.2 min``."""
+    """Duration as text, such as ``4.2 min``."""
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * size:
             return f"{seconds / size:.2g} {unit}"
@@ -278,19 +280,19 @@ def check_output(
     force: bool,
 ) -> None:
     """
-    Refuse an output that cannot or must not be written, before anything is computed.
+    Raise an error, before any computation, if an output cannot or must not be written.
 
-    ``beside`` are further files that are written along with it; ``inputs`` are not overwritten even by ``force``.
+    ``beside`` are additional files of the output; even ``force`` does not overwrite ``inputs``.
     """
     if out.suffix not in endings:
-        raise WriteError(f"{out}: the output's name must end in {' or '.join(endings)}")
+        raise WriteError(f"{out}: the name of the output must end in {' or '.join(endings)}")
     if not out.parent.is_dir():
-        raise WriteError(f"{out}: there is no folder {out.parent}; make it first")
+        raise WriteError(f"{out}: the folder {out.parent} does not exist; create it")
     sources = {os.path.realpath(path) for path in inputs}
     for path in (out, *beside):
         if os.path.realpath(path) in sources:
             raise WriteError(f"{path}: is the input; give another name")
         if Path(os.path.realpath(path)).is_symlink():
-            raise WriteError(f"{path}: is a circle of symbolic links; give another name")
+            raise WriteError(f"{path}: symbolic links form a circle; give another name")
         if path.is_dir() or (path.exists() and not force):
-            raise WriteError(f"{path}: exists already; give another name or --force")
+            raise WriteError(f"{path}: already exists; give another name or --force")

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("pymantaray.cli")
 _PREFIX = {"WARNING": "warning: ", "ERROR": "error: "}
-_NAME = 30  # letters of a row's name that a table shows in one line
+_NAME = 30  # characters of a row's name that a table shows in one line
 Form = Literal["text", "latex", "csv", "json"]
 
 
 class Printer:
     """
-    Standard output of a command: lines and tables for people, its tables alone as LaTeX or CSV, or everything as one JSON object.
+    Standard output of a command: lines and tables as text, tables only as LaTeX or CSV, or everything as one JSON object.
 
-    People see the columns that fit a terminal, rounded; programs get every column with all digits, units in the names as on disk.
+    Text has rounded columns that fit a terminal; the other forms have all columns with all digits and units in their names.
     """
 
     def __init__(self, *, quiet: bool, to: Form = "text") -> None:
@@ -35,18 +35,18 @@ class Printer:
         self.values: dict[str, Any] | None = {} if to == "json" else None
 
     def line(self, text: str = "", **values: Any) -> None:
-        """Print a line for people; JSON has the values in it."""
+        """Print a line of text; JSON has its values."""
         if not self._quiet:
             typer.echo(without_secrets(text))
         self.add(**values)
 
     def add(self, **values: Any) -> None:
-        """Add values to JSON that people see otherwise."""
+        """Add values to JSON only."""
         if self.values is not None:
             self.values |= values
 
     def table(self, table: "ResultTable") -> None:
-        """Print a table: brief for people, whole for programs; JSON has it as a list of rows by its name."""
+        """Print a table, shortened in text and complete in other forms; JSON has a list of rows by the table's name."""
         if self._to == "latex":
             typer.echo(table.to_latex())
         elif self._to == "csv":
@@ -56,13 +56,13 @@ class Printer:
         self.add(**{table.name: table.frame})
 
     def warn(self, lines: list[str]) -> None:
-        """Log warnings; JSON has them too."""
+        """Log warnings, and add them to JSON."""
         for line in lines:
             LOG.warning(line)
         self.add(warnings=lines)
 
     def paths(self, *paths: Path | str, **named: Path | str) -> None:
-        """Print the paths of written files, a line each: a quiet command prints nothing else. LaTeX and CSV have tables only."""
+        """Print the paths of written files, one per line, the only output of a quiet command; LaTeX and CSV omit them."""
         if self._to in ("latex", "csv"):
             return
         lines = [without_secrets(path) for path in paths]
@@ -77,7 +77,7 @@ class Printer:
 @contextmanager
 def printer(*, as_json: bool = False, quiet: bool = False, to: Form = "text") -> Iterator[Printer]:
     """
-    Printer of a command. JSON is printed at the end of the block, and not if the command fails.
+    Return the printer of a command. JSON is printed at the end of the block, unless the command fails.
 
     ``as_json`` is short for ``to="json"``.
     """
@@ -135,9 +135,9 @@ def _print_table(table: "ResultTable") -> None:
 @contextmanager
 def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
     """
-    Log to standard error, a line a record: errors alone if quiet, else warnings too; once verbose stages and times, twice all.
+    Log to standard error, one line per record: errors only if quiet, otherwise also warnings; if verbose, stages and times.
 
-    Twice also has the traceback of an error that is known, and what libraries log.
+    At level 2 all records are logged, including those of libraries and the traceback of a known error.
     """
     level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     handler = logging.StreamHandler()
@@ -157,7 +157,7 @@ def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
         yield
         LOG.info("%.2f s, at most %.0f MiB", time.perf_counter() - start, peak_memory_mib())
     except (Exception, KeyboardInterrupt):
-        LOG.debug("what led to it:", exc_info=True)
+        LOG.debug("traceback:", exc_info=True)
         raise
     finally:
         for one, old in zip(loggers, before, strict=True):
@@ -168,7 +168,7 @@ def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
 
 class _Formatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
-        if record.name == "py.warnings":  # a file, its line, a class and the warning's words
+        if record.name == "py.warnings":  # the text has file, line, class and message
             return (
                 f"warning: {without_secrets(record.getMessage().partition('Warning: ')[2].splitlines()[0])}"
             )

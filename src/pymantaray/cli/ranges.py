@@ -9,7 +9,7 @@ import typer
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
-    Formats,
+    FolderOptions,
     OceanOptions,
     Set,
     TableOptions,
@@ -71,14 +71,6 @@ class MissionOptions:
             slot = parse_duration("--slot", self.slot)
             return keys | {"schedule": {"kind": "slots", "slots": names, "slot_s": slot}}
         return keys | {"schedule": {"kind": "pings", "file": str(self.pings)}}
-
-
-@dataclass(frozen=True, kw_only=True)
-class FolderOptions:
-    """Folder of the results, and formats of its figures and tables."""
-
-    out: Annotated[Path, typer.Option(help="New or empty folder for the results.")]
-    formats: Formats = ""
 
 
 @with_options

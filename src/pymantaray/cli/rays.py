@@ -173,15 +173,15 @@ class Job:
         from pymantaray.acoustics.currents import carried
         from pymantaray.cli.output import progress_bars
 
-        heard = self.water.reception
+        reception = self.water.reception
         with progress_bars(quiet=self.task.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR) as report:
             arrivals = find_eigenrays(
                 self.medium,
                 self.source,
                 self.receiver,
-                heard.max_surface_bounces,
-                heard.max_bottom_bounces,
-                heard.spreading_cutoff_db if cutoff_db is None else cutoff_db,
+                reception.max_surface_bounces,
+                reception.max_bottom_bounces,
+                reception.spreading_cutoff_db if cutoff_db is None else cutoff_db,
                 tolerance=self.task.search.tolerance,
                 progress=None if report is None else lambda done, total: report("links", done, total),
             )

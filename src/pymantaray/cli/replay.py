@@ -9,7 +9,7 @@ import typer
 from pymantaray.cli.groups import quantity, with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
-    Formats,
+    FolderOptions,
     Set,
     SourceOptions,
     TableOptions,
@@ -24,7 +24,7 @@ from pymantaray.replay.rules import DEFAULT_RULE
 if TYPE_CHECKING:
     from pymantaray.replay import Replay
 
-_MOST_NODES = 12
+_MAX_NODES = 12
 
 
 @dataclass(frozen=True)
@@ -111,17 +111,6 @@ class ErrorOptions:
     ] = 0.0
 
 
-@dataclass(frozen=True)
-class FolderOptions:
-    """Folder of the results, and formats of its figures and tables."""
-
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="New or empty folder for the results. Default: runs/replay-..."),
-    ] = None
-    formats: Formats = ""
-
-
 @with_options
 def replay(
     events: Annotated[
@@ -186,11 +175,11 @@ def replay(
             result, folder.out, made_by=record, formats=format_names(folder.formats), progress=report
         )
     with printing.printer() as printed:
-        _tell(printed, result)
+        _print_result(printed, result)
         printed.paths(page=page)
 
 
-def _tell(out: Printer, result: "Replay") -> None:
+def _print_result(out: Printer, result: "Replay") -> None:
     notes = [*result.notes, *result.findings]
     for note in notes:
         out.line(note)
@@ -209,7 +198,7 @@ def _tell(out: Printer, result: "Replay") -> None:
     known = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = known[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]
-    if 0 < len(offsets) <= _MOST_NODES:
+    if 0 < len(offsets) <= _MAX_NODES:
         out.line(f"clocks [ms]: {', '.join(offsets)}")
     switching = result.switching.iloc[0]
     if switching["steps"]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 app = Commands(cls=RunGroup, help="Run, show and compare studies.")
 
-_WIDE_DB = 60.0  # cut-off that keeps rays far into shadows
+_WIDE_DB = 60.0  # cut-off that includes rays far into shadows
 _MAX_NAMED_RUNS = 2  # runs whose names fit above the columns of a table
 
 Out = Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")]
@@ -113,14 +113,14 @@ def convert(
 
 
 def _write_new(file: Path, text: str) -> None:
-    """Write a text into a file that does not exist yet."""
+    """Write a text to a new file."""
     from pymantaray.errors import StudyError
 
     try:
         with file.open("x", encoding="utf-8") as copy:
             copy.write(text)
     except FileExistsError:
-        raise StudyError(f"{file}: exists already; give another name") from None
+        raise StudyError(f"{file}: already exists; give another name") from None
     except OSError as error:
         raise StudyError(f"{file}: cannot be written: {error.strerror}") from None
 
@@ -154,7 +154,7 @@ class RunOptions:
     def __post_init__(self) -> None:
         if self.open_page and self.no_figures:
             raise typer.BadParameter(
-                "there is no page with --no-figures; leave one of them out", param_hint="--open"
+                "--no-figures writes no page to open; remove one of the two options", param_hint="--open"
             )
 
 
@@ -169,7 +169,7 @@ def run(
     printing: TableOptions,
     changes: Set = None,
 ) -> None:
-    """Run a study: data, tables and figures go into one folder."""
+    """Run a study, and write data, tables and figures to one folder."""
     from pymantaray.config.options import dotted_keys
     from pymantaray.study import load_study
 
@@ -202,7 +202,7 @@ def run_and_report(
     """Run a study, draw figures of its mission meanwhile, print a summary, and return the folder."""
     from pymantaray.report.folder import ReportProcess
 
-    # it starts beside what takes seconds to import here, and not before the file is read
+    # the process starts after the file is read, and imports its modules while this process imports others
     with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.study import run_study
 
@@ -220,7 +220,7 @@ def run_and_report(
                     report.write(results.path, progress)
                 except BaseException:
                     typer.echo(
-                        f"the data are complete; for their report: mantaray study report {results.path}",
+                        f"the data are complete; write their report with: mantaray study report {results.path}",
                         err=True,
                     )
                     raise
@@ -246,7 +246,7 @@ def report(
     open_page: Open = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write tables, figures and page of a run: those that it has again, or those that an interrupted one lacks."""
+    """Regenerate tables, figures and page of a run, or complete those of an interrupted run."""
     from pymantaray.report import write_report
 
     with progress_bars(quiet=quiet) as progress:
@@ -275,7 +275,7 @@ def tables(
     run = open_run(folder)
     for name in names or ():
         if name not in run.tables:
-            raise StudyError(f"table {name!r}: {folder} does not have it; it has {', '.join(run.tables)}")
+            raise StudyError(f"{folder}: no table {name!r}; allowed: {', '.join(run.tables)}")
     with printer(as_json=as_json, to=to) as printed:
         for table in [run.tables[name] for name in names] if names else run.summary:
             printed.table(table)
@@ -351,8 +351,8 @@ def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | Non
 
     lost = dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0]
     counts = {
-        word: lost[status.name.lower()]
-        for status, word in RAY_STATUS_WORDS.items()
+        words.label: lost[status.name.lower()]
+        for status, words in RAY_STATUS_WORDS.items()
         if status not in ARRIVES and lost[status.name.lower()]
     }
     if counts:
@@ -384,7 +384,7 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
 
 
 def _warnings(run: "Run") -> list[str]:
-    """Lines about failed solves, stopped vehicles and changes in the trajectories that were read."""
+    """Warnings about failed solves, stopped vehicles and changes of trajectories on reading."""
     from pymantaray.records.status import SOLVE_STATUS_WORDS, SolveStatus
 
     outcome = run.manifest["outcome"]

@@ -13,13 +13,13 @@ from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
     from pymantaray.sweep.estimate import Estimate
-    from pymantaray.sweep.plan import Plan
+    from pymantaray.sweep.plan import SweepPlan
     from pymantaray.sweep.results import Status
 
 app = Commands(cls=RunGroup, help="Run many studies that differ in some keys.")
 
 EXIT_POINTS_FAILED = 1
-_LINES = 5  # of reasons why points failed
+_MAX_REASONS = 5  # reasons of failed points in the output
 
 SweepFile = Annotated[Path, typer.Argument(metavar="FILE", help="A sweep in TOML.")]
 Place = Annotated[str, typer.Argument(metavar="FOLDER", help="Folder or URL of a sweep's results.")]
@@ -44,11 +44,11 @@ def show(
     from pymantaray.jobs.store import open_store
     from pymantaray.sweep import load_sweep, open_sweep
     from pymantaray.sweep.estimate import cost_of, estimate, known_cost, measured_cost
-    from pymantaray.sweep.plan import Plan
+    from pymantaray.sweep.plan import SweepPlan
     from pymantaray.sweep.points import finished
 
     sweep = load_sweep(file, **changes_of(changes))
-    plan = Plan(sweep)
+    plan = SweepPlan(sweep)
     with printer(as_json=as_json) as printed:
         printed.line(f"{sweep.name}: {len(sweep)} points", name=sweep.name, points=len(sweep))
         axes = [dict(axis.coordinates()) for axis in sweep.axes]
@@ -71,16 +71,18 @@ def show(
         _print_estimate(printed, plan, points, estimate(plan, points, cost or known_cost(sweep)), workers)
 
 
-def _print_estimate(out: Printer, plan: "Plan", points: set[str], what: "Estimate", workers: int) -> None:
+def _print_estimate(
+    out: Printer, plan: "SweepPlan", points: set[str], what: "Estimate", workers: int
+) -> None:
     from pymantaray.sweep.keys import STAGES
 
     counts = {stage: plan.count(stage, points) for stage in STAGES} | {"points": len(points)}
     listed = ", ".join(f"{stage} {count}" for stage, count in counts.items())
-    out.line(f"to do: {listed}; what points share is computed once", to_do=counts)
+    out.line(f"to do: {listed}; shared stages are computed once", to_do=counts)
     shared, alone = what.seconds / workers, what.unshared_seconds / workers
     many = f"{workers} worker{'' if workers == 1 else 's'}"
     out.line(
-        f"time: about {duration(shared)} on {many}, {duration(alone)} if nothing were shared; by {what.origin}",
+        f"time: about {duration(shared)} on {many}, {duration(alone)} without shared stages; estimated from {what.origin}",
         workers=workers,
         time_s=shared,
         unshared_time_s=alone,
@@ -88,7 +90,7 @@ def _print_estimate(out: Printer, plan: "Plan", points: set[str], what: "Estimat
     )
     size = "" if what.stage_bytes is None else f", {what.stage_bytes / 1e6:.3g} MB for one of each"
     out.line(
-        f"room: {len(points)} files of results, {what.point_bytes / 1e6:.3g} MB; meanwhile at most {len(plan.shared)}"
+        f"disk space: {len(points)} files of results, {what.point_bytes / 1e6:.3g} MB; temporarily at most {len(plan.shared)}"
         f" oceans, fleets and rays{size}",
         results_bytes=what.point_bytes,
         shared_bytes=what.stage_bytes,
@@ -121,7 +123,7 @@ def run(
     from pymantaray.sweep import load_sweep
 
     sweep = load_sweep(file, **changes_of(changes))
-    from pymantaray.sweep import run_sweep  # takes seconds, and not before the file is read
+    from pymantaray.sweep import run_sweep  # the import takes seconds, so the file is read first
 
     with counted_progress("points", quiet=printing.quiet) as progress:
         results = run_sweep(
@@ -196,9 +198,10 @@ def _print_status(out: Printer, place: str, status: "Status") -> None:
         points=status.points,
         failures=[{"reason": line, "points": count} for line, count in status.failures.items()],
     )
-    for line, count in list(status.failures.items())[:_LINES]:
+    for line, count in list(status.failures.items())[:_MAX_REASONS]:
         LOG.warning("failed: %d x %s", count, line)
-    if len(status.failures) > _LINES:
+    if len(status.failures) > _MAX_REASONS:
         LOG.warning(
-            "failed: and %d other reasons; mantaray sweep collect has all", len(status.failures) - _LINES
+            "failed: %d more reasons; mantaray sweep collect lists all",
+            len(status.failures) - _MAX_REASONS,
         )

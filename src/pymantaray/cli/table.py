@@ -16,7 +16,7 @@ def _axis(text: Any) -> Any:
     """Parse START:STOP or START:STOP:STEP."""
     numbers = [quantity("m")(word) for word in str(text).split(":")]
     if len(numbers) not in (2, 3):
-        raise typer.BadParameter(f"{text}: START:STOP or START:STOP:STEP is needed, such as 0:200:5")
+        raise typer.BadParameter(f"{text}; it must be START:STOP or START:STOP:STEP, such as 0:200:5")
     return tuple(numbers)
 
 
@@ -94,7 +94,7 @@ class FileOptions:
     force: Force = False
 
     def check(self, inputs: list[Path]) -> None:
-        """Refuse files that cannot or must not be written."""
+        """Raise an error if a file cannot or must not be written."""
         check_output(self.out, [".nc", ".mtt"], inputs=inputs, force=self.force)
         if self.c_reader is not None:
             check_output(self.c_reader, [".h"], inputs=[*inputs, self.out], force=self.force)

@@ -30,22 +30,12 @@ def load_water(
     search: ArrivalOptions | None = None,
     *,
     default: "Interpolation | None" = None,
-    sections: dict[str, Any] | None = None,
-    changes: dict[str, Any] | None = None,
 ) -> "Water":
-    """
-    Open the water of exactly one source; its record contains the source.
+    """Open the water of a source with one cast at most; otherwise as `load_waters`."""
+    from pymantaray.acoustics.profiles import only_one
 
-    Without an option, the interpolation is ``default``, or that of a run or configuration, or smooth. Options override
-    ``sections``, which are keys of a file. ``changes`` are values by dotted key, which override both.
-    """
-    waters = load_waters(source, options, search, default=default, sections=sections, changes=changes)
-    if len(waters) > 1:
-        names = ", ".join(water.name for water in waters[:4]) + (", ..." if len(waters) > 4 else "")
-        raise WaterError(
-            f"{source.words[0]}: contains {len(waters)} casts ({names}); only one is allowed; keep one"
-        )
-    return waters[0]
+    waters = load_waters(source, options, search, default=default)
+    return only_one(source.words[0] if source.words else source.run, waters, WaterError)
 
 
 def load_waters(
@@ -57,7 +47,12 @@ def load_waters(
     sections: dict[str, Any] | None = None,
     changes: dict[str, Any] | None = None,
 ) -> "list[Water]":
-    """Open one water per cast of a source; otherwise as `load_water`."""
+    """
+    Open one water per cast of a source; the record of each contains the source.
+
+    Without an option, the interpolation is ``default``, or that of a run or configuration, or smooth. Options override
+    ``sections``, which are keys of a file. ``changes`` are values by dotted key, which override both.
+    """
     from pymantaray.water import open_waters
 
     arrivals = {} if search is None else search.keys
@@ -91,11 +86,11 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
 
 def search_record(water: "Water") -> dict[str, Any]:
     """Search options of eigenrays in a water, for files."""
-    heard = water.reception
+    reception = water.reception
     return {
-        "max_surface_bounces": heard.max_surface_bounces,
-        "max_bottom_bounces": heard.max_bottom_bounces,
-        "cutoff_db": "off" if heard.spreading_cutoff_db is None else heard.spreading_cutoff_db,
+        "max_surface_bounces": reception.max_surface_bounces,
+        "max_bottom_bounces": reception.max_bottom_bounces,
+        "cutoff_db": "off" if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db,
     }
 
 

@@ -1,4 +1,4 @@
-"""Study files: sections with defaults and checks, presets, and text again."""
+"""Study files: sections with defaults and checks, presets, and conversion to text."""
 
 from pymantaray.config.load import (
     convert_study,

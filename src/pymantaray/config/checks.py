@@ -15,9 +15,9 @@ from pymantaray.config.renamed import with_new_names
 from pymantaray.errors import StudyError
 
 Model = TypeVar("Model", bound=BaseModel)
-_LONGEST_KEY = 100  # that a message shows whole
-_SHORT = reprlib.Repr()
-_SHORT.maxstring = _SHORT.maxother = 100
+_LONGEST_KEY = 100  # characters; a message shortens longer keys
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = 100
 _ALLOWED = {
     "greater_than": "greater than {gt:g}",
     "greater_than_equal": "{ge:g} or more",
@@ -31,7 +31,7 @@ _ALLOWED = {
     "string_type": "text",
     "string_pattern_mismatch": "text that matches {pattern}",
     "too_short": "{min_length} or more",
-    "string_too_short": "text of a letter or more",
+    "string_too_short": "text of at least one letter",
     "finite_number": "a finite number",
     "tuple_type": "a list",
     "model_type": "a table",
@@ -49,7 +49,7 @@ _PATTERNS = {
 
 
 def parse(model: type[Model], tree: dict[str, Any], label: str, folder: Path | None) -> Model:
-    """Check nested dictionaries by a model; input files are relative to the folder, by default the working folder."""
+    """Check nested dictionaries by a model; input files are relative to the folder. Default: the working folder."""
     if issubclass(model, Section) and model.in_toml:
         tree = with_new_names(tree, label)
         if CONDITIONS in model.model_fields:
@@ -67,15 +67,13 @@ def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     for finding in findings:
         if not _follows(finding, findings):
             fault, ends, allowed = _describe(finding, model).partition("; allowed: ")
-            before = (
-                f"{lines[fault]} or " if fault in lines else ends
-            )  # a value of which several kinds may be
+            before = f"{lines[fault]} or " if fault in lines else ends  # a value with several allowed types
             lines[fault] = before + allowed
     return [fault + allowed for fault, allowed in lines.items()]
 
 
 def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
-    """True if a list is too short only because its entries were refused, for which there are findings already."""
+    """True if a list is too short only because its entries are wrong, which other findings report."""
     location = finding["loc"]
     return finding["type"] == "too_short" and any(
         len(other["loc"]) > len(location) and other["loc"][: len(location)] == location for other in findings
@@ -88,7 +86,7 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
     if kind == "extra_forbidden":
         key = str(location[-1])
         if len(key) > _LONGEST_KEY or not key.isprintable():
-            key = _SHORT.repr(key)
+            key = _REPR.repr(key)
         return _unknown(key, model, where, root)
     if kind == "missing":
         return f"{where}: missing; add it{_meaning(location, root)}"
@@ -100,17 +98,17 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
         kinds = [tag for option in options for tag in get_args(option.model_fields["kind"].annotation)]
         return f"{where}.kind: missing; add it, one of {', '.join(map(repr, kinds))}"
     if kind == "union_tag_invalid":
-        return f"{where}.kind: found {_SHORT.repr(context['tag'])}; allowed: {allowed}"
+        return f"{where}.kind: found {_REPR.repr(context['tag'])}; allowed: {allowed}"
     if kind == "string_pattern_mismatch":
         allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
     if kind == "tuple_type" and isinstance(value, dict) and issubclass(root, Section) and root.in_toml:
         allowed = f"tables in a list, each under [[{where}]]"
-    shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _SHORT.repr(value)
+    shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _REPR.repr(value)
     return f"{where}: found {shown}; allowed: {allowed}"
 
 
 def _unknown(key: str, model: type[BaseModel] | None, where: str, root: type[BaseModel]) -> str:
-    """Line about an unknown key: the key that was perhaps meant, in its table or in another, or else those of its table."""
+    """Line about an unknown key, with similar keys of its table or of others, otherwise with all keys of its table."""
     known = sorted(model.model_fields) if model else []
     prefix = f"{where}." if where else ""
     meant = [path for path in _paths(root, "") if path.rpartition(".")[2] == key]
@@ -124,7 +122,7 @@ def _unknown(key: str, model: type[BaseModel] | None, where: str, root: type[Bas
 
 
 def _paths(model: type[BaseModel], before: str) -> Iterator[str]:
-    """Dotted keys of a model and of the tables in it; not those of lists of tables."""
+    """Dotted keys of a model and of its tables, without lists of tables."""
     for name, field in model.model_fields.items():
         yield before + name
         inner = models_in(field.annotation)
@@ -137,7 +135,7 @@ def _is_list(annotation: Any) -> bool:
 
 
 def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
-    """Meaning of the key at a pydantic location, in brackets; empty if it has no description."""
+    """Meaning of the key at a pydantic location, in parentheses; empty without a description."""
     model, _, _ = _walk(location[:-1], root)
     field = model.model_fields.get(str(location[-1])) if model else None
     meaning = (field.description or "").replace("``", "") if field else ""
@@ -148,18 +146,18 @@ def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
 
 
 class _Place(NamedTuple):
-    """A place in a configuration."""
+    """Location of a key in a configuration."""
 
     model: type[BaseModel] | None
-    """That owns it; None if it is of one of several kinds."""
+    """Model with the key; None if several models are possible."""
     path: str
-    """As TOML has it."""
+    """Path in TOML."""
     options: list[type[BaseModel]]
-    """Models that may stand there."""
+    """Allowed models at this location."""
 
 
 def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> _Place:
-    """Find a pydantic location under a root; tags of unions in it are no part of the path."""
+    """Find a pydantic location under a root; tags of unions are not part of the path."""
     model: type[BaseModel] | None = root
     options: list[type[BaseModel]] = []
     path = ""
@@ -177,7 +175,7 @@ def _walk(location: tuple[int | str, ...], root: type[BaseModel]) -> _Place:
 
 
 def models_in(annotation: Any) -> list[type[BaseModel]]:
-    """Models that a value of a type may be, or hold."""
+    """Models that a value of a type may be or contain."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [model for argument in get_args(annotation) for model in models_in(argument)]

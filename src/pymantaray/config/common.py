@@ -1,4 +1,4 @@
-"""Common parts of all sections of a configuration: strictness, the word "none", names of files, quantities with units."""
+"""Common parts of all sections of a configuration: strict models, the word "none", file names, quantities with units."""
 
 import datetime as dt
 import os
@@ -20,15 +20,15 @@ NAMED = r"^\s*\w[\w.-]*\s*=\s*\w+\s*(\[.*\])?\s*$"
 """A variable and its CF standard name, with a unit in brackets if the variable lacks one."""
 ParticipantName = Annotated[str, Field(pattern=PARTICIPANT)]
 NONE = "none"
-"""The word for no value, in every key that may have none."""
+"""Word for no value, for every key that may have none."""
 
 
 def _quantity(value: object, unit: str) -> object:
-    """Number in a unit, of text; what is not text is what it was."""
+    """Convert text with a unit to a number; other values are returned unchanged."""
     return quantity_of(value, unit) if isinstance(value, str) else value
 
 
-# quantities: a number is in the unit that the key has, text has a unit of its own and is kept as that number
+# quantities: a number is in the unit of the key; text has its own unit and is converted to that of the key
 T = TypeVar("T")
 Metres = Annotated[T, BeforeValidator(partial(_quantity, unit="m")), Field(json_schema_extra={"unit": "m"})]
 Seconds = Annotated[T, BeforeValidator(partial(_quantity, unit="s")), Field(json_schema_extra={"unit": "s"})]
@@ -73,20 +73,20 @@ Depth = Metres[NonNegativeFloat]
 
 
 class Located(str):
-    """Text of a configuration that remembers the folder that names of files in it are relative to."""
+    """Text of a configuration with the folder to which file names in it are relative."""
 
     __slots__ = ("folder",)
     folder: Path
 
     def __new__(cls, text: str, folder: Path) -> Self:
-        """Text that was written in a folder."""
+        """Create the text of a file in a folder."""
         out = super().__new__(cls, text)
         out.folder = folder
         return out
 
 
 def located(tree: Any, folder: Path) -> Any:
-    """Nested dictionaries and lists whose texts remember a folder; those that remember one already keep theirs."""
+    """Nested dictionaries and lists with a folder for each text; texts that have a folder keep it."""
     if isinstance(tree, str):
         return tree if isinstance(tree, Located) else Located(tree, folder)
     if isinstance(tree, Mapping):
@@ -95,14 +95,14 @@ def located(tree: Any, folder: Path) -> Any:
 
 
 IN_MEMORY = "memory:"
-"""Source of an ocean that is a data set in memory."""
+"""Source of an ocean in memory."""
 _NO_FILE = ("synthetic:", IN_MEMORY)
 
 
 def input_file(name: str, folder: Path) -> str:
-    """Absolute name of a file named relative to a folder; that of a synthetic ocean is what it is."""
+    """Absolute name of a file from its name relative to a folder; names of synthetic oceans are unchanged."""
     if "\0" in name:
-        raise ValueError(f"found {name!r}, which no file can be named")
+        raise ValueError(f"found {name!r}, which is not a valid file name; correct it")
     return name if name.startswith(_NO_FILE) else os.path.realpath(folder / name)
 
 
@@ -115,7 +115,7 @@ def _anchor(name: Any, info: ValidationInfo) -> Any:
 
 
 InputFile = Annotated[str, Field(min_length=1), BeforeValidator(_anchor)]
-"""Relative to the file that names it, else to what validation is told, else to the working folder; absolute from then on."""
+"""File name: relative to the file that contains it, otherwise to the folder of the validation or the working folder; then absolute."""
 
 
 def _one_is_enough(value: object) -> object:
@@ -128,11 +128,11 @@ InputFiles = Annotated[
     Field(strict=False),
 ]
 OceanSource = Annotated[InputFiles, Field(min_length=1)]
-"""What `open_ocean` takes: a file, several that belong together, or the name of a synthetic ocean."""
+"""Source of `open_ocean`: a file, several files that belong together, or the name of a synthetic ocean."""
 
 
 def own_files(source: Sequence[str]) -> tuple[str, ...]:
-    """Files of an ocean's source; a synthetic one has none."""
+    """Files of an ocean's source; none for a synthetic ocean."""
     return tuple(name for name in source if not name.startswith(_NO_FILE))
 
 
@@ -143,7 +143,7 @@ class Section(BaseModel):
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
     )
     in_toml: ClassVar[bool] = False
-    """True if it is the root of a TOML file."""
+    """True if the section is the root of a TOML file."""
 
     @model_validator(mode="before")
     @classmethod
@@ -155,14 +155,14 @@ class Section(BaseModel):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """
-        Copy the section; unlike pydantic's own method this checks changed keys and values as those of a file.
+        Copy the section; unlike pydantic's own method, this checks changed keys and values like those of a file.
 
         Parameters
         ----------
         update : mapping, optional
             New values by key.
         deep : bool
-            Whether values are copied too.
+            If True, values are also copied.
 
         Returns
         -------
@@ -176,7 +176,7 @@ class Section(BaseModel):
         copy = super().model_copy(deep=deep)
         if not update:
             return copy
-        from pymantaray.config.checks import parse  # which imports this module
+        from pymantaray.config.checks import parse  # it imports this module
 
         own = {key: getattr(copy, key) for key in copy.model_fields_set}
         return parse(type(self), {**own, **update}, type(self).__name__, None)
@@ -187,7 +187,7 @@ def _is_none(value: object) -> bool:
 
 
 def require_unique(what: str, values: Sequence[str]) -> None:
-    """Raise a ValueError, of which pydantic makes a finding, if a value comes twice."""
+    """Raise a ValueError, which pydantic converts to a finding, if a value occurs twice."""
     repeated = sorted({v for v in values if values.count(v) > 1})
     if repeated:
         raise ValueError(f"{what} must differ; found {', '.join(repeated)} more than once")

@@ -1,4 +1,4 @@
-"""The conditions of a study before they are checked: a list, or tables that change the standard list; old keys too."""
+"""Conditions of a study before their check: a list, or tables that change the standard list, or old keys."""
 
 import warnings
 from collections.abc import Mapping
@@ -10,15 +10,15 @@ from pymantaray.config.keys import merged
 
 CONDITIONS = "conditions"
 DEFAULT = ("odometry", "straight", "refracted")
-"""Names of the conditions of a study that lists none."""
+"""Names of the conditions of a study without a list."""
 
 
 def with_conditions(tree: Any, label: str, *, warn: bool = True) -> Any:
     """
-    Nested dictionaries of a study with one list of conditions.
+    Convert nested dictionaries of a study to ones with a single list of conditions.
 
-    Tables by name change the list of the base, or the default one, and add to it. The lists of earlier versions,
-    ``study.conditions`` and ``estimators``, take the place of the standard and of the other conditions.
+    Tables by name change or extend the list of the base, or the default list. The lists of earlier versions,
+    ``study.conditions`` and ``estimators``, replace the standard conditions and the others.
     """
     if not isinstance(tree, Mapping):
         return tree
@@ -56,7 +56,7 @@ def with_conditions(tree: Any, label: str, *, warn: bool = True) -> Any:
 
 
 def _tables(entries: Any) -> Any:
-    """Entries as tables; text is the name alone."""
+    """Entries as tables; text is a name without other keys."""
     if not isinstance(entries, list | tuple):
         return entries
     return [{"name": entry} if isinstance(entry, str) else entry for entry in entries]
@@ -67,7 +67,7 @@ def _is_standard(entry: Any) -> bool:
 
 
 def _started(entry: Any, tree: Mapping[str, Any]) -> Any:
-    """Estimator of an earlier version, which started at the truth unless it said otherwise."""
+    """Estimator of an earlier version, whose default start was the ground truth."""
     general = tree.get("estimator", {})
     own = not isinstance(general, Mapping) or general.get("start", "truth") == "truth"
     return entry if own or not isinstance(entry, Mapping) else {"start": "truth", **entry}

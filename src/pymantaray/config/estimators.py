@@ -45,8 +45,8 @@ class PerturbedBelief(Section):
     """
     The true ocean with random errors in its vertical modes, one member for each realization.
 
-    ``rms`` of the sound speed over the water column or its upper ``down_to`` metres. Beliefs of one study
-    that differ in ``rms`` alone have errors in proportion.
+    ``rms`` of the sound speed is over the water column, or its upper ``down_to`` metres. Beliefs of one study that differ only in
+    ``rms`` have proportional errors.
     """
 
     kind: Literal["perturbed"]
@@ -70,10 +70,10 @@ class MeanBelief(Section):
 
 class CastBelief(Section):
     """
-    One cast at the start, everywhere; by default where the first vehicle on station is, or the centre.
+    One cast at the start, for the whole domain. Default: at the first vehicle on station, or at the centre.
 
-    Its sound speed errs by a bias and by noise at each level, drawn for each realization; below ``down_to`` its last temperature
-    and salinity are taken.
+    Its sound speed has a bias and noise at each level, drawn for each realization. Water below ``down_to`` has its last
+    temperature and salinity.
     """
 
     kind: Literal["cast"]
@@ -111,8 +111,8 @@ class OffsetBelief(Section):
         rising = all(a < b for a, b in pairwise(self.depth))
         if len(self.depth) != len(self.sound_speed) or not rising:
             raise ValueError(
-                f"depth has {len(self.depth)} values, sound_speed {len(self.sound_speed)}; needs as many of each, depths"
-                " increasing"
+                f"depth has {len(self.depth)} values, sound_speed {len(self.sound_speed)}; both must have the same number of"
+                " values, with increasing depths"
             )
         return self
 
@@ -161,10 +161,10 @@ class OtherDayBelief(Section):
 
 class FileBelief(Section):
     """
-    An ocean of its own, from files as ``[ocean]`` takes them, or a cast, the same water everywhere.
+    Another ocean, from files as in ``[ocean]``, or from a cast, which gives horizontally uniform water.
 
-    ``time`` chooses among several of an ocean, by default the start of the mission; ``cast`` names one of a file
-    that holds several.
+    ``time`` selects one of several times of an ocean (default: the start of the mission); ``cast`` selects one of several casts
+    of a file.
     """
 
     kind: Literal["file"]
@@ -194,10 +194,10 @@ AnyBelief = Annotated[
 
 class ModesSection(Section):
     """
-    Amplitudes of vertical sound-speed modes, the same everywhere, that are estimated with the poses.
+    Amplitudes of vertical sound-speed modes, uniform over the domain, that are estimated with the poses.
 
-    The first ``count`` modes of the study's ocean or of casts, counted from what is believed. Their prior is
-    what they vary by, or in proportion such that all modes have ``rms`` over the water column or its upper
+    They are the first ``count`` modes of the study's ocean or of casts, relative to the assumed ocean. Their prior standard
+    deviations are those of the ocean or casts, or scaled such that all modes have ``rms`` over the water column or its upper
     ``down_to`` metres.
     """
 
@@ -213,7 +213,7 @@ class ModesSection(Section):
     @model_validator(mode="after")
     def _depth_of_something(self) -> Self:
         if self.down_to is not None and self.rms is None:
-            raise ValueError("down_to is given without rms, which is what is pooled down to there; give both")
+            raise ValueError("down_to is given without rms, whose depth limit it is; give both")
         return self
 
 
@@ -226,7 +226,7 @@ class ClocksSection(Section):
     """Prior standard deviation of clock rate errors. Default: ``noise.clock_skew_sigma``. [-]"""
 
     def priors(self, offset_sigma: float, skew_sigma: float) -> tuple[float, float]:
-        """Standard deviations of offset and skew, where those given are the study's. [s, -]."""
+        """Standard deviations of offset and skew; the arguments are those of the study. [s, -]"""
         return (
             offset_sigma if self.offset_sigma is None else self.offset_sigma,
             skew_sigma if self.skew_sigma is None else self.skew_sigma,
@@ -280,7 +280,9 @@ class EigenrayRangeModel(Section):
     @model_validator(mode="after")
     def _modes_of_one_water(self) -> Self:
         if self.modes is not None and varies(self.belief):
-            raise ValueError("modes are not estimated of a belief that varies in time; leave one of both out")
+            raise ValueError(
+                "modes cannot be estimated for a belief that varies in time; remove one of the two"
+            )
         return self
 
 
@@ -321,7 +323,7 @@ AnyRangeModel = Annotated[
 
 
 def follows_ocean(belief: AnyBelief | None) -> bool:
-    """True if an assumed ocean varies as the study's does."""
+    """True if an assumed ocean varies in time like that of the study."""
     return isinstance(belief, ExactBelief | OtherDayBelief) and belief.time_varying
 
 
@@ -338,7 +340,7 @@ class FixedVariance(Section):
 
 
 class RayVariance(Section):
-    """Variance of a range plus the variance of travel times by errors of the ocean. Default: the errors of a perturbed belief."""
+    """Variance of a range plus the variance of travel times due to errors of the ocean. Default: the errors of a perturbed belief."""
 
     kind: Literal["per-link", "correlated"]
     """Variances alone, or with covariances between the links of a ping."""
@@ -410,7 +412,7 @@ STANDARD: dict[str, dict[str, str]] = {
     "refracted": {"ranges": "refracted"},
     "straight-all": {"ranges": "straight", "links": "all"},
 }
-"""Keys of the conditions whose name alone says what they are."""
+"""Keys of the standard conditions, by name."""
 Start = Literal["truth", "dead-reckoning"]
 
 
@@ -471,15 +473,15 @@ class ConditionSection(Section):
                 expected, "kind", expected
             ):
                 raise ValueError(
-                    f"{key} is given, but `{self.name}` is a standard condition, which takes start alone; give the"
-                    " condition a name of its own"
+                    f"{key} is given, but `{self.name}` is a standard condition, which allows only start; give the"
+                    " condition another name"
                 )
-        self.model_fields_set.difference_update(keys)  # the name stands for them
+        self.model_fields_set.difference_update(keys)  # the name implies them
         return self
 
     @property
     def standard(self) -> bool:
-        """True if the name alone says what the condition is."""
+        """True if the name defines the condition completely."""
         return self.name in STANDARD
 
     @property
@@ -508,7 +510,7 @@ class ConditionSection(Section):
         if self.ranges != "refracted" and self.range_model.kind != "transmitter":
             raise ValueError(
                 f"range_model is {self.range_model.kind}, but ranges is {self.ranges}, which needs no travel times;"
-                ' leave it out or set ranges = "refracted"'
+                ' remove it or set ranges = "refracted"'
             )
         if self.solver.kind == "dead-reckoning" and self.ranges != "none":
             raise ValueError(
@@ -526,7 +528,7 @@ class ConditionSection(Section):
             )
             for key in of_ranges:
                 if getattr(self, key) != type(self).model_fields[key].default:
-                    raise ValueError(f'{key} is given, but ranges is "none"; leave one of both out')
+                    raise ValueError(f'{key} is given, but ranges is "none"; remove one of the two')
         return self
 
     @model_validator(mode="after")
@@ -551,7 +553,7 @@ class ConditionSection(Section):
 
     @property
     def estimates_more(self) -> bool:
-        """True if anything is estimated besides the poses."""
+        """True if there are unknowns other than poses."""
         more = (self.modes, self.clocks, self.scale_sigma, self.bias_sigma)
         return any(prior is not None for prior in more)
 
@@ -569,7 +571,7 @@ class ConditionSection(Section):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Input files: of what is believed, and of casts whose modes are taken."""
+        """Input files: those of the assumed ocean, and casts for modes."""
         belief = own_files(self.belief.source) if isinstance(self.belief, FileBelief) else ()
         return belief if self.modes is None else (*belief, *self.modes.casts)
 
@@ -585,24 +587,29 @@ class ConditionSection(Section):
     def _mixture_fits(self) -> Self:
         if self.range_model.kind == "mixture" and (self.loss != "none" or self.range_sigma == "fitted"):
             raise ValueError(
-                'range_model "mixture" has null_weight in place of a loss, and its cost has no expected value; leave loss and'
-                ' range_sigma = "fitted" out'
+                'range_model "mixture" has null_weight instead of a loss, and its cost has no expected value; remove loss and'
+                ' range_sigma = "fitted"'
             )
         return self
 
     @model_validator(mode="after")
     def _solver_fits(self) -> Self:
         if self.loss != "none" and self.variance.kind == "correlated":
-            raise ValueError(f'loss {self.loss} is of each range alone; set variance = "fixed" or "per-link"')
+            raise ValueError(
+                f'loss {self.loss} applies to single ranges; set variance = "fixed" or "per-link"'
+            )
         if self.solver.kind not in {"batch", "kalman-filter"} and self.range_model.kind not in {
             "constant",
             "transmitter",
         }:
             raise ValueError(
-                f'solver "{self.solver.kind}" takes ranges as distances; range_model is {self.range_model.kind}'
+                f'range_model is {self.range_model.kind}, but solver "{self.solver.kind}" uses ranges as distances; remove'
+                " range_model"
             )
         if self.solver.kind == "incremental" and self.loss == "gnc":
-            raise ValueError('solver "incremental" cannot use loss gnc, which takes all ranges at once')
+            raise ValueError(
+                'solver "incremental" cannot use loss gnc, which needs all ranges at once; set another loss'
+            )
         if self.solver.kind in {"fixed-lag", "kalman-filter"} and self.loss != "none":
             raise ValueError(f'solver "{self.solver.kind}" has no robust loss; set loss = "none"')
         if self.solver.kind == "kalman-filter" and self.variance.kind != "fixed":
@@ -613,18 +620,18 @@ class ConditionSection(Section):
     def _variance_has_what_it_needs(self) -> Self:
         if isinstance(self.variance, RayVariance) and self.range_model.kind != "eigenray":
             raise ValueError(
-                f'variance "{self.variance.kind}" is computed along eigenrays; range_model is {self.range_model.kind}'
+                f'variance "{self.variance.kind}" is computed along eigenrays, but range_model is {self.range_model.kind};'
+                ' set range_model = "eigenray"'
             )
         if isinstance(self.variance, RayVariance) and self.uncertainty is None:
             raise ValueError(
-                f'variance "{self.variance.kind}" needs rms and horizontal_scale; both may be left out where the belief is a'
-                " perturbed one"
+                f'variance "{self.variance.kind}" needs rms and horizontal_scale, unless the belief is perturbed; give both'
             )
         return self
 
     @property
     def uncertainty(self) -> tuple[float, float, float | None] | None:
-        """Of sound speed: rms, horizontal scale and depth it is pooled down to; None if fixed. [m/s, m, m]"""
+        """Uncertainty of sound speed: rms, horizontal scale and depth limit; None for a fixed variance. [m/s, m, m]"""
         if not isinstance(self.variance, RayVariance):
             return None
         size = (

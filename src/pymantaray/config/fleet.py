@@ -1,4 +1,4 @@
-"""Sections of a configuration about vehicles and landmarks: each makes the objects that simulate them."""
+"""Sections of a configuration for vehicles and landmarks, which build the objects of the simulation."""
 
 import math
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -46,7 +46,7 @@ class FloatSection(Section):
 
 
 class _Placed(Section):
-    """A vehicle's name and starting place in the local frame; a file may give it by ``lat`` and ``lon``, see `with_local_places`."""
+    """Name of a vehicle and its initial position in the local frame; a file may have ``lat`` and ``lon``, see `with_local_places`."""
 
     name: ParticipantName
     """Unique; letters, digits, _ and -, 64 at most."""
@@ -62,7 +62,7 @@ class _Placed(Section):
         return float(getattr(self, "depth", 0.0))
 
     def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
-        """Points that it starts from and plans to reach. [m]"""
+        """Initial position and waypoints. [m]"""
         return [(self.north, self.east, self.start_depth(floats))]
 
 
@@ -110,7 +110,7 @@ class FloatVehicle(_Placed):
         )
 
     def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
-        """The start, and the hold below."""
+        """Initial position and lower hold."""
         return [*super().planned(floats), (self.north, self.east, self.target_depth)]
 
 
@@ -123,7 +123,7 @@ class StationVehicle(_Placed):
     """Depth that it keeps. [m]"""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Rest at its depth."""
+        """Behaviour of a vehicle at rest."""
         from pymantaray.fleet import StationKeeping
 
         return StationKeeping(depth=self.depth)
@@ -140,7 +140,7 @@ class DriftingVehicle(_Placed):
     """Depth of the current that moves it. Default: its own depth. [m]"""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Drift with the current."""
+        """Behaviour of a drifting buoy."""
         from pymantaray.fleet import Drifting
 
         return Drifting(
@@ -149,7 +149,7 @@ class DriftingVehicle(_Placed):
 
 
 class TwistVehicle(_Placed):
-    """Vehicle under one constant body twist, over ground, or with ``current`` through water that carries it."""
+    """Vehicle with a constant body twist over ground, or with ``current`` relative to the moving water."""
 
     kind: Literal["twist"]
     """A vehicle with a constant twist."""
@@ -168,7 +168,7 @@ class TwistVehicle(_Placed):
     """Whether the current moves the vehicle in addition."""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Motion with the twist."""
+        """Behaviour with the twist."""
         from pymantaray.fleet import ConstantTwist
 
         return ConstantTwist(twist=np.array(self.twist), current=self.current)
@@ -197,7 +197,7 @@ class WaypointVehicle(_Placed):
     """Whether the current moves the vehicle."""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Motion from point to point."""
+        """Behaviour with the waypoints."""
         from pymantaray.fleet import Waypoints
 
         return Waypoints(
@@ -210,7 +210,7 @@ class WaypointVehicle(_Placed):
         )
 
     def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
-        """The start, and all points."""
+        """Initial position and all waypoints."""
         return [*super().planned(floats), *self.points]
 
 
@@ -245,7 +245,7 @@ class FleetSection(Section):
         return self
 
     def build(self) -> "list[Vehicle]":
-        """Vehicles in the configured order; none if they have trajectories."""
+        """Vehicles in the configured order; none for existing trajectories."""
         from pymantaray.fleet import Vehicle
 
         return [
@@ -259,7 +259,7 @@ class FleetSection(Section):
         ]
 
     def planned(self) -> "dict[str, NDArray[np.float64]]":
-        """Points (n, 3) that each vehicle starts from and plans to reach, without drift. [m]"""
+        """Initial position and waypoints (n, 3) of each vehicle, without drift. [m]"""
         return {v.name: np.array(v.planned(self.floats), dtype=float) for v in self.vehicles}
 
 

@@ -1,4 +1,4 @@
-"""Vehicles, landmarks and casts placed by latitude and longitude: before anything is checked they become north and east."""
+"""Conversion of latitudes and longitudes of vehicles, landmarks and casts to north and east, before all checks."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ _CENTRE = ("centre_lat", "centre_lon")
 
 def with_local_places(tree: Any) -> Any:
     """
-    Nested dictionaries of a study whose vehicles, waypoints, landmarks and casts are all in the frame of its ocean.
+    Convert nested dictionaries of a study such that vehicles, waypoints, landmarks and casts are in the frame of its ocean.
 
-    One with ``lat`` and ``lon`` gets ``north`` and ``east`` in their place, and a vehicle's ``points`` are then latitude,
-    longitude and depth. What is no study is left to who checks it.
+    ``north`` and ``east`` replace ``lat`` and ``lon``; the ``points`` of such a vehicle are latitude, longitude and depth.
+    Trees that are not studies are returned unchanged for later checks.
     """
     try:
         fleet, keys = tree.get("fleet", {}), ("landmarks", "conditions")
@@ -42,7 +42,7 @@ def with_local_places(tree: Any) -> Any:
 
 
 def _belief(entry: Any) -> dict[str, Any]:
-    """Belief of a condition, which may be a cast with a place; nothing where there is none."""
+    """Belief of a condition, which may be a cast with a position; empty without a belief."""
     model = entry.get("range_model") if isinstance(entry, dict) else None
     belief = model.get("belief") if isinstance(model, dict) else None
     return belief if isinstance(belief, dict) else {}
@@ -59,9 +59,9 @@ def _local(entry: dict[str, Any], frame: LocalFrame) -> dict[str, Any]:
     who, out = f"{entry.get('name', 'a vehicle')}", dict(entry)
     if "lat" not in entry or "lon" not in entry or "north" in entry or "east" in entry:
         raise ValueError(
-            f"{who}: its place is lat and lon, or north and east; found {', '.join(_keys(entry))}"
+            f"{who}: found {', '.join(_keys(entry))}; give either lat and lon, or north and east"
         )
-    out["north"], out["east"] = _place(who, out.pop("lat"), out.pop("lon"), frame)
+    out["north"], out["east"] = _north_east(who, out.pop("lat"), out.pop("lon"), frame)
     if "points" in entry:
         out["points"] = [_point(who, point, frame) for point in entry["points"]]
     return out
@@ -71,11 +71,11 @@ def _point(who: str, point: Any, frame: LocalFrame) -> Any:
     if not isinstance(point, list | tuple) or len(point) != 3:
         return point
     lat, lon, depth = point
-    return [*_place(who, lat, lon, frame), depth]
+    return [*_north_east(who, lat, lon, frame), depth]
 
 
 def _degrees(value: Any) -> Any:
-    """Number of degrees, of text with a unit; anything else is what it was."""
+    """Convert text with a unit to degrees; other values are returned unchanged."""
     if not isinstance(value, str):
         return value
     try:
@@ -84,7 +84,7 @@ def _degrees(value: Any) -> Any:
         return value
 
 
-def _place(who: str, lat: Any, lon: Any, frame: LocalFrame) -> tuple[float, float]:
+def _north_east(who: str, lat: Any, lon: Any, frame: LocalFrame) -> tuple[float, float]:
     lat, lon = _degrees(lat), _degrees(lon)
     if not all(isinstance(value, int | float) for value in (lat, lon)) or abs(lat) > 90.0:
         raise ValueError(

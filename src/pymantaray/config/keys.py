@@ -1,4 +1,4 @@
-"""Dotted keys of a configuration, such as ``noise.range_sigma`` and ``fleet.vehicles.B.depth``: change one, lay a tree over another."""
+"""Dotted keys of a configuration, such as ``noise.range_sigma`` and ``fleet.vehicles.B.depth``: change a key, or merge trees."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,15 +14,15 @@ Tree = dict[str, Any]
 
 def with_key(tree: Tree, key: str, value: Any) -> Tree:
     """
-    Tree with another value at a dotted key; nothing of the old tree is changed.
+    Copy a tree with another value at a dotted key.
 
-    A part of the key names an entry of a list by its number or its ``name``. A table replaces a whole section; ``"none"``
-    takes an entry out of a list.
+    A part of the key selects an entry of a list by its number or its ``name``. A table replaces a whole section; ``"none"``
+    removes an entry of a list.
 
     Raises
     ------
     StudyError
-        If there is no such entry, or the key goes on where there is no table.
+        If the entry does not exist, or the key continues below a value that is not a table.
 
     Examples
     --------
@@ -36,10 +36,9 @@ def with_key(tree: Tree, key: str, value: Any) -> Tree:
 
 def merged(base: Any, over: Any, key: str = "") -> Any:
     """
-    Lay one tree over another: tables key by key, anything else in place of what was there.
+    Merge a tree into another: tables are merged key by key, other values are replaced.
 
-    A table of another ``kind`` replaces the base's. A table over a list changes its entries by name, and adds those that are
-    new.
+    A table with another ``kind`` replaces that of the base. A table for a list changes its entries by name, and adds new ones.
     """
     if not isinstance(over, Mapping) or not isinstance(base, Mapping | list | tuple):
         return over
@@ -49,7 +48,7 @@ def merged(base: Any, over: Any, key: str = "") -> Any:
         return {**base, **{k: merged(base.get(k), v, f"{key}.{k}" if key else k) for k, v in over.items()}}
     entries = list(base)
     for name, value in over.items():
-        place, where = _place(entries, [name]), f"{key}.{name}"
+        place, where = _find_entry(entries, [name]), f"{key}.{name}"
         if place is not None:
             entries = _put(entries, [name], merged(entries[place[0]], value, where), where)
         elif isinstance(value, Mapping):
@@ -61,12 +60,12 @@ def merged(base: Any, over: Any, key: str = "") -> Any:
 
 def parse_changes(assignments: Sequence[str]) -> Tree:
     """
-    Values by dotted key, of texts such as ``noise.range_sigma=2``: TOML values, and text where it is no TOML.
+    Parse texts such as ``noise.range_sigma=2`` to values by dotted key: TOML values, otherwise text.
 
     Raises
     ------
     StudyError
-        If a text has no ``=``, or a key comes twice.
+        If a text has no ``=``, or a key occurs twice.
 
     Examples
     --------
@@ -77,7 +76,7 @@ def parse_changes(assignments: Sequence[str]) -> Tree:
     for assignment in assignments:
         key, sign, text = (part.strip() for part in assignment.partition("="))
         if not key or not sign:
-            raise StudyError(f"--set {assignment}: needs KEY=VALUE, such as --set noise.range_sigma=2")
+            raise StudyError(f"--set {assignment}: it must be KEY=VALUE, such as --set noise.range_sigma=2")
         if key in out:
             raise StudyError(f"--set {assignment}: {key} is set twice; set it once")
         out[key] = _value(text)
@@ -85,14 +84,14 @@ def parse_changes(assignments: Sequence[str]) -> Tree:
 
 
 def changed(tree: Tree, changes: Mapping[str, Any]) -> Tree:
-    """Tree with values at dotted keys; files among them are relative to the working folder."""
+    """Copy of a tree with values at dotted keys; file names among them are relative to the working folder."""
     for key, value in changes.items():
         tree = with_key(tree, key, located(value, Path()))
     return tree
 
 
 def words_of(changes: Mapping[str, Any]) -> list[str]:
-    """Changes for the description of what is changed; none where a description is among them."""
+    """Texts of changes for the description of a study; none if the description is changed."""
     return (
         []
         if "study.description" in changes
@@ -101,7 +100,7 @@ def words_of(changes: Mapping[str, Any]) -> list[str]:
 
 
 def described(tree: Tree, name: str, words: Sequence[str]) -> Tree:
-    """Tree of a study whose description says what is changed, besides what was changed before."""
+    """Tree of a study whose description lists the changes, after earlier changes."""
     before = (
         f"{tree.get('study', {}).get('description', '')}" if isinstance(tree.get("study"), Mapping) else ""
     )
@@ -110,7 +109,7 @@ def described(tree: Tree, name: str, words: Sequence[str]) -> Tree:
 
 
 def _shown(value: Any) -> str:
-    """Value as a line of text has it."""
+    """Value as one line of text."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -123,12 +122,12 @@ def _value(text: str) -> Any:
 
 
 def _put(node: Any, parts: Sequence[str], value: Any, key: str) -> Any:
-    """Node with a value at the end of the parts of a key."""
+    """Node with a value at the key with these parts."""
     if not parts:
         return value
     first, rest = parts[0], parts[1:]
     if isinstance(node, list | tuple):
-        place = _place(node, parts)
+        place = _find_entry(node, parts)
         if place is None:
             raise _no_entry(node, parts, key)
         k, length = place
@@ -144,8 +143,8 @@ def _put(node: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     return {**node, first: _put({} if rest and inner in (None, NONE) else inner, rest, value, key)}
 
 
-def _place(entries: Sequence[Any], parts: Sequence[str]) -> tuple[int, int] | None:
-    """Number of the entry that the first parts of a key name, and how many parts that are; names may have dots."""
+def _find_entry(entries: Sequence[Any], parts: Sequence[str]) -> tuple[int, int] | None:
+    """Number of the entry that the first parts of a key select, and the number of these parts; names may contain dots."""
     names = [entry.get("name") if isinstance(entry, Mapping) else entry for entry in entries]
     for length in range(len(parts), 0, -1):
         name = ".".join(parts[:length])

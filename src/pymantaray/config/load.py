@@ -1,4 +1,4 @@
-"""From a preset's name or a TOML file, and its base, to a validated configuration."""
+"""Reading of presets and TOML files, with their bases, to validated configurations."""
 
 import difflib
 import re
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     import xarray as xr
 
 BASE = "base"
-"""Key at the top of a file: the preset or the file that it changes."""
+"""Key at the top of a file for the preset or file that it changes."""
 _PRESETS = files("pymantaray.config") / "presets"
-_MOST_CHARACTERS = 10_000_000
+_MAX_CHARACTERS = 10_000_000
 
 
 def list_presets() -> dict[str, str]:
     """
-    Names of the presets that the package ships, each with its one-line description.
+    List the names of all presets with their one-line descriptions.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def list_presets() -> dict[str, str]:
 
 def preset_text(name: str) -> str:
     """
-    TOML text of a preset with the meaning of each key; keys at their defaults are commented out.
+    Return the TOML text of a preset with the meaning of each key; keys at their defaults are commented out.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def preset_text(name: str) -> str:
     Raises
     ------
     StudyError
-        If there is no such preset; the message lists those there are.
+        If the preset does not exist; the message lists the presets.
     """
     _check_preset(name)
     return commented_toml(load_study(name))
@@ -62,12 +62,12 @@ def preset_text(name: str) -> str:
 
 def starter_text(name: str, **changes: Any) -> str:
     """
-    TOML text of a preset to begin a study's file with: as `preset_text`, below some lines that say how to edit it.
+    Return the TOML text of a preset for a new study file: as `preset_text`, after some lines that explain its use.
 
     Parameters
     ----------
     name : str
-        Of the preset.
+        Name of the preset.
     **changes
         Values by dotted key, as for `load_study`.
 
@@ -78,7 +78,7 @@ def starter_text(name: str, **changes: Any) -> str:
     Raises
     ------
     StudyError
-        If there is no such preset; the message lists those there are. Or if a change is not allowed.
+        As for `preset_text`, or if a change is not allowed.
     """
     _check_preset(name)
     config = load_study(name, **changes)
@@ -93,22 +93,23 @@ def load_study(
     **changes: Any,
 ) -> StudyConfig:
     """
-    Read and check a study's configuration; the description of a changed one says what is changed.
+    Read and check the configuration of a study; the description of a changed configuration lists the changes.
 
     Parameters
     ----------
     name_or_file : str or pathlib.Path
-        Name of a preset, or a TOML file. Ocean and sea floor files named in it are relative to its folder. Its key ``base``
-        names a preset or another file, whose keys hold where the file has none.
+        Name of a preset, or a TOML file. Names of files in it are relative to its folder. Its key ``base`` is a preset or another
+        file, whose keys apply unless the file has them.
     realizations : int, optional
-        Number of realizations in place of the configured one.
+        Number of realizations, which replaces the configured one.
     ocean : str, path, sequence of them, or xarray.Dataset, optional
-        Ocean files, a profile or cast, the name of a synthetic ocean, a preset or a TOML file for its ocean, or an ocean in memory, in place of the whole configured
-        ocean. Files are relative to the working folder; the time is the files' only one, the centre the middle of the data.
-        An ocean in memory is written to the user's cache, so that processes and later sessions have it.
+        Ocean that replaces the whole section ``[ocean]``: files, a profile or cast, the name of a synthetic ocean, a preset or TOML
+        file for its ocean, or an ocean in memory. Names of files are relative to the working folder; the time is the only time of
+        the files, and the centre is the middle of the data. An ocean in memory is written to the user's cache, where other
+        processes and later sessions find it.
     **changes
         Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
-        (``fleet.vehicles.B.target_depth``); ``"none"`` takes a value out. Files are relative to the working folder.
+        (``fleet.vehicles.B.target_depth``); ``"none"`` removes a value. Names of files are relative to the working folder.
 
     Returns
     -------
@@ -117,8 +118,8 @@ def load_study(
     Raises
     ------
     StudyError
-        If the file is missing or not TOML, or a value is not allowed: one line per finding with the
-        file, the key, what was found and what is allowed.
+        If the file is missing or not TOML, or a value is not allowed, with one line per finding: file, key, value and allowed
+        values.
 
     Examples
     --------
@@ -143,22 +144,22 @@ def load_study(
 
 def convert_study(file: str | Path) -> str:
     """
-    Rewrite a study file of an earlier version with today's keys.
+    Rewrite a study file of an earlier version with the present keys.
 
     Parameters
     ----------
     file : str or pathlib.Path
-        TOML file of a study, or of its sound alone. Its ``base`` stays the base. Comments are lost.
+        TOML file of a study, or of its water and acoustics only. Its ``base`` is unchanged. Comments are lost.
 
     Returns
     -------
     str
-        TOML text. In the same folder as the file, it is the same study.
+        TOML text, which defines the same study if its file is in the same folder.
 
     Raises
     ------
     StudyError
-        If the file is missing, not TOML, or no study.
+        If the file is missing, not TOML, or not a study.
 
     Examples
     --------
@@ -175,7 +176,7 @@ def convert_study(file: str | Path) -> str:
     if "study" in old:
         new["study"] = {key: value for key, value in study.items() if key != CONDITIONS}
     if isinstance(old.get("estimators"), dict) and CONDITIONS not in study:
-        new[CONDITIONS] = old["estimators"]  # tables by name change the base's
+        new[CONDITIONS] = old["estimators"]  # tables by name change those of the base
     elif "estimators" in old or CONDITIONS in study:
         new[CONDITIONS] = whole[CONDITIONS] or NONE
     heads = {key: new.pop(key) for key in (BASE, CONDITIONS) if isinstance(new.get(key), str)}
@@ -183,19 +184,19 @@ def convert_study(file: str | Path) -> str:
 
 
 def load_resolved(file: Path) -> StudyConfig:
-    """Configuration that a run was made of; one of an earlier version has old names, of which nobody is told."""
+    """Configuration of a run; old names in runs of earlier versions cause no message."""
     return parse_study(_tree(file, warn=False), str(file))
 
 
 def _ocean_section(sources: list[str]) -> Tree:
-    """Section ``[ocean]`` of sources, or of the configuration that one of them is."""
+    """Section ``[ocean]`` from sources, or from the configuration if the source is one."""
     if len(sources) == 1 and (sources[0].endswith(".toml") or sources[0] in preset_names()):
         return dict(_tree(sources[0]).get("ocean", {}))
     return dict(located({"source": sources}, Path()))
 
 
 def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[str]:
-    """Names of files of an ocean, or of a synthetic one."""
+    """Names of the files of an ocean, or of a synthetic ocean."""
     if isinstance(ocean, str | Path):
         return [str(ocean)]
     if isinstance(ocean, Sequence):
@@ -207,26 +208,26 @@ def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[st
 
 def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     """
-    Read what ranging needs of a study's configuration; a file may have that alone.
+    Read the sections of a configuration that ranging needs; a file may have only these.
 
     Parameters
     ----------
     name_or_file : str or pathlib.Path
         Name of a preset, or a TOML file with the section ``[ocean]`` and, where their defaults do not fit, ``[mission]``,
-        ``[acoustics]``, ``[ranging]`` and ``[detection]``. One with a fleet is read as a study; without, its other sections are
-        passed over.
+        ``[acoustics]``, ``[ranging]`` and ``[detection]``. A file with a fleet is read as a study; in other files, the remaining
+        sections are ignored.
     **changes
         Values by dotted key, as for `load_study`.
 
     Returns
     -------
     SoundConfig
-        A `StudyConfig` of a study.
+        A `StudyConfig` for a study.
 
     Raises
     ------
     StudyError
-        As `load_study`.
+        As for `load_study`.
     """
     tree, label = _tree(name_or_file), str(name_or_file)
     if "fleet" in tree:
@@ -237,10 +238,10 @@ def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
 
 
 def sound_sections(file: Path) -> dict[str, Any]:
-    """Section ``[detection]`` and keys of ``[acoustics]`` of a TOML file, whatever else is in it, by dotted key."""
+    """Section ``[detection]`` and keys of ``[acoustics]`` of a TOML file by dotted key; other sections are ignored."""
     tree = _tree(file)
     if not isinstance(tree.get("detection"), dict):
-        raise StudyError(f"{file}: has no section [detection]")
+        raise StudyError(f"{file}: no section [detection]; add it")
     parse(DetectionSection, tree["detection"], f"{file}: detection", None)
     losses = parse(AcousticsSection, tree.get("acoustics", {}), f"{file}: acoustics", None)
     keys = losses.model_dump(exclude_unset=True, exclude_none=True)
@@ -248,11 +249,13 @@ def sound_sections(file: Path) -> dict[str, Any]:
 
 
 def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool = True) -> Tree:
-    """Tree of a preset or a file over that of its base; texts in it remember the folder of their file."""
+    """Tree of a preset or a file, merged into that of its base; its texts have the folder of their file."""
     path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
     if not is_file and name not in preset_names() and path.exists():
-        raise StudyError(f"{name}: no preset, and no study's file, whose name ends in .toml")
+        raise StudyError(
+            f"{name}: not a preset, and not a study file, whose name ends in .toml; correct the name"
+        )
     if not is_file:
         _check_preset(name)
     folder = path.parent if is_file else Path()
@@ -265,19 +268,19 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
 
 
 def _parsed(text: str, label: str, folder: Path) -> Tree:
-    """Nested dictionaries of a TOML text, whose texts remember a folder."""
+    """Nested dictionaries of a TOML text, whose texts have a folder."""
     try:
         return {key: located(value, folder) for key, value in tomllib.loads(text).items()}
     except tomllib.TOMLDecodeError as error:
         raise StudyError(f"{label}: not valid TOML: {error}") from None
     except (ValueError, RecursionError):
         raise StudyError(
-            f"{label}: not valid TOML: a number is too long, or tables are nested too deep"
+            f"{label}: not valid TOML: a number is too long, or tables are nested too deeply"
         ) from None
 
 
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
-    """Tree over that of its base, with names of files relative to a folder; chain is how it was reached."""
+    """Tree merged into that of its base; file names are relative to a folder, and ``chain`` has the files on the way to this base."""
     base, rest = tree[BASE], {key: value for key, value in tree.items() if key != BASE}
     if not isinstance(base, str) or not (base in preset_names() or base.endswith(".toml")):
         hint = "".join(
@@ -290,7 +293,7 @@ def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> 
     reached = source if isinstance(source, str) else str(source.resolve())
     if reached in chain:
         circle = " -> ".join(Path(name).name for name in (*chain[chain.index(reached) :], reached))
-        raise StudyError(f"{label}: base: {circle} is a circle; leave out one of these keys")
+        raise StudyError(f"{label}: base: {circle} is a circle; remove one of these keys")
     try:
         below = _tree(source, chain)
         tree = merged(below, rest)
@@ -300,7 +303,7 @@ def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> 
 
 
 def _named(tree: Tree, own: Tree, label: str, base: str) -> Tree:
-    """Tree of a file with a base, by the name of the file and a description of its own, unless it has them."""
+    """Tree of a file with a base; by default its name is that of the file, and its description names the base."""
     study = own.get("study", {})
     if not isinstance(study, dict) or not isinstance(tree.get("study", {}), dict):
         return tree
@@ -312,16 +315,16 @@ def _named(tree: Tree, own: Tree, label: str, base: str) -> Tree:
 
 def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None = None) -> StudyConfig:
     """
-    Check a configuration given as nested dictionaries.
+    Check the nested dictionaries of a configuration.
 
     Parameters
     ----------
     tree : dict
-        What `tomllib` gives for a study's file.
+        Content of a study file as `tomllib` returns it.
     label : str
         Name of its origin, for messages.
     folder : pathlib.Path, optional
-        What input files in it are relative to; by default the working folder.
+        Folder for relative file names. Default: the working folder.
 
     Returns
     -------
@@ -341,19 +344,19 @@ def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None 
 def _read(path: Path) -> str:
     try:
         with path.open(encoding="utf-8") as file:
-            text = file.read(_MOST_CHARACTERS + 1)
+            text = file.read(_MAX_CHARACTERS + 1)
     except UnicodeDecodeError:
         raise StudyError(f"{path}: cannot be read: not UTF-8 text") from None
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         shown = repr(str(path)) if "\0" in str(path) else str(path)
         raise StudyError(f"{shown}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(text) > _MOST_CHARACTERS:
-        raise StudyError(f"{path}: cannot be read: more than {_MOST_CHARACTERS:,} characters")
+    if len(text) > _MAX_CHARACTERS:
+        raise StudyError(f"{path}: cannot be read: more than {_MAX_CHARACTERS:,} characters")
     return text
 
 
 def preset_names() -> list[str]:
-    """Names of the presets that the package ships."""
+    """Names of all presets."""
     return sorted(
         entry.name.removesuffix(".toml") for entry in _PRESETS.iterdir() if entry.name.endswith(".toml")
     )
@@ -364,4 +367,4 @@ def _check_preset(name: str) -> None:
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
-        raise StudyError(f"no preset {name!r}; {hint}there are {', '.join(known)}")
+        raise StudyError(f"no preset {name!r}; {hint}allowed: {', '.join(known)}")

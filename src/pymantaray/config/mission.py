@@ -1,4 +1,4 @@
-"""Sections of a configuration about time: durations and periods, and who pings when."""
+"""Sections of a configuration for times: durations, periods and schedules of pings."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -48,7 +48,7 @@ class PingsSection(Section):
     """CSV file with columns ``time`` [s], ``transmitter`` and optional ``receivers``; relative to this file."""
 
     def build(self, start: np.datetime64 | None) -> "Schedule":
-        """Pings of the file, by a mission's start if it has dates."""
+        """Schedule from the file; dates in it are relative to the mission's start."""
         from pymantaray.exchange.table import read_pings
 
         return read_pings(Path(self.file), start)
@@ -59,10 +59,10 @@ AnySchedule = Annotated[SlotsSection | PingsSection, Field(discriminator="kind")
 
 class MissionSection(Section):
     """
-    Durations and periods, the paper's table of mission timing.
+    Durations and periods, as in the paper's table of mission timing.
 
-    Without a ``schedule`` all vehicles ping at every multiple of ``ping_interval_h``. Trajectories that are given last from
-    their first pose to their last; ``duration_h`` may cut them.
+    Without a ``schedule``, all vehicles ping at every multiple of ``ping_interval_h``. A mission with existing trajectories lasts
+    from their first pose to their last, unless ``duration_h`` is shorter.
     """
 
     duration_h: Hours[PositiveFloat] = 168.0
@@ -81,7 +81,7 @@ class MissionSection(Section):
     """Depth above which vehicles have GNSS fixes. Not in the paper, record 0001. [m]"""
 
     def pings(self, start: np.datetime64 | None = None) -> "Schedule":
-        """Schedule of the pings; the start is that of the mission, for lists of pings with dates."""
+        """Schedule of the pings; lists of pings with dates need the start of the mission."""
         from pymantaray.sensing import PingSchedule
 
         if self.schedule is not None:
@@ -99,12 +99,12 @@ class MissionSection(Section):
                     f" {self.sampling_period_s:g} s"
                 )
             if self.schedule is not None:
-                raise ValueError("ping_start_h and schedule exclude each other; leave one out")
+                raise ValueError("ping_start_h and schedule cannot be combined; remove one of them")
         return self
 
 
 def keys_of_schedule(schedule: "Schedule") -> dict[str, Any]:
-    """Keys of ``[mission]`` for a schedule; none for a list of pings, which is a file there."""
+    """Keys of ``[mission]`` for a schedule; none for a list of pings, which needs a file."""
     from pymantaray.sensing import PingSchedule, SlotSchedule
 
     if isinstance(schedule, SlotSchedule):

@@ -1,4 +1,4 @@
-"""Options that say through what sound runs, and the keys of a configuration that they stand for."""
+"""Options of `open_water`, and their keys in a configuration."""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -11,12 +11,12 @@ from pymantaray.errors import WaterError
 
 
 def names_configuration(words: Sequence[str]) -> bool:
-    """True if words are one name, that of a preset or a TOML file."""
+    """True if the words are a single name of a preset or a TOML file."""
     return len(words) == 1 and (words[0].endswith(".toml") or words[0] in preset_names())
 
 
 def dotted_keys(options: dict[str, Any]) -> dict[str, Any]:
-    """Dotted keys of a configuration that options of `open_water` stand for; those that are None are left out."""
+    """Dotted keys of a configuration for options of `open_water`, without those that are None."""
     keys: dict[str, Any] = {}
     for name, value in options.items():
         if value is None:

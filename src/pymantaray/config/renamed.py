@@ -1,4 +1,4 @@
-"""Keys that have new names: files with the old ones are read for one version, with a message that gives the new ones."""
+"""Renamed keys: the present version reads files with old names, with a message that gives the new names."""
 
 import re
 import warnings
@@ -25,19 +25,19 @@ RENAMED = {
     "estimators.*.sound_speed": "conditions.*.range_model.sound_speed",
     "estimators.*.modes": "conditions.*.range_model.modes",
 }
-"""New key by the old one; a star is any entry of a list."""
+"""New key by old key; a star is any entry of a list."""
 LISTS = {"study.conditions": "conditions", "estimators": "conditions"}
-"""Two lists that are one today, see `pymantaray.config.conditions`."""
+"""Two former lists that are one list now, see `pymantaray.config.conditions`."""
 _ENTRIES = "estimators", "conditions"
 NEW_VALUES = {
     "acoustics.spreading_cutoff_db": {"off": "none"},
     "ranging.mistaken": {"off": "none"},
 }
-"""New value by the old one, by key."""
+"""New values by old values, for each key."""
 
 
 def new_key(key: str) -> str:
-    """Name of a dotted key today."""
+    """Present name of a dotted key."""
     for old, new in RENAMED.items():
         if match := re.fullmatch(re.escape(old).replace(r"\*", "(?P<name>.+)") + r"(?P<rest>(\..+)?)", key):
             return new.replace("*", match.groupdict().get("name", "*")) + match["rest"]
@@ -47,12 +47,12 @@ def new_key(key: str) -> str:
 
 def with_new_names(tree: Any, label: str, *, warn: bool = True) -> Any:
     """
-    Nested dictionaries with today's keys and values.
+    Convert nested dictionaries to present keys and values.
 
     Raises
     ------
     StudyError
-        If a key is there by its old and its new name.
+        If both the old and the new name of a key are present.
     """
     said = list[str]()
     for old, new in RENAMED.items():
@@ -66,8 +66,8 @@ def with_new_names(tree: Any, label: str, *, warn: bool = True) -> Any:
 
 
 def _moved(tree: Any, old: str, new: str, label: str, said: list[str]) -> Any:
-    """Tree whose values at an old key are at the new one."""
-    before, after = old.split("."), _place(old, new).split(".")
+    """Copy of a tree in which values at an old key are at the new key."""
+    before, after = old.split("."), _value_path(old, new).split(".")
     shared = next(k for k, pair in enumerate(zip(before, after, strict=False)) if pair[0] != pair[1])
 
     def move(node: Any) -> Any:
@@ -76,7 +76,7 @@ def _moved(tree: Any, old: str, new: str, label: str, said: list[str]) -> Any:
             return node
         if _take(there, after[shared:])[0] is not there:
             raise StudyError(
-                f"{label}: `{old}` is the old name of `{new}`, and both are given; leave the old one out"
+                f"{label}: `{old}` is the old name of `{new}`, and both are given; remove the old one"
             )
         said.append(f"`{old}` is now `{new}`")
         return _with(there, after[shared:], value)
@@ -84,8 +84,8 @@ def _moved(tree: Any, old: str, new: str, label: str, said: list[str]) -> Any:
     return _within(tree, before[:shared], move)
 
 
-def _place(old: str, new: str) -> str:
-    """Path of a single value; its list and its table are moved as a whole."""
+def _value_path(old: str, new: str) -> str:
+    """New path of a single value, after its list and its table have been moved."""
     for table, moved in RENAMED.items():
         if old.startswith(f"{table}.") and new.startswith(f"{moved}."):
             return table + new.removeprefix(moved)
@@ -94,7 +94,7 @@ def _place(old: str, new: str) -> str:
 
 
 def _revalued(tree: Any, key: str, values: Mapping[str, str], said: list[str]) -> Any:
-    """Tree whose old values of a key are the new ones."""
+    """Copy of a tree in which new values of a key replace old values."""
     *path, name = key.split(".")
 
     def change(node: Any) -> Any:
@@ -108,13 +108,13 @@ def _revalued(tree: Any, key: str, values: Mapping[str, str], said: list[str]) -
 
 
 def _within(node: Any, path: Sequence[str], change: Callable[[Any], Any]) -> Any:
-    """Node whose parts at a path are changed."""
+    """Copy of a node with changed parts at a path."""
     if not path:
         return change(node)
     first, rest = path[0], path[1:]
     if first == "*" and isinstance(node, list | tuple):
         return [_within(entry, rest, change) for entry in node]
-    if first == "*" and isinstance(node, Mapping):  # entries of a base's list, by name
+    if first == "*" and isinstance(node, Mapping):  # entries of the list of a base, by name
         return {name: _within(entry, rest, change) for name, entry in node.items()}
     if isinstance(node, Mapping) and first in node:
         return {**node, first: _within(node[first], rest, change)}
@@ -122,7 +122,7 @@ def _within(node: Any, path: Sequence[str], change: Callable[[Any], Any]) -> Any
 
 
 def _take(node: Any, path: Sequence[str]) -> tuple[Any, Any]:
-    """Node without what is at a path, and that; the node itself where there is nothing."""
+    """Node without the value at a path, and this value; the node itself if there is none."""
     first, rest = path[0], path[1:]
     if not isinstance(node, Mapping) or first not in node:
         return node, None
@@ -133,10 +133,8 @@ def _take(node: Any, path: Sequence[str]) -> tuple[Any, Any]:
 
 
 def _with(node: Any, path: Sequence[str], value: Any) -> Any:
-    """Node with a value at a path."""
+    """Copy of a node with a value at a path."""
     first, rest = path[0], path[1:]
     inner = node.get(first, {})
-    inner = (
-        {"kind": inner} if rest and isinstance(inner, str) else inner
-    )  # a kind alone is a table with no other key
+    inner = {"kind": inner} if rest and isinstance(inner, str) else inner  # text is a table with only a kind
     return {**node, first: _with(inner, rest, value) if rest else value}

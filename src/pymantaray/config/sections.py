@@ -1,4 +1,4 @@
-"""Configuration of a study: strict, frozen sections. Defaults are the paper's tables; checks compare several sections."""
+"""Configuration of a study as strict, frozen sections, whose defaults are the paper's tables, with checks between sections."""
 
 import math
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from pymantaray.acoustics import Absorption, IceCover, Leakage, SeaSurface, Sonar
     from pymantaray.sensing import Picker, ReceptionOptions, Timing
 
-Bounces = Annotated[int, Field(ge=0, le=15)]  # what the solver can count
+Bounces = Annotated[int, Field(ge=0, le=15)]  # maximum of the ray solver
 
 
 class AcousticsSection(Section):
@@ -74,7 +74,7 @@ class AcousticsSection(Section):
 
     @property
     def cutoff_db(self) -> float | None:
-        """The spreading cut-off as `find_eigenrays` takes it, None for none. [dB]."""
+        """Spreading cut-off for `find_eigenrays`; None for no cut-off. [dB]"""
         return None if self.spreading_cutoff_db == "none" else float(self.spreading_cutoff_db)
 
     def build_surface(self, wind_speed: float) -> "SeaSurface | IceCover | None":
@@ -90,9 +90,9 @@ class RangingSection(Section):
     """
     Measurement of travel times; the paper has synchronous clocks, one-way times, and a fleet at rest.
 
-    With ``mistaken`` the receiver does not know the direct arrival from the others: it takes the first or the
-    strongest that it detects, by ``[detection]`` or, without, by a threshold below the link's strongest
-    arrival. It stays with it for about ``mistaken_correlation_s``.
+    With ``mistaken``, receivers cannot distinguish the direct arrival: they take the first or the strongest arrival that they
+    detect, by ``[detection]`` or otherwise by a threshold below the strongest arrival of the link. A choice lasts for about
+    ``mistaken_correlation_s``.
     """
 
     timing: Literal["one-way", "two-way"] = "one-way"
@@ -124,8 +124,8 @@ class RangingSection(Section):
     def _only_two_way_turns_around(self) -> Self:
         if self.timing == "one-way" and self.turn_around_s > 0.0:
             raise ValueError(
-                f"turn_around_s is {self.turn_around_s:g} s, but timing is one-way, where nobody answers;"
-                ' leave it out or set timing = "two-way"'
+                f"turn_around_s is {self.turn_around_s:g} s, but timing is one-way, without answers;"
+                ' remove the key or set timing = "two-way"'
             )
         return self
 
@@ -133,7 +133,7 @@ class RangingSection(Section):
     def _only_mistakes_stay(self) -> Self:
         if self.mistaken_correlation_s > 0.0 and self.mistaken == "none":
             raise ValueError(
-                f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is none; leave it out or set"
+                f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is none; remove the key or set"
                 ' mistaken = "first-detected"'
             )
         return self
@@ -142,8 +142,8 @@ class RangingSection(Section):
     def _only_the_first_needs_a_threshold(self) -> Self:
         if self.below_strongest_db is not None and self.mistaken != "first-detected":
             raise ValueError(
-                f"below_strongest_db is {self.below_strongest_db:g}, but mistaken is {self.mistaken}, which has no"
-                ' use for it; leave it out or set mistaken = "first-detected"'
+                f"below_strongest_db is {self.below_strongest_db:g}, but mistaken is {self.mistaken}, which does not"
+                ' use it; remove the key or set mistaken = "first-detected"'
             )
         return self
 
@@ -214,7 +214,7 @@ class DetectionSection(Section):
     def _scatter_is_part_of_leakage(self) -> Self:
         if self.scatter_db is not None and not self.leakage:
             raise ValueError(
-                f"scatter_db is {self.scatter_db:g}, but leakage is false: nothing arrives without a ray; leave it out or set"
+                f"scatter_db is {self.scatter_db:g}, but leakage is false: no sound arrives without a ray; remove the key or set"
                 " leakage = true"
             )
         return self
@@ -228,7 +228,8 @@ class DetectionSection(Section):
             )
         if self.noise_spectral_level_db is not None and self.shipping is not None:
             raise ValueError(
-                "shipping and noise_spectral_level_db exclude each other: one makes the noise, the other gives it"
+                "shipping and noise_spectral_level_db cannot be combined: the level replaces the noise of ships; remove one of"
+                " them"
             )
         return self
 
@@ -247,7 +248,7 @@ class StudySection(Section):
 
 
 def _as_texts(value: object) -> object:
-    """Names as a list of ``VARIABLE=STANDARD_NAME``, from one, a list of them, or a table."""
+    """Convert one name, a list of names or a table to a list of ``VARIABLE=STANDARD_NAME``."""
     if isinstance(value, Mapping):
         return tuple(f"{variable}={meaning}" for variable, meaning in value.items())
     return (value,) if isinstance(value, str) else value
@@ -307,7 +308,9 @@ class OceanSection(Section):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         if self.synthetic and len(self.source) > 1:
-            raise ValueError(f"a synthetic source stands alone; found {', '.join(self.source)}")
+            raise ValueError(
+                f"source is {', '.join(self.source)}; a synthetic ocean cannot be combined with others; give one"
+            )
         for one, other in (
             ("centre_lat", "centre_lon"),
             ("half_extent_north", "half_extent_east"),
@@ -315,14 +318,12 @@ class OceanSection(Section):
             if (getattr(self, one) is None) != (getattr(self, other) is None):
                 raise ValueError(f"{one} and {other} must be given together")
         if self.thin is not None and self.smooth is not None:
-            raise ValueError("thin and smooth exclude each other; leave one out")
+            raise ValueError("thin and smooth cannot be combined; remove one of them")
         if self.ice_slope_deg is not None and self.ice is None:
-            raise ValueError(
-                "ice_slope_deg is given, but there is no ice; give ice, or leave out ice_slope_deg"
-            )
+            raise ValueError("ice_slope_deg is given, but there is no ice; give ice, or remove ice_slope_deg")
         if self.internal_tide is not None and self.time_varying:
             raise ValueError(
-                "internal_tide runs through one snapshot; set time_varying = false or leave it out"
+                "internal_tide needs a single snapshot, but time_varying is true; set time_varying = false or remove it"
             )
         return self
 
@@ -343,7 +344,7 @@ class OceanSection(Section):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Input files, those of the sea floor and of ice last; a synthetic ocean has none of its own."""
+        """Input files, those of the sea floor and ice last; a synthetic ocean has no files for water."""
         return (
             *own_files(self.source),
             *(file for file in (self.bathymetry, self.ice) if isinstance(file, str)),
@@ -351,14 +352,14 @@ class OceanSection(Section):
 
     @property
     def centre(self) -> tuple[float, float] | None:
-        """Latitude and longitude of the frame's centre, None for the middle of the data. [degrees]."""
+        """Latitude and longitude of the frame's centre; None for the middle of the data. [degrees]"""
         if self.centre_lat is None or self.centre_lon is None:
             return None
         return self.centre_lat, self.centre_lon
 
     @property
     def half_extent(self) -> tuple[float, float] | None:
-        """Half the local window's size north and east, None for all of the data. [m]."""
+        """Half extents of the local window north and east; None for all data. [m]"""
         if self.half_extent_north is None or self.half_extent_east is None:
             return None
         return self.half_extent_north, self.half_extent_east
@@ -388,7 +389,7 @@ else:
 
 
 class NoiseSection(_Levels):
-    """Levels of all noise, from the paper's table; record 0001 lists those that the paper does not specify."""
+    """Standard deviations of all noise, from the paper's table; record 0001 lists those that the paper does not specify."""
 
     clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
     """Standard deviation of the clocks' offsets at the start of the mission. [s]"""
@@ -409,7 +410,7 @@ class NoiseSection(_Levels):
 
 
 class EstimatorSection(Section):
-    """Defaults of all conditions: the start of the optimizer, and the interval of stored covariances, the end included."""
+    """Defaults of all conditions: the start of the optimizer, and the interval of stored covariances, which include the end."""
 
     start: Start = "truth"
     """Start of the optimizer, if the condition has no ``start``. Not in the paper, record 0001."""
@@ -463,19 +464,19 @@ class SoundConfig(Section):
 
     def with_(self, **changes: Any) -> Self:
         """
-        Change values by dotted key and check all of it again; the description says what is changed.
+        Copy the configuration with other values by dotted key, and check it again; the description lists the changes.
 
         Parameters
         ----------
         **changes
-            Such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
-            (``fleet.vehicles.B.target_depth``), a table replaces a whole section, ``"none"`` takes a value out. Files are
-            relative to the working folder.
+            Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
+            (``fleet.vehicles.B.target_depth``), a table replaces a whole section, and ``"none"`` removes a value. Names of files
+            are relative to the working folder.
 
         Returns
         -------
         SoundConfig or StudyConfig
-            As this one.
+            Configuration of the same type.
 
         Raises
         ------
@@ -498,18 +499,18 @@ class SoundConfig(Section):
             return self
         if arrival != "direct":
             raise ValueError(
-                f"ranging.mistaken is {ranging.mistaken}, but acoustics.arrival is {arrival}: what is taken for the"
-                " direct arrival has no meaning there; leave one of them out"
+                f"ranging.mistaken is {ranging.mistaken}, which needs direct arrivals, but acoustics.arrival is"
+                f" {arrival}; remove one of them"
             )
         if ranging.below_strongest_db is None:
             if ranging.mistaken == "first-detected" and self.detection is None:
                 raise ValueError(
-                    "ranging.mistaken is first-detected, but nothing says what is detected; add [detection] or"
+                    "ranging.mistaken is first-detected, but there is no rule of detection; add [detection] or"
                     " ranging.below_strongest_db, such as 12.0"
                 )
         elif self.detection is not None:
             raise ValueError(
-                "ranging.below_strongest_db and [detection] exclude each other: both say what is detected; leave one out"
+                "ranging.below_strongest_db and [detection] cannot be combined: both are rules of detection; remove one of them"
             )
         return self
 
@@ -523,29 +524,29 @@ class SoundConfig(Section):
         ):
             if value != "none" and getattr(a, bounces) == 0:
                 raise ValueError(
-                    f"acoustics.{key} is {value}, but acoustics.{bounces} is 0: no sound is reflected there;"
-                    " leave it out or allow bounces"
+                    f"acoustics.{key} is {value}, but acoustics.{bounces} is 0, so no arrival is reflected there;"
+                    " remove the key or allow bounces"
                 )
             if value != "none" and self.detection is None:
                 raise ValueError(
-                    f"acoustics.{key} is {value}, but without [detection] every arrival is heard; leave it out or add"
+                    f"acoustics.{key} is {value}, but without [detection] every arrival is detected; remove the key or add"
                     " [detection]"
                 )
         if a.ice_loss_db is not None:
             if self.ocean.ice is None:
                 raise ValueError(
-                    "acoustics.ice_loss_db is given, but there is no ice: give ocean.ice or leave it out"
+                    "acoustics.ice_loss_db is given, but there is no ice; give ocean.ice or remove the key"
                 )
             if a.surface_loss != "none":
                 raise ValueError(
-                    f"acoustics.ice_loss_db and surface_loss = {a.surface_loss} exclude each other: sound is"
-                    " reflected by ice or by a sea under wind"
+                    f"acoustics.ice_loss_db and surface_loss = {a.surface_loss} cannot be combined: the surface is either ice or"
+                    " an open sea; remove one of them"
                 )
         return self
 
 
 class StudyConfig(SoundConfig):
-    """A whole study: everything that determines its results, except the content of input files."""
+    """Configuration of a whole study: everything that determines its results, except the content of input files."""
 
     study: StudySection
     """Name, seed and size."""
@@ -613,23 +614,23 @@ class StudyConfig(SoundConfig):
         for c in self.conditions:
             if follows_ocean(c.belief) and not self.ocean.time_varying:
                 raise ValueError(
-                    f"condition {c.name} assumes water that varies, but the study's does not: set"
-                    " ocean.time_varying = true, or leave time_varying out of the belief"
+                    f"condition {c.name} assumes an ocean that varies, but the study's does not; set"
+                    " ocean.time_varying = true, or remove time_varying from the belief"
                 )
             if c.clocks is not None and not any(c.clocks.priors(*own)):
                 raise ValueError(
-                    f"condition {c.name} estimates clocks, but their priors are 0: give noise.clock_offset_sigma or"
+                    f"condition {c.name} estimates clocks, but their priors are 0; give noise.clock_offset_sigma or"
                     " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
                 )
         return self
 
     @property
     def solves(self) -> bool:
-        """True if anything is estimated; a study without conditions has ranges alone."""
+        """True if there are conditions to estimate; a study without conditions has ranges only."""
         return bool(self.conditions)
 
     def __repr__(self) -> str:
-        """Give a line; `study_toml` gives all."""
+        """One line; `study_toml` returns the whole configuration."""
         own = self.fleet.trajectories and "duration_h" not in self.mission.model_fields_set
         lasts = "as long as their trajectories" if own else f"{self.mission.duration_h:g} h"
         return (

@@ -1,4 +1,4 @@
-"""A configuration as TOML text: every key that is set, and those left at their defaults commented out, with their meaning."""
+"""TOML text of a configuration with the meaning of each key; keys at their defaults are commented out."""
 
 import datetime as dt
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,7 @@ _HEAD = """\
 
 def study_toml(config: StudyConfig) -> str:
     """
-    Write a resolved configuration, defaults included, as TOML that `load_study` reads back.
+    Return a resolved configuration, including defaults, as TOML for `load_study`.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def study_toml(config: StudyConfig) -> str:
 
 def commented_toml(config: StudyConfig) -> str:
     """
-    Write a configuration as TOML with the meaning of each key; keys that are not set are commented out at their defaults.
+    Return a configuration as TOML with the meaning of each key; keys at their defaults are commented out.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def commented_toml(config: StudyConfig) -> str:
     Returns
     -------
     str
-        What `load_study` reads back. Of vehicles, landmarks and estimators the first of each kind has comments.
+        Text for `load_study`. Of vehicles, landmarks and estimators, the first of each kind has comments.
     """
     names = sorted(type(config).model_fields, key=lambda name: name != "study")
     tables = [_of_field((name,), type(config).model_fields[name], getattr(config, name)) for name in names]
@@ -53,12 +53,12 @@ def commented_toml(config: StudyConfig) -> str:
 
 
 def starter(config: StudyConfig, name: str) -> str:
-    """Text of `commented_toml` under a few lines that explain it, made of a configuration with a name."""
+    """Text of `commented_toml` after a few lines that explain it and name its origin."""
     return _HEAD.format(name=name) + commented_toml(config)
 
 
 def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
-    """Blocks of text for the tables that a key holds."""
+    """Blocks of text for the tables of a key."""
     if isinstance(value, BaseModel):
         return list(_blocks(path, value))
     if value and isinstance(value, tuple) and isinstance(value[0], BaseModel):
@@ -68,7 +68,7 @@ def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
             explain = type(entry) not in known and entry.model_fields_set != {"name"}
             blocks.append(_entry(path, entry, explain=explain))
             known |= {type(entry)} if explain else set()
-        if not known:  # names alone: what an entry may have besides
+        if not known:  # names only: add the other possible keys of an entry
             text = _entry(path, type(value[0]).model_validate({"name": "mine"}), explain=True)
             blocks.append("\n".join(f"# {line.removeprefix('#').lstrip()}" for line in text.splitlines()))
         return blocks
@@ -78,7 +78,7 @@ def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
 
 
 def _blocks(path: tuple[str, ...], section: BaseModel) -> Iterator[str]:
-    """Table of a section, and those in it."""
+    """Tables of a section and of the sections in it."""
     header = f"[{'.'.join(path)}]" if section.model_fields_set else f"#[{'.'.join(path)}]"
     meaning = " ".join((type(section).__doc__ or "").split("\n\n")[0].split()).replace("`", "")
     yield "\n".join([f"# {meaning}", header, *_keys(section, explain=True)])
@@ -87,7 +87,7 @@ def _blocks(path: tuple[str, ...], section: BaseModel) -> Iterator[str]:
 
 
 def _keys(section: BaseModel, *, explain: bool) -> Iterator[str]:
-    """Lines of the keys that hold no tables."""
+    """Lines of the keys without tables."""
     tree = section.model_dump(exclude_none=True, exclude_unset=True)
     for key, field in type(section).model_fields.items():
         value, meaning = getattr(section, key), _meaning(field)
@@ -107,7 +107,7 @@ def _keys(section: BaseModel, *, explain: bool) -> Iterator[str]:
 
 
 def _entry(path: tuple[str, ...], entry: BaseModel, *, explain: bool) -> str:
-    """Table in a list; tables in it are inline."""
+    """Table in a list, with inline tables."""
     tree = entry.model_dump(exclude_none=True, exclude_unset=True)
     inner = [f"{key} = {_value(value)}" for key, value in tree.items() if isinstance(value, dict)]
     if explain:

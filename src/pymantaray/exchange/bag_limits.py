@@ -87,8 +87,8 @@ class _Limited:
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
-        self._place = tempfile.gettempdir()
-        self._room = self._limit = int(_MAX_DISK_FRACTION * shutil.disk_usage(self._place).free)
+        self._folder = tempfile.gettempdir()
+        self._room = self._limit = int(_MAX_DISK_FRACTION * shutil.disk_usage(self._folder).free)
 
     def __enter__(self) -> Self:
         return self
@@ -102,7 +102,7 @@ class _Limited:
         self._room -= len(content)
         if self._room < 0:
             raise ExchangeError(
-                f"its files unpack to more than {self._limit / 1e9:.3g} GB, half of the free space in {self._place}; set"
+                f"its files unpack to more than {self._limit / 1e9:.3g} GB, half of the free space in {self._folder}; set"
                 " TMPDIR to a larger folder, or unpack them first"
             )
         return content

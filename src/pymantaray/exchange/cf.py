@@ -46,7 +46,7 @@ def read_cf(path: Path) -> tuple[list[Poses], list[str]]:
     try:
         with open_file(path) as data, NETCDF_LOCK:
             try:
-                return _Reader(data, path).read()
+                return _TrajectoryReader(data, path).read()
             except (OceanError, ExchangeError):
                 raise
             except Exception as error:  # noqa: BLE001  the library raises many types
@@ -57,7 +57,7 @@ def read_cf(path: Path) -> tuple[list[Poses], list[str]]:
         ) from None
 
 
-class _Reader:
+class _TrajectoryReader:
     """Reader of one file, which identifies variables by their meaning."""
 
     def __init__(self, data: xr.Dataset, path: Path) -> None:

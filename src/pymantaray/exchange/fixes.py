@@ -11,7 +11,7 @@ from pymantaray.geometry import LocalFrame
 
 Array = NDArray[np.float64]
 _MAX_ORIGIN_SPREAD = 10.0  # m; fixes of a frame's origin have a smaller spread
-_MOST_PAIRS = 500
+_MAX_PAIRS = 500
 _ITERATIONS = 10
 
 
@@ -60,7 +60,7 @@ def centre_from_fixes(pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]]) -
     )
     if not latitude.size:
         return None
-    few = np.unique(np.linspace(0, latitude.size - 1, min(latitude.size, _MOST_PAIRS)).astype(int))
+    few = np.unique(np.linspace(0, latitude.size - 1, min(latitude.size, _MAX_PAIRS)).astype(int))
     centres = [_centre_of(*map(float, row)) for row in zip(north[few], east[few], latitude[few], longitude[few], strict=True)]  # fmt: skip
     return _middle(*np.transpose(centres))
 

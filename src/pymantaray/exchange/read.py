@@ -48,9 +48,11 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
     poses: list[Poses] = []
     notes: list[str] = []
     for path in paths:
-        own, told = _reader(path)(path) if path.suffix.lower() != ".tum" else (read_tum(path, enu=enu), [])
+        own, own_notes = (
+            _reader(path)(path) if path.suffix.lower() != ".tum" else (read_tum(path, enu=enu), [])
+        )
         poses += [p if p.centre is not None else p._replace(centre=centre_beside(path)) for p in own]
-        notes += told
+        notes += own_notes
     return Tracks.of(poses, notes)
 
 

@@ -38,14 +38,14 @@ class Checkpoint:
     """
 
     def __init__(self, folder: Path | None, noun: str) -> None:
-        self._place = None if folder is None else folder.with_name(f"{folder.name}.unfinished")
+        self._folder = None if folder is None else folder.with_name(f"{folder.name}.unfinished")
         self._noun, self._key, self._latest = noun, "", time.monotonic()
         self._kept: set[int] = set()
 
     @property
     def exists(self) -> bool:
         """True if an earlier call saved something."""
-        return self._place is not None and self._place.is_dir()
+        return self._folder is not None and self._folder.is_dir()
 
     def use(self, key: str) -> None:
         """Set the key of the job: a hash of everything that its results depend on."""
@@ -65,7 +65,7 @@ class Checkpoint:
 
     def results(self, count: int, parse: Callable[[bytes], ResultT]) -> dict[int, ResultT]:
         """Results of the tasks 0 to count - 1 that an earlier call finished."""
-        if self._place is None:
+        if self._folder is None:
             return {}
         store, results = Store(str(self._own)), {}
         for number in range(count):
@@ -75,7 +75,7 @@ class Checkpoint:
         self._kept = set(results)
         if results:
             _LOG.warning(
-                "resuming with %d %s of an interrupted run, %s", len(results), self._noun, self._place
+                "resuming with %d %s of an interrupted run, %s", len(results), self._noun, self._folder
             )
         return results
 
@@ -91,7 +91,7 @@ class Checkpoint:
         names = sorted(path.name for path in stage.iterdir() if path.is_file())
 
         def look() -> None:
-            if self._place is not None and time.monotonic() - self._latest >= _SAVE_INTERVAL:
+            if self._folder is not None and time.monotonic() - self._latest >= _SAVE_INTERVAL:
                 self._save(stage, names, results, content)
                 self._latest = time.monotonic()
 
@@ -100,7 +100,7 @@ class Checkpoint:
             look()
             yield look
         except BaseException:
-            if self._place is not None and time.monotonic() - begun >= _SAVE_INTERVAL:
+            if self._folder is not None and time.monotonic() - begun >= _SAVE_INTERVAL:
                 try:
                     self._save(stage, names, results, content)
                 except WriteError as error:
@@ -110,24 +110,24 @@ class Checkpoint:
                         "%d %s are saved in %s; the same call resumes",
                         len(self._kept),
                         self._noun,
-                        self._place,
+                        self._folder,
                     )
             raise
 
     def clear(self) -> None:
         """Remove the checkpoint; other files in the folder stay."""
-        if self._place is None or not self._place.is_dir():
+        if self._folder is None or not self._folder.is_dir():
             return
-        for folder in self._place.iterdir():
+        for folder in self._folder.iterdir():
             if re.fullmatch(r"[0-9a-f]{64}", folder.name):
                 shutil.rmtree(folder, ignore_errors=True)
         with suppress(OSError):
-            self._place.rmdir()
+            self._folder.rmdir()
 
     @property
     def _own(self) -> Path:
-        assert self._place is not None  # callers check this
-        return self._place / self._key
+        assert self._folder is not None  # callers check this
+        return self._folder / self._key
 
     def _save(
         self, stage: Path, names: list[str], results: Mapping[int, Any], content: Callable[[Any], bytes]

@@ -107,8 +107,8 @@ class Workers:
     def _begin(self) -> "subprocess.Popen[bytes]":
         process = _start_process()
         self._processes.append(process)
-        _tell(process, sys.path)
-        _tell(process, pickle.dumps(self._start))
+        _send(process, sys.path)
+        _send(process, pickle.dumps(self._start))
         return process
 
     def _end(self) -> None:
@@ -131,7 +131,7 @@ def _start_process() -> "subprocess.Popen[bytes]":
     )
 
 
-def _tell(process: "subprocess.Popen[bytes]", message: object) -> None:
+def _send(process: "subprocess.Popen[bytes]", message: object) -> None:
     assert process.stdin is not None  # for the type checker
     try:
         pickle.dump(message, process.stdin)
@@ -143,7 +143,7 @@ def _tell(process: "subprocess.Popen[bytes]", message: object) -> None:
 def _answer(process: "subprocess.Popen[bytes]", message: object) -> tuple[object, float]:
     """Result of a message, or the error that the process raised, and the peak memory of the process. [MiB]"""
     assert process.stdout is not None  # for the type checker
-    _tell(process, message)
+    _send(process, message)
     try:
         answer: tuple[object, float] = pickle.load(process.stdout)
     except (EOFError, pickle.UnpicklingError):

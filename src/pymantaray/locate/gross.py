@@ -22,7 +22,7 @@ def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
     survey, legs = solution.unknowns.survey, solution.legs
     out = np.full(len(survey), "", dtype=object)
     for status in np.unique(legs.status[legs.status != RayStatus.OK]):
-        word = RAY_STATUS_WORDS[RayStatus(int(status))]
+        word = RAY_STATUS_WORDS[RayStatus(int(status))].label
         out[legs.status == status] = f"no ray: {word}"
     out[survey.flagged] = "flagged in the file"
     gross = np.flatnonzero(~solution.used & (out == ""))

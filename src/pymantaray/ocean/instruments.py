@@ -130,7 +130,7 @@ def _sea_bird(lines: Lines) -> InstrumentTable:
     for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
         if time := _iso(_after(head, key), _MONTH_NAME_FIRST):
             break
-    return InstrumentTable("Sea-Bird", titles, rows, _place(lat, lon), time, tuple(notes))
+    return InstrumentTable("Sea-Bird", titles, rows, _position(lat, lon), time, tuple(notes))
 
 
 def _sippican(lines: Lines) -> InstrumentTable:
@@ -153,7 +153,7 @@ def _sippican(lines: Lines) -> InstrumentTable:
         "Sippican",
         _titles(titles),
         _numeric_rows(lines, start + 1, None),
-        _place(lat, lon),
+        _position(lat, lon),
         time + (f"T{clock[0]:0>8}" if time and clock else ""),
         tuple(notes),
     )
@@ -165,7 +165,7 @@ def _kongsberg(lines: Lines) -> InstrumentTable:
     time, lat, lon = [*words[3:6], "", "", ""][:3]
     digits = re.fullmatch(r"(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)?", time)
     stamp = "{}-{}-{}T{}:{}:{}".format(*digits.groups(default="00")) if digits else ""
-    place = _place(_value(lat), _value(lon))
+    place = _position(_value(lat), _value(lon))
     return InstrumentTable(
         "Kongsberg", ["depth [m]", "sound_speed [m/s]"], _numeric_rows(lines, first + 1, None), place, stamp
     )
@@ -179,7 +179,9 @@ def _castaway(lines: Lines) -> InstrumentTable:
     lat, lon = (_value(_after(head, rf"Start {axis}\s*,")) for axis in ("latitude", "longitude"))
     time = _after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
     titles = _titles(lines[start].split(","))
-    return InstrumentTable("CastAway", titles, _numeric_rows(lines, start + 1, ","), _place(lat, lon), time)
+    return InstrumentTable(
+        "CastAway", titles, _numeric_rows(lines, start + 1, ","), _position(lat, lon), time
+    )
 
 
 def _sections(lines: Lines) -> InstrumentTable:
@@ -208,7 +210,7 @@ def _sections(lines: Lines) -> InstrumentTable:
         time = f"{_iso(keys['date'], _MONTH_FIRST) or keys['date']} {keys.get('time', '')}".strip()
     time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
     rows = _numeric_rows(lines, start + 1, separator)
-    return InstrumentTable("AML" if aml else "Valeport", _titles(titles), rows, _place(lat, lon), time)
+    return InstrumentTable("AML" if aml else "Valeport", _titles(titles), rows, _position(lat, lon), time)
 
 
 def _valeport_midas(lines: Lines) -> InstrumentTable:
@@ -220,7 +222,7 @@ def _valeport_midas(lines: Lines) -> InstrumentTable:
     lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     time = _iso(_after(head, r"Time Stamp\s*:"), _DAY_FIRST)
     return InstrumentTable(
-        "Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place(lat, lon), time
+        "Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _position(lat, lon), time
     )
 
 
@@ -236,7 +238,9 @@ def _valeport_mini(lines: Lines) -> InstrumentTable:
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
     lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     time = _iso(_after(head, r"Now\s*:"), _DAY_FIRST)
-    return InstrumentTable("Valeport", columns, _numeric_rows(lines, start + 1, None), _place(lat, lon), time)
+    return InstrumentTable(
+        "Valeport", columns, _numeric_rows(lines, start + 1, None), _position(lat, lon), time
+    )
 
 
 def _rbr(lines: Lines) -> InstrumentTable:
@@ -267,7 +271,7 @@ def _rbr(lines: Lines) -> InstrumentTable:
     first = next((line for line in lines[start + 1 :] if line.strip()), "")
     time = re.match(r"\s*(\d{4})[-/](\d\d)[-/](\d\d)[ T](\d\d:\d\d:\d\d)", first)
     stamp = f"{time[1]}-{time[2]}-{time[3]}T{time[4]}" if time else ""
-    return InstrumentTable("RBR", titles, rows, _place(lat, lon), stamp, tuple(notes))
+    return InstrumentTable("RBR", titles, rows, _position(lat, lon), stamp, tuple(notes))
 
 
 def _any(pattern: str) -> Callable[[Lines], bool]:
@@ -353,7 +357,7 @@ def _angle(words: str) -> float:
     return -size if negative else size
 
 
-def _place(lat: float, lon: float) -> tuple[float, float] | None:
+def _position(lat: float, lon: float) -> tuple[float, float] | None:
     return (lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None
 
 

@@ -130,11 +130,11 @@ def _casts(rsk: Any) -> Iterator[_Cast]:
     parts = [part for part in parts if part.any()] or [np.ones(rows.size, dtype=bool)]
     for k, part in enumerate(parts):
         yield _Cast(
-            rows[part], _place(positions, rows["timestamp"][part]), str(k + 1) if len(parts) > 1 else ""
+            rows[part], _position_at(positions, rows["timestamp"][part]), str(k + 1) if len(parts) > 1 else ""
         )
 
 
-def _place(positions: Sequence[tuple[Any, float, float]], times: Any) -> tuple[float, float] | None:
+def _position_at(positions: Sequence[tuple[Any, float, float]], times: Any) -> tuple[float, float] | None:
     """Position in a file that is nearest in time to the start of a cast. [degrees]"""
     if not positions or not times.size:
         return None

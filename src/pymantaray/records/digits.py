@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 MISSING = "–"
 _MINUS = "−"
 _LARGE, _HUGE = 1e5, 1e7  # numbers from here on have no decimals, and an exponent
-_MOST_DECIMALS = 5  # to give the smallest number a digit
-_MOST_DIGITS = 8  # of a number written without an exponent
+_MAX_DECIMALS = 5  # to give the smallest number a digit
+_MAX_DIGITS = 8  # of a number written without an exponent
 _EXPONENT = ".3e"
 
 
@@ -67,7 +67,7 @@ def number_format(numbers: NDArray[np.float64]) -> str:
     sizes = np.abs(numbers[numbers != 0.0])
     decimals = max(-int(np.floor(np.log10(sizes.min()))), 0)
     digits = max(int(np.floor(np.log10(sizes.max()))), 0) + 1 + decimals
-    return f",.{decimals}f" if decimals <= _MOST_DECIMALS and digits <= _MOST_DIGITS else _EXPONENT
+    return f",.{decimals}f" if decimals <= _MAX_DECIMALS and digits <= _MAX_DIGITS else _EXPONENT
 
 
 def compact_format(numbers: NDArray[np.float64]) -> str | None:

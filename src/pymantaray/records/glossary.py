@@ -1,27 +1,20 @@
-"""Words of pages that a newcomer may not know, each with its meaning: tooltips of heads of tables, and a list on the page of a run."""
+"""Terms of pages with their meanings: tooltips of table heads, and a list on the page of a run."""
 
 from collections.abc import Iterable
 
-GLOSSARY = {
-    "shadow": "No ray within the allowed bounces gets to the receiver.",
-    "weak": "Rays arrive, but all are weaker than the cut-off allows: 15 dB beyond spherical spreading by default.",
-    "blocked": "Rays that would arrive meet the sea bed.",
-    "outside": "An end of the link is outside the water or the domain.",
-    "stopped": "One of the vehicles has stopped and is silent.",
-    "unheard": "A ray arrives, but the receiver did not detect it.",
-    "unresolved": "The search for rays was cut short before it found one.",
-    "leaked": "No ray, but sound that leaks past the nearest one.",
-    "scattered": "No ray, but scattered sound.",
-    "condition": "What the estimator uses as ranges, or the estimator's name.",
-    "NEES": "Squared position error in the covariance that the estimator gives. Divided by its degrees of freedom it is 1 if the"
-    " estimator is as good as its covariance says, above 1 if it is too sure.",
-    "lower bound": "The posterior Cramér-Rao bound: the least RMSE that an unbiased estimator has with these measurements, on average"
-    " over the noise. The RMSE of a few realizations can be below it.",
-    "efficiency": "Square of the lower bound by the RMSE: 1 if the estimator reaches the bound.",
-    "bending": "Range error because the ray is bent: its travel time less that along the straight line, times the reference speed.",
-    "reference speed": "Range error because the sound speed at the transmitter is not the mean along the path.",
+from pymantaray.records.status import RAY_STATUS_WORDS
+
+GLOSSARY = {status.name.lower(): words.meaning for status, words in RAY_STATUS_WORDS.items()} | {
+    "condition": "Type of ranges in the estimate, or name of the estimator.",
+    "NEES": "Normalized estimation error squared: the squared position error relative to the estimated covariance. Divided by its"
+    " degrees of freedom, its mean is 1 if the covariance is right, and above 1 if the covariance is too small.",
+    "lower bound": "Posterior Cramér-Rao bound: the smallest RMSE of an unbiased estimator with these measurements, averaged over the"
+    " noise. The RMSE of a few realizations can be below it.",
+    "efficiency": "Squared ratio of the lower bound to the RMSE: 1 if the estimator reaches the bound.",
+    "bending": "Range error because the ray is curved: its travel time minus that along the straight line, times the reference speed.",
+    "reference speed": "Range error because the sound speed at the transmitter differs from the mean along the path.",
 }
-"""By the words as pages write them."""
+"""Meaning of each word, by the word as pages write it."""
 _COLUMNS = {
     "bound_rmse_m": "lower bound",
     "ratio": "NEES",
@@ -30,11 +23,11 @@ _COLUMNS = {
 
 
 def meaning(column: str) -> str:
-    """Meaning of a column's head by the column's name; empty if it needs none."""
+    """Meaning of the head of a column, by the column's name; empty if the head needs none."""
     return GLOSSARY.get(_COLUMNS.get(column, column), "")
 
 
 def explained(words: Iterable[str]) -> list[str]:
-    """Lines of the glossary for some words, in its order."""
+    """Lines of the glossary for some words, in the order of the glossary."""
     chosen = set(words)
     return [f"{word}: {text}" for word, text in GLOSSARY.items() if word in chosen]

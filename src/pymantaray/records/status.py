@@ -22,18 +22,37 @@ class RayStatus(IntEnum):
 ARRIVES = (RayStatus.OK, RayStatus.LEAKED, RayStatus.SCATTERED)
 """Outcomes of a link with an arrival."""
 
+
+class RayStatusWords(NamedTuple):
+    """Label of an outcome in figures and tables, and its meaning as a sentence."""
+
+    label: str
+    meaning: str
+
+
 RAY_STATUS_WORDS = {
-    RayStatus.SHADOW: "shadow",
-    RayStatus.WEAK: "too weak",
-    RayStatus.BLOCKED: "blocked by the bottom",
-    RayStatus.OUTSIDE: "outside the domain",
-    RayStatus.STOPPED: "vehicle stopped",
-    RayStatus.UNHEARD: "not detected",
-    RayStatus.UNRESOLVED: "search cut short",
-    RayStatus.LEAKED: "leaked, no ray",
-    RayStatus.SCATTERED: "scattered, no ray",
+    RayStatus.SHADOW: RayStatusWords("shadow", "No ray within the allowed bounces reaches the receiver."),
+    RayStatus.WEAK: RayStatusWords(
+        "too weak",
+        "Rays arrive, but all are weaker than the cut-off: 15 dB beyond spherical spreading by default.",
+    ),
+    RayStatus.BLOCKED: RayStatusWords(
+        "blocked by the bottom", "The sea bed blocks the rays that would reach the receiver."
+    ),
+    RayStatus.OUTSIDE: RayStatusWords(
+        "outside the domain", "An end of the link is outside the water or the domain."
+    ),
+    RayStatus.STOPPED: RayStatusWords("vehicle stopped", "One of the vehicles has stopped and is silent."),
+    RayStatus.UNHEARD: RayStatusWords("not detected", "A ray arrives, but the receiver does not detect it."),
+    RayStatus.UNRESOLVED: RayStatusWords(
+        "search stopped early", "The search stopped without an arrival because there were too many rays."
+    ),
+    RayStatus.LEAKED: RayStatusWords(
+        "leaked, no ray", "No ray arrives, but sound that leaks past the nearest ray."
+    ),
+    RayStatus.SCATTERED: RayStatusWords("scattered, no ray", "No ray arrives, but scattered sound."),
 }
-"""Outcomes other than OK as text for figures, pages and commands."""
+"""Outcomes other than OK as text for figures, pages, their glossary and commands."""
 
 
 class RayAxis(IntEnum):

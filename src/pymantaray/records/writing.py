@@ -53,7 +53,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
     path = Path(path)
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.part")
     try:
-        _check_place(path, replace=replace)
+        _check_target(path, replace=replace)
         os.close(
             os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666)
         )
@@ -61,7 +61,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
             yield temporary
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())  # reports a full network disk at the latest
-            _check_place(path, replace=replace)
+            _check_target(path, replace=replace)
             temporary.replace(path)
         except OSError as error:
             raise WriteError(f"{path}: cannot be written: {_cause(error, temporary)}") from None
@@ -72,7 +72,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
         raise WriteError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
 
 
-def _check_place(path: Path, *, replace: bool) -> None:
+def _check_target(path: Path, *, replace: bool) -> None:
     if path.is_symlink() or path.exists():
         if not replace:
             raise WriteError(f"{path}: already exists; give another name")

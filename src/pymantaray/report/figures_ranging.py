@@ -122,7 +122,7 @@ def dropout_map(
         for member, (colour, marker) in _STATUS_LOOK.items():
             chosen = status == member
             if chosen.any():
-                text = f"{RAY_STATUS_WORDS[member]} ({chosen.sum():,})"
+                text = f"{RAY_STATUS_WORDS[member].label} ({chosen.sum():,})"
                 axes.plot(x[chosen], y[chosen], marker, color=colour, markersize=2.6, label=text, **look)
         if not status.size:
             style.note(axes, "no range was attempted")

@@ -22,8 +22,8 @@ from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json
 
 _MICRO = 1e6
-_MOST_NODES = 6  # whose residuals have a colour
-_MOST_WARNED = 3  # lines of notes of one kind
+_MAX_NODES = 6  # whose residuals have a colour
+_MAX_WARNED = 3  # lines of notes of one kind
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
@@ -111,7 +111,7 @@ def warnings_of(location: Location) -> list[str]:
     nodes = location.nodes
     lines += [
         f"{row['name']}: {row['status']}." for row in nodes.to_dict("records") if row["status"] != "ok"
-    ][:_MOST_WARNED]
+    ][:_MAX_WARNED]
     return lines
 
 
@@ -129,7 +129,7 @@ def _nodes(count: int) -> str:
 def _cards(location: Location) -> list[Card]:
     """Cards of the nodes, the residuals, the model and the tests."""
     cards = []
-    for row in location.nodes.head(_MOST_NODES).to_dict("records"):
+    for row in location.nodes.head(_MAX_NODES).to_dict("records"):
         place = (
             f"{row['lat']:.6f}, {row['lon']:.6f}"
             if np.isfinite(row["lat"])
@@ -241,7 +241,7 @@ def survey_map(location: Location, header: str) -> Figure:
     near.set_ylabel("North of the estimate [m]")
     style.panel_title(near, "b", "95 % ellipses")
     style.common_legend(
-        figure, [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MOST_NODES]]
+        figure, [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MAX_NODES]]
     )
     return figure
 
@@ -258,7 +258,7 @@ def residual_panels(location: Location, header: str) -> Figure:
         ("range_m", 1e-3, "Horizontal range [km]"),
     )
     names = location.survey.names
-    colours = style.vehicle_colours(len(names)) if len(names) <= _MOST_NODES else [style.BLUE] * len(names)
+    colours = style.vehicle_colours(len(names)) if len(names) <= _MAX_NODES else [style.BLUE] * len(names)
     for axes, (column, factor, label), letter in zip(panels, axes_of, "abc", strict=True):
         for colour, name in zip(colours, names, strict=True):
             part = pings[pings["node"] == name]
@@ -274,7 +274,7 @@ def residual_panels(location: Location, header: str) -> Figure:
         axes.set_xlabel(label)
         style.panel_title(axes, letter, "over " + label.split(" [")[0].lower())
     panels[0].set_ylabel("Residual [µs]")
-    if len(names) <= _MOST_NODES:
+    if len(names) <= _MAX_NODES:
         style.common_legend(figure, panels[0].get_legend_handles_labels()[0])
     return figure
 

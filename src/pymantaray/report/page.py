@@ -16,7 +16,7 @@ from pymantaray.records.result_table import ResultTable
 from pymantaray.report.folder import PAGE
 from pymantaray.study.store import FIGURES, TABLES
 
-_MOST_ROWS = 500  # of a table on a page
+_MAX_ROWS = 500  # of a table on a page
 
 
 class Card(NamedTuple):
@@ -78,7 +78,7 @@ class Page:
         environment.filters["packed"] = lambda text: b64encode(
             gzip.compress(text.encode(), 6, mtime=0)
         ).decode()
-        environment.filters["first"] = lambda table: table.first(_MOST_ROWS)
+        environment.filters["first"] = lambda table: table.first(_MAX_ROWS)
         environment.globals["plotly"] = get_plotlyjs
         return environment.get_template("page.html").render(page=self) + "\n"
 

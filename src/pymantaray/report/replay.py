@@ -22,18 +22,18 @@ from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json
 
-_MOST_PAIRS = 12  # panels of residuals over time
+_MAX_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows
 _STATUS_STYLES = {
     "ok": (style.BLUE, "predicted"),
-    "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED]),
-    "scattered": ("#AA4499", RAY_STATUS_WORDS[RayStatus.SCATTERED]),
-    "shadow": (style.ORANGE, RAY_STATUS_WORDS[RayStatus.SHADOW]),
-    "weak": (style.SKY, RAY_STATUS_WORDS[RayStatus.WEAK]),
-    "blocked": (style.GREEN, RAY_STATUS_WORDS[RayStatus.BLOCKED]),
-    "outside": (style.PINK, RAY_STATUS_WORDS[RayStatus.OUTSIDE]),
+    "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED].label),
+    "scattered": ("#AA4499", RAY_STATUS_WORDS[RayStatus.SCATTERED].label),
+    "shadow": (style.ORANGE, RAY_STATUS_WORDS[RayStatus.SHADOW].label),
+    "weak": (style.SKY, RAY_STATUS_WORDS[RayStatus.WEAK].label),
+    "blocked": (style.GREEN, RAY_STATUS_WORDS[RayStatus.BLOCKED].label),
+    "outside": (style.PINK, RAY_STATUS_WORDS[RayStatus.OUTSIDE].label),
     "unheard": (style.INK, "below the threshold"),
-    "unresolved": (style.GREY, RAY_STATUS_WORDS[RayStatus.UNRESOLVED]),
+    "unresolved": (style.GREY, RAY_STATUS_WORDS[RayStatus.UNRESOLVED].label),
 }
 
 
@@ -148,7 +148,7 @@ def _figure_specs(replay: Replay) -> list[FigureSpec]:
         ),
         FigureSpec(
             "residual_time",
-            f"Residuals over time of the {_MOST_PAIRS} pairs with most events; one colour per direction. A step between two levels"
+            f"Residuals over time of the {_MAX_PAIRS} pairs with most events; one colour per direction. A step between two levels"
             " is a change of candidate; a gap between the directions is twice the difference of the clocks.",
             lambda: residuals_over_time(replay.events, header),
         ),
@@ -220,7 +220,7 @@ def _middle(name: str) -> float:
 def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
     """Residuals of each pair against time."""
     known = events[events["residual_s"].notna()]
-    pairs = known["pair"].value_counts(sort=True).index[:_MOST_PAIRS].sort_values()
+    pairs = known["pair"].value_counts(sort=True).index[:_MAX_PAIRS].sort_values()
     lines = max(-(-len(pairs) // 3), 1)
     figure = style.new_figure(style.DOUBLE, 0.5 + 1.35 * lines, header)
     panels = figure.subplots(lines, 3, sharex=True, squeeze=False)

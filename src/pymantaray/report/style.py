@@ -65,7 +65,7 @@ CONDITION_LABELS = {
 _MORE_COLOURS = (PINK, "#882255", "#332288", "#999933", "#44AA99", "#AA4499")  # after Okabe and Ito, Tol
 DISTINCT = len(_MORE_COLOURS)
 """Number of estimators with a colour of their own."""
-_MOST_DECADES = 9  # ticks at powers of ten
+_MAX_DECADES = 9  # ticks at powers of ten
 _PER_LINE = 5  # entries of a legend below the panels
 _MARKERS = "osD^v<>phd"
 _SIGNS = dict(zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True))  # of markers in text
@@ -209,7 +209,7 @@ class LogTicks(LogLocator):
             ticks = np.outer(decades, subs).ravel()
             inside = ticks[(ticks >= low * (1.0 - 1e-9)) & (ticks <= high * (1.0 + 1e-9))]
             if inside.size > 1:
-                return inside[:: -(-inside.size // _MOST_DECADES)] if len(subs) == 1 else inside
+                return inside[:: -(-inside.size // _MAX_DECADES)] if len(subs) == 1 else inside
         return MaxNLocator(4, steps=[1, 2, 5, 10]).tick_values(low, high)
 
 

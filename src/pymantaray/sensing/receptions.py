@@ -162,7 +162,7 @@ def receptions_of(arrivals: Arrivals, along: AlongRays) -> Receptions:
 
 def with_detection(receptions: Receptions, sonar: Sonar) -> Receptions:
     """Receptions with their probabilities of detection by a sonar."""
-    return replace(receptions, detection=sonar.probability_heard(receptions.loss_db))
+    return replace(receptions, detection=sonar.detection_probability(receptions.loss_db))
 
 
 def with_leaks(

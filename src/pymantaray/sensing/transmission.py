@@ -58,8 +58,7 @@ class ReceptionOptions(NamedTuple):
     leakage : Leakage, optional
         Model of sound that arrives without a ray, at the detector's frequency. Default: no such sound.
     cone : float, optional
-        Width of the fan of launch angles about the chord at the end that sends, half of it on either side. Rays launched outside
-        are lost. [rad]
+        Width of the fan of launch angles of the transmitter, centred on the chord. Rays launched outside the fan are lost. [rad]
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
     """
@@ -91,7 +90,7 @@ class Transmission(NamedTuple):
 
     def selected(self, name: str) -> Array:
         """
-        Column of the receptions at the selected rows.
+        Return a column of the receptions at the selected rows.
 
         Parameters
         ----------
@@ -226,7 +225,7 @@ def _with_leaks(
     detector, leakage = reception.detector, reception.leakage
     if leakage is None or detector is None:
         raise SensingError(
-            "ReceptionOptions: leakage needs a detector, because it depends on the frequency; add a detector, or leave out leakage"
+            "ReceptionOptions: leakage needs a detector, because it depends on the frequency; add a detector, or remove leakage"
         )
     dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)

@@ -1,6 +1,6 @@
-"""Runs the whole experiment: realizations, conditions, and the run folder; `pymantaray.config` reads its file.
+"""Whole studies: realizations, conditions and the run folder. `pymantaray.config` reads their configuration files.
 
-Reading a configuration is quick; what it takes to run one is imported when it is first asked for.
+Modules that only a run needs are imported at their first use.
 """
 
 from typing import TYPE_CHECKING

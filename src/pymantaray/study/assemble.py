@@ -1,4 +1,4 @@
-"""From configuration to the objects that the other folders work with."""
+"""Conversion of a configuration to the objects of other folders."""
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,7 @@ from pymantaray.water.ocean import OceanFields, local_ocean
 
 
 def gnss_depth(depth: float, ocean: OceanFields, truth: Trajectories) -> float | NDArray[np.float64]:
-    """Depth above which vehicles have a GNSS fix: the given one in open water, 0 under ice. [m]"""
+    """Maximum depth of a GNSS fix: the argument in open water, 0 under ice. [m]"""
     if "sea_ice_draft" not in ocean.local:
         return depth
     surface = BoundarySurface.from_dataset(ocean.local, "sea_ice_draft")
@@ -36,14 +36,14 @@ def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
 
 def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
     """
-    Points (n, 3) that each vehicle and landmark starts from and plans to reach, drift not foreseen; of trajectories, all. [m]
+    Start and waypoints (n, 3) of each vehicle and landmark without drift; all points of an existing trajectory. [m]
 
-    Those that have latitudes and longitudes need the frame's centre in the configuration, see `with_tracks`.
+    Points with latitudes and longitudes require the frame's centre in the configuration, see `with_tracks`.
     """
     marks = {mark.name: mark.position[None] for mark in config.landmarks}
     if config.fleet.trajectories:
         tracks = read_fleet(config.fleet)
-        frame = LocalFrame(*(config.ocean.centre or (0.0, 0.0)))  # of places in the frame itself any will do
+        frame = LocalFrame(*(config.ocean.centre or (0.0, 0.0)))  # local points do not depend on it
         return {p.name: p.place for p in tracks.in_frame(frame)} | marks
     return config.fleet.planned() | marks
 
@@ -51,7 +51,7 @@ def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
 def fleet_findings(
     config: StudyConfig, geographic: xr.Dataset, sea_floor: xr.DataArray | None
 ) -> list[Finding]:
-    """Findings of a run's own check of its vehicles in an ocean; none for existing trajectories."""
+    """Findings of the check of a run's vehicles in an ocean; none for existing trajectories."""
     local = local_ocean(config.ocean, geographic, sea_floor)
     refusals = fleet_refusals(config.fleet.build(), local, config.mission.physics_step_s)
     return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]

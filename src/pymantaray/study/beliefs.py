@@ -1,4 +1,4 @@
-"""The oceans that estimators believe in: exact, in error, averaged, one cast, another day's, a file's, or by other numerics."""
+"""Oceans that estimators assume: exact, perturbed, averaged, of one cast, of another day, from a file, or by other numerics."""
 
 import datetime as dt
 from dataclasses import dataclass, replace
@@ -65,7 +65,7 @@ _DOMAIN = ("centre_lat", "centre_lon", "half_extent_north", "half_extent_east")
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """An ocean as an estimator has it."""
+    """Ocean that an estimator assumes."""
 
     local: xr.Dataset
     medium: Medium
@@ -75,18 +75,18 @@ class Belief:
 
     @cached_property
     def rays(self) -> EigenrayModel:
-        """Eigenrays through it, shared by all estimators that believe in it."""
+        """Eigenrays through this ocean, shared by all estimators that assume it."""
         return EigenrayModel(
             self.medium, spreading_cutoff_db=self.spreading_cutoff_db, currents=self.currents
         )
 
     def profile(self) -> tuple[Array, Array]:
-        """Levels, and the horizontal mean of the sound speed at them. [m, m/s]"""
+        """Levels [m], and the horizontal mean of the sound speed at each level [m/s]."""
         return self.medium.depth, self.medium.sound_speed.mean(axis=(0, 1))
 
 
 class Beliefs:
-    """The believed oceans of one run, each made once: for all realizations, or for one if it is random."""
+    """Assumed oceans of one run. Each is built once; a random ocean is built once per realization."""
 
     def __init__(self, run: Run) -> None:
         self.config, self._run = run.config, run
@@ -94,7 +94,7 @@ class Beliefs:
         self._over_time: dict[AnyBelief, OceanFields] = {}
 
     def believed(self, section: AnyBelief, realization: int) -> Belief:
-        """Ocean that an estimator believes in; where the true one varies in time, a snapshot of its start."""
+        """Ocean that an estimator assumes; if the true ocean varies in time, a snapshot at its start."""
         drawn = isinstance(section, PerturbedBelief) or (
             isinstance(section, CastBelief) and (section.bias_sigma or section.noise_sigma) > 0.0
         )
@@ -104,7 +104,7 @@ class Beliefs:
         return self._latest[section][1]
 
     def varying(self, section: AnyBelief) -> OceanFields:
-        """Ocean over the mission that is believed to vary: as the study's, of the day that is believed in, or by a tide."""
+        """Assumed ocean that varies during the mission: like the study's ocean, like another day's, or with a tide."""
         if section not in self._over_time:
             ocean = self.config.ocean
             if isinstance(section, OtherDayBelief):
@@ -116,13 +116,13 @@ class Beliefs:
         return self._over_time[section]
 
     def covariance(self, rms: float, horizontal_scale: float, down_to: float | None) -> SoundSpeedCovariance:
-        """Covariance of an error of some rms [m/s] down to a depth [m], in the vertical modes of the region."""
+        """Covariance of an error with an RMS [m/s] down to a depth [m], in the vertical modes of the region."""
         depth, shapes, sigma = self._scaled_modes((), rms, down_to)
         matrix = np.einsum("k,ki,kj->ij", sigma**2, shapes, shapes)
         return SoundSpeedCovariance(depth, 0.5 * (matrix + matrix.T), horizontal_scale)
 
     def modes(self, section: ModesSection) -> tuple[Array, Array, Array]:
-        """Levels [m], shapes (n_modes, n_levels) and prior sigma [m/s] of the modes to be estimated."""
+        """Levels [m], shapes (n_modes, n_levels) and prior sigma [m/s] of the estimated modes."""
         depth, shapes, sigma = self._scaled_modes(section.casts, section.rms, section.down_to)
         if section.count > sigma.size:
             raise OceanError(
@@ -183,13 +183,13 @@ class Beliefs:
         return local_ocean(section, geographic, build_sea_floor(section, self._true))
 
     def _with_instrument_error(self, local: xr.Dataset, section: CastBelief, realization: int) -> xr.Dataset:
-        """The same with a bias, and noise at each level."""
+        """Local ocean with the bias of a cast, and its noise at each level."""
         rng = stream(self.config.study.seed, realization, "belief", "cast")
         bias, noise = rng.standard_normal(), rng.standard_normal(local["depth"].size)
         return _offset(local, section.bias_sigma * bias + section.noise_sigma * noise)
 
     def _from_files(self, section: FileBelief) -> xr.Dataset:
-        """Local ocean of files or of a cast, over what they hold of the study's domain; the fleet must be in it."""
+        """Local ocean of files or of a cast, over the part of the study's domain that they cover; it must contain the fleet."""
         name = ", ".join(section.source)
         try:
             local = (
@@ -205,7 +205,9 @@ class Beliefs:
     def _local_of_cast(self, section: FileBelief) -> xr.Dataset:
         """Water of a cast everywhere, over the sea floor of the study."""
         if len(section.source) > 1:
-            raise OceanError("several files, the first of casts; name one cast, or files of an ocean")
+            raise OceanError(
+                "several files, of which the first contains casts; name one file of casts, or files of an ocean"
+            )
         ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
         frame = self._frame
         cast = read_cast(
@@ -228,7 +230,9 @@ class Beliefs:
     def _local_of_ocean(self, section: FileBelief) -> xr.Dataset:
         """Ocean of files, with currents only where rays need them."""
         if section.cast is not None:
-            raise OceanError(f"cast is {section.cast!r}, but this is an ocean; leave it out")
+            raise OceanError(
+                f"cast is {section.cast!r}, but the file is an ocean without casts; remove the key cast"
+            )
         ocean = self.config.ocean
         time = None if section.time is None else utc_instant(section.time)
         if time is None and (own_files(section.source) == () or len(ocean_times(section.source)) > 1):
@@ -238,7 +242,7 @@ class Beliefs:
         return self._local(geographic, build_sea_floor(ocean, self._true))
 
     def _local(self, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:
-        """Part of the study's domain that an ocean holds, about the study's centre."""
+        """Part of the study's domain that an ocean covers, around the study's centre."""
         centre = self._centre
         window, (north, east, _) = Window.of(geographic, centre), _reach(self._run.ocean).tolist()
         half_extent = (north, east) if window.holds(north, east) else window.largest_rectangle()
@@ -247,12 +251,14 @@ class Beliefs:
 
     def _check_holds_fleet(self, local: xr.Dataset) -> None:
         there, whole = _reach(local), _reach(self._run.ocean)
-        fleet = np.minimum(np.abs(self._run.truth.position).max(axis=(0, 1)), whole)  # some may have left it
+        fleet = np.minimum(
+            np.abs(self._run.truth.position).max(axis=(0, 1)), whole
+        )  # vehicles may have left the domain
         if np.any(fleet > there):
             (north, far_north), (east, far_east), (depth, deep) = map(distinct_digits, there, fleet)
             raise OceanError(
-                f"holds +-{north} m north and +-{east} m east of the study's centre, down to {depth} m; the fleet goes to"
-                f" {far_north}, {far_east} and {deep} m: give a larger ocean"
+                f"covers +-{north} m north and +-{east} m east of the study's centre, down to {depth} m, but the fleet reaches"
+                f" {far_north}, {far_east} and {deep} m; give a larger ocean"
             )
 
     def _geographic_belief(self, section: AnyBelief, realization: int) -> xr.Dataset:
@@ -277,18 +283,18 @@ class Beliefs:
         if isinstance(section, CastBelief):
             cast = column_ocean(true, self._cast_place(section))
             return cast if section.down_to is None else _constant_below(cast, section.down_to)
-        assert isinstance(section, OtherDayBelief)  # the exact one is on disk; for the type checker
+        assert isinstance(section, OtherDayBelief)  # for the type checker; the exact ocean is on disk
         earlier = np.timedelta64(round(section.days_earlier * 86400), "s")
         time = np.datetime64(str(true["time"].values), "ns") - earlier
         return open_ocean(config.ocean.source, time=time, currents=config.ocean.currents)
 
     @cached_property
     def _true(self) -> xr.Dataset:
-        """Geographic ocean of the mission's start."""
+        """Geographic ocean at the start of the mission."""
         return open_start(self.config.ocean)
 
     def _cast_place(self, section: CastBelief) -> tuple[float, float]:
-        """Latitude and longitude of the cast. [degrees]."""
+        """Latitude and longitude of the cast. [degrees]"""
         north, east = section.north, section.east
         if north is None or east is None:
             stations = (v for v in self.config.fleet.vehicles if isinstance(v, StationVehicle))
@@ -315,17 +321,19 @@ def _offset(local: xr.Dataset, by_level: Array) -> xr.Dataset:
 
 
 def _every(size: int, step: int) -> NDArray[np.intp]:
-    """Every so many levels, the first and the last among them."""
+    """Indices of every n-th level, including the first and the last."""
     return np.unique(np.append(np.arange(0, size, step), size - 1))
 
 
 def _constant_below(geographic: xr.Dataset, depth: float) -> xr.Dataset:
-    """Ocean with the temperature and salinity of the last level down to a depth below it, where there is water."""
+    """Ocean whose water below a depth has the temperature and salinity of the last level above that depth."""
     levels = geographic["depth"].values
     last = int(np.searchsorted(levels, depth, side="right")) - 1
     if last < 0:
         end, first = distinct_digits(depth, levels[0])
-        raise OceanError(f"belief: a cast down to {end} m ends above the first level, {first} m")
+        raise OceanError(
+            f"belief: the cast ends at {end} m, above the first level of the ocean, {first} m; give a deeper cast"
+        )
     upper = geographic.isel(depth=np.minimum(np.arange(levels.size), last))
     return geographic.assign(
         {
@@ -336,5 +344,5 @@ def _constant_below(geographic: xr.Dataset, depth: float) -> xr.Dataset:
 
 
 def _reach(local: xr.Dataset) -> Array:
-    """Half sides north and east, and greatest depth, of a local ocean. [m]"""
+    """Half extents north and east, and maximum depth, of a local ocean. [m]"""
     return np.array([local["north"].values[-1], local["east"].values[-1], local["sea_floor_depth"].max()])

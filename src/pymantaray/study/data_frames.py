@@ -1,4 +1,4 @@
-"""A run as pandas data frames, one row a range attempt or a pose, with units in `attrs`."""
+"""Data frames of a run, with one row per range attempt or pose and units in `attrs`."""
 
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,7 @@ _UNITS = {
 
 
 def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
-    """One row a range attempt: what was measured, without noise or in a realization, and what was true."""
+    """One row per range attempt: measurements, without noise or of a realization, and true values."""
     m = run.measurements if realization is None else run.noisy_measurements(realization)
     truth, names = run.ranging_truth, np.concatenate([m.name, m.landmark_name])
     measured = {name: getattr(m, name) for name in ("straight_range", "refracted_range", "range_sigma")}
@@ -49,12 +49,12 @@ def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
 
 
 def _column(values: NDArray[Any]) -> NDArray[Any]:
-    """Column of a record for a table; flags, which are bytes, are true or false."""
+    """Column of a record for a table, with flags converted from bytes to booleans."""
     return values == 1 if values.dtype == np.int8 else values
 
 
 def error_frame(run: "Run") -> pd.DataFrame:
-    """One row a pose that was estimated: estimate less truth along the axes, and its length."""
+    """One row per estimated pose: estimate minus truth along each axis, and the length of this difference."""
     truth, estimates = run.truth, run.estimates
     error = estimates.to_dataset()["position"] - truth.position
     frame = _rows(error.to_dataset(dim="axis"))
@@ -63,8 +63,10 @@ def error_frame(run: "Run") -> pd.DataFrame:
 
 
 def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
-    """One row a pose, of the truth and of every condition in a realization; convergence is the bearing of true north in the frame."""
-    estimated = realization if run.config.solves else 0  # of ranges alone there are noises, but no estimates
+    """One row per pose of the truth and of every condition in a realization; convergence is the bearing of true north."""
+    estimated = (
+        realization if run.config.solves else 0
+    )  # ranges alone have realizations of noise, but no estimates
     estimates = run.estimates.to_dataset().isel(realization=estimated)
     parts = {TRUTH: _poses(run.truth.to_dataset())}
     for condition in run.estimates.condition.tolist():
@@ -91,7 +93,7 @@ def _rows(data: "xr.Dataset") -> pd.DataFrame:
 
 
 def _finished(frame: pd.DataFrame, record: DatedRecord) -> pd.DataFrame:
-    """Frame with dates beside its times, if the mission has one, and with units."""
+    """Frame with units, and with dates beside its times if the mission has a date."""
     if not np.isnat(record.start):
         since = pd.to_timedelta(frame["time"], unit="s")
         frame.insert(list(frame).index("time") + 1, "date", pd.Timestamp(record.start) + since)

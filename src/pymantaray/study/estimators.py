@@ -1,4 +1,4 @@
-"""From the conditions of a configuration to estimators with their range models and uncertainties."""
+"""Construction of estimators, with their range models and uncertainties, from the conditions of a configuration."""
 
 from pymantaray.config.estimators import ConditionSection, ExactBelief, FixedLagSolver
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
@@ -12,7 +12,7 @@ from pymantaray.study.true_unknowns import true_amplitudes, true_clocks
 
 
 class EstimatorFactory:
-    """Makes the estimators of a run; what realizations share is made once."""
+    """Builds the estimators of a run; parts that realizations share are built once."""
 
     def __init__(self, run: Run) -> None:
         self._run, self._beliefs = run, Beliefs(run)
@@ -23,12 +23,12 @@ class EstimatorFactory:
         model = None
         if (
             section.range_model.kind != "transmitter" or section.estimates_more
-        ):  # else ranges are distances as they are
+        ):  # otherwise ranges are distances without correction
             model = build_range_model(section.range_model, self._beliefs, realization)
         uncertainty = None
         if section.uncertainty is not None and isinstance(model, EigenrayModel):
             uncertainty = RayUncertainty(model, self._beliefs.covariance(*section.uncertainty))
-        # if all assumptions hold, the cost has to lie within its chi-square bounds
+        # if all assumptions hold, the cost must be within its chi-square bounds
         exact = section.range_model.kind == "eigenray" and isinstance(section.belief, ExactBelief)
         return Estimator(
             ranges=None if section.ranges == "none" else section.ranges,
@@ -56,7 +56,7 @@ class EstimatorFactory:
         )
 
     def true_unknowns(self, section: ConditionSection, realization: int) -> dict[str, float]:
-        """True values of what a condition estimates besides the poses, by the names of `Unknowns`."""
+        """True values of a condition's unknowns other than poses, by the names of `Unknowns`."""
         run = self._run
         out: dict[str, float] = {}
         model = build_range_model(section.range_model, self._beliefs, realization)

@@ -1,4 +1,4 @@
-"""A run in the formats of other programs."""
+"""Export of a run to the formats of other programs."""
 
 import shutil
 from collections.abc import Callable
@@ -29,17 +29,17 @@ _SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
 
 
 class Format(NamedTuple):
-    """Writer of a realization, and true if it writes a folder of files."""
+    """Writer of a realization; true if it writes a folder of files."""
 
     write: Callable[[Run, int, Path], None]
     folder: bool = True
     sidecar: bool = False
-    """Whether ``frame.json`` beside the files names the frame's centre, because they cannot."""
+    """True if ``frame.json`` beside the files gives the frame's centre, because the format cannot."""
 
 
 def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: int = 0) -> Path:
     """
-    Write one realization of a run in another program's format, whole or not at all.
+    Write one realization of a run in another program's format, atomically.
 
     Parameters
     ----------
@@ -47,28 +47,28 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
     to : str
         Key of `FORMATS`.
     out : str or pathlib.Path
-        Folder, new or empty, or for ``rrd`` and ``mcap`` a file that is not there yet.
+        A new or empty folder; for ``rrd`` and ``mcap`` a file that does not exist.
     realization : int
         Index of the realization, from 0.
 
     Returns
     -------
     pathlib.Path
-        What was made.
+        The folder or file.
 
     Raises
     ------
     ExchangeError
-        If there is no such format, the run holds nothing for it, or its library is not installed.
+        If the format does not exist, the run has no data for it, or its library is not installed.
     StudyError
-        If the folder is no run or has no such realization.
+        If the folder is not a run or does not have this realization.
     JobError
-        If the folder for the results is not free.
+        If the folder for the results is not empty or in use.
     WriteError
-        If the file cannot be written or is there already.
+        If the file exists or cannot be written.
     """
     if to not in FORMATS:
-        raise ExchangeError(f"export: no format {to!r}; there are {', '.join(FORMATS)}")
+        raise ExchangeError(f"export: unknown format {to!r}; allowed: {', '.join(FORMATS)}")
     run = run if isinstance(run, Run) else open_run(run)
     count, form = run.config.study.realizations, FORMATS[to]
     if not 0 <= realization < count:
@@ -95,7 +95,7 @@ def record(run: Run, realization: int) -> Recording:
         for condition, position, quaternion in zip(
             e.condition.tolist(),
             e.position[:, realization],
-            e.quaternion[:, realization].astype(float),  # kept with seven digits
+            e.quaternion[:, realization].astype(float),  # stored with seven digits
             strict=True,
         )
         if np.isfinite(position).all()
@@ -118,7 +118,7 @@ def _kitti(run: Run, realization: int, folder: Path) -> None:
 
 
 def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
-    """Data frames of a realization, units in the names of their columns."""
+    """Data frames of a realization, with units in the names of columns."""
     errors = run.errors()
     frames = {
         "trajectories": run.trajectories(realization),
@@ -158,14 +158,14 @@ def _pyfg(run: Run, realization: int, folder: Path) -> None:
 
 
 def _g2o(run: Run, realization: int, folder: Path) -> None:
-    """Poses and edges, all that the format has, at the estimates."""
+    """Poses and edges at the estimates; the format has nothing else."""
     _check_ranges(run)
     recording = record(run, realization)
     graphs = noisy_graphs(run, recording.measurements)
     solved = {name: poses for name, poses in recording.estimates.items() if name in graphs}
     if not solved:
         raise ExchangeError(
-            f"{run.path}: every solve of realization {realization} with ranges failed; take another"
+            f"{run.path}: every solve of realization {realization} with ranges failed; select another realization"
         )
     for name, (position, quaternion) in solved.items():
         values = GraphValues(

@@ -1,4 +1,4 @@
-"""Noisy factor graphs of a realization, and PyFG files of them."""
+"""Noisy factor graphs of a realization, and their PyFG files."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def noisy_graphs(run: Run, noisy: Measurements) -> dict[str, FactorGraph]:
 
 
 def write_graphs(run: Run, realization: int, folder: Path, before: str = "") -> None:
-    """Write a realization's graphs as PyFG text, the true poses as values; names of files begin with ``before``."""
+    """Write a realization's graphs as PyFG text with the true poses as values; file names begin with ``before``."""
     noisy = run.noisy_measurements(realization)
     truth = GraphValues(
         position=run.truth.position.reshape(-1, 3),

@@ -25,7 +25,7 @@ FORMATS = (2, 3, 4)
 
 
 class Stopwatch:
-    """Wall-clock seconds of named stages, in the order in which they were entered, and when it began."""
+    """Wall-clock seconds of named stages in the order of their start, and the time at which the first began."""
 
     def __init__(self) -> None:
         self.began = dt.datetime.now(dt.UTC)
@@ -42,7 +42,7 @@ class Stopwatch:
 
 
 def checksums(config: StudyConfig) -> dict[str, str]:
-    """SHA-256 of every input file of a study, by its name."""
+    """SHA-256 of every input file of a study, by file name."""
     return {file: sha256(Path(file)) for file in config.files}
 
 
@@ -56,7 +56,7 @@ def describe_run(
     workers: int,
     worker_memory_mib: float,
 ) -> dict[str, Any]:
-    """Collect what results depend on, with checksums of inputs, and their cost; ``ocean`` has the local ocean's attributes."""
+    """Content of a manifest: everything that results depend on, and their cost; ``ocean`` has the local ocean's attributes."""
     return {
         "format": FORMATS[-1],
         "study": config.study.name,
@@ -91,7 +91,7 @@ def describe_run(
 
 
 def _command() -> str | None:
-    """Command line of `mantaray` that this process is; None of a script or a notebook."""
+    """Command line if this process is `mantaray`; None for a script or a notebook."""
     return (
         shlex.join(["mantaray", *map(without_secrets, sys.argv[1:])])
         if Path(sys.argv[0]).stem == "mantaray"
@@ -100,7 +100,7 @@ def _command() -> str | None:
 
 
 def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, Any]:
-    """Source of the trajectories of a fleet, their start, and changes or assumptions made when they were read."""
+    """Source of a fleet's trajectories, their start, and changes or assumptions made on reading."""
     tracks = read_fleet(config.fleet)
     note = centre_note(config, ocean, tracks)
     return {
@@ -111,7 +111,7 @@ def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, 
 
 
 def git_commit() -> str | None:
-    """Commit of the checkout that the package runs from, ``-dirty`` if it differs; None without checkout or git."""
+    """Commit of the package's checkout, ``-dirty`` if files differ from it; None without checkout or git."""
     root = Path(__file__).resolve().parents[3]
     if not (root / ".git").exists():
         return None

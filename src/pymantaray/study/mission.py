@@ -1,4 +1,4 @@
-"""One mission without noise: ocean, fleet, rays and measurements, each a timed stage."""
+"""Mission without noise: ocean, fleet, rays and measurements, each a timed stage."""
 
 import logging
 from collections.abc import Callable
@@ -47,7 +47,7 @@ LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """Everything that all realizations of a study share."""
+    """Data that all realizations of a study share."""
 
     ocean: OceanFields
     truth: Trajectories
@@ -58,9 +58,9 @@ class Mission:
     hearing: Hearing | None
     """Detection probability of each attempt; None if every arrival is detected."""
     picture: xr.Dataset | None = None
-    """Section through the water along one link, with its rays; None if no ray arrives anywhere."""
+    """Section through the water along one link, with its rays; None if no link has a ray."""
     candidates: Candidates | None = None
-    """Arrivals that each attempt may take for the direct one; None if no receiver errs."""
+    """Arrivals that each attempt may mistake for the direct one; None if no receiver makes mistakes."""
 
 
 def simulate_mission(
@@ -75,7 +75,7 @@ def simulate_mission(
     """
     Run a mission up to its measurements without noise; the stopwatch records the duration of each stage.
 
-    ``tracks``, ``schedule`` and ``data``, the ocean, are those of the configuration if they are in memory.
+    ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the configuration if they are in memory.
     """
     _check_names(config, tracks, schedule)
     progress("ocean", 0, 1)
@@ -111,14 +111,14 @@ def simulate_mission(
 
 
 def earth_note(config: StudyConfig, truth: RangingTruth) -> str | None:
-    """Sentence about the error of a flat Earth, None if it is small or the Earth of the study is a sphere."""
+    """Sentence about the error of a flat Earth; None if it is small or the study's Earth is a sphere."""
     if config.acoustics.earth != "flat" or not truth.distance.size:
         return None
     return flat_earth_note(float(np.nanmax(truth.distance)))
 
 
 def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
-    """Refuse a schedule with unknown names before the simulation."""
+    """Raise an error for a schedule with unknown names before the simulation."""
     if schedule is None and config.mission.schedule is None:
         return
     fleet, plan = config.fleet, schedule or build_schedule(config)
@@ -129,7 +129,7 @@ def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule 
 def simulate_fleet(
     config: StudyConfig, ocean: OceanFields, *, tracks: Tracks | None = None, schedule: Schedule | None = None
 ) -> Trajectories:
-    """Trajectories of the vehicles of a mission, sampled at every ping too."""
+    """Trajectories of the vehicles of a mission, with additional samples at every ping."""
     mission, duration = config.mission, config.mission.duration_h * 3600.0
     if config.fleet.trajectories:
         pings = (schedule or build_schedule(config)).times(duration)
@@ -158,7 +158,7 @@ def range_fleet(
     *,
     schedule: Schedule | None = None,
 ) -> Ranging:
-    """Ranges of a mission without noise: all of its rays."""
+    """Ranges of a mission without noise, with all of its rays."""
     return measure_ranges(
         truth,
         [mark.build() for mark in config.landmarks],
@@ -174,7 +174,7 @@ def range_fleet(
 def assemble_mission(
     config: StudyConfig, ocean: OceanFields, truth: Trajectories, ranging: Ranging
 ) -> Mission:
-    """Data that all realizations of a study share, from its ranges, without the ray picture."""
+    """Data that all realizations of a study share, built from its ranges, without the ray picture."""
     noise = config.noise.model
     picker = config.ranging.build_picker(config.build_sonar())
     return Mission(
@@ -201,7 +201,7 @@ def assemble_mission(
 def mission_picture(
     config: StudyConfig, mission: Mission, medium: Medium | Callable[[float], Medium]
 ) -> xr.Dataset | None:
-    """Picture of a mission's most bent link."""
+    """Picture of the most bent link of a mission."""
     return picture_of_most_bent_link(
         medium,
         mission.truth,
@@ -250,7 +250,7 @@ def picture_of_most_bent_link(
     *,
     spreading_cutoff_db: float | None,
 ) -> xr.Dataset | None:
-    """Picture of the link between vehicles whose direct arrival gains most on the chord, in its ping's water."""
+    """Picture of the link between vehicles whose ray gains most time on the chord, in the water at its ping."""
     first = select(arrivals, "direct")
     gain = first.chord_travel_time - first.travel_time
     n_vehicles = truth.name.size

@@ -1,4 +1,4 @@
-"""Ranges between vehicles that moved elsewhere: a study that estimates nothing."""
+"""Ranges between vehicles with existing trajectories: a study without estimators."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -36,36 +36,36 @@ def measure(
     **options: Any,
 ) -> Run:
     """
-    Ranges between vehicles whose trajectories are known, through an ocean.
+    Return ranges through an ocean between vehicles with known trajectories.
 
     Parameters
     ----------
     trajectories : str, pathlib.Path, sequence of them, pandas.DataFrame, Tracks or Trajectories
-        Files or a data frame as `read_trajectories` takes them, its result, or poses in the local frame at common times.
+        Files or a data frame as for `read_trajectories`, its result, or poses in the local frame at common times.
     ocean : str, pathlib.Path, sequence of them, xarray.Dataset, SoundConfig or dict
-        Any source that `pymantaray.open_water` takes, or the section ``[ocean]`` of a study. The frame's centre is the one that
-        is given, else the one that the files of the trajectories name, else the middle of their latitudes and longitudes,
-        else the middle of the ocean; a warning says so in the last case.
+        Any source of `pymantaray.open_water`, or the section ``[ocean]`` of a study. The centre of the frame is the first that
+        exists of: the option, the centre in the files of the trajectories, the middle of their latitudes and longitudes, the
+        middle of the ocean (with a warning).
     schedule : float or Schedule
-        Interval at which all vehicles ping [s], a `PingSchedule`, `SlotSchedule` or `PingList`. Time counts from the first
-        pose of all.
+        Interval between pings of all vehicles [s], a `PingSchedule`, `SlotSchedule` or `PingList`. Time counts from the
+        earliest pose of any vehicle.
     progress : callable, optional
-        Told the name of a stage, how many of its parts are done, and how many there are.
+        Called with the name of a stage, the number of its finished parts and the total.
     **options
-        Options of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``, and sections of a study as its
-        TOML file has them: ``acoustics``, ``ranging``, ``detection``, ``landmarks``, ``noise``, ``mission``
+        Options of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``, and sections of a study as in
+        its TOML file: ``acoustics``, ``ranging``, ``detection``, ``landmarks``, ``noise``, ``mission``
         (``sampling_period_s``, 200 by default; poses at pings are added), ``study`` (``seed``).
 
     Returns
     -------
     Run
-        In memory, without estimates: ``truth``, ``arrivals``, ``links``, ``measurements``, ``ranging_truth``, ``ocean``,
-        and `Run.noisy_measurements`.
+        Run in memory without estimates. It has ``truth``, ``arrivals``, ``links``, ``measurements``, ``ranging_truth``,
+        ``ocean`` and `Run.noisy_measurements`.
 
     Raises
     ------
     MantaRayError
-        If a file, the ocean, a schedule or a section is not what it has to be; one line.
+        If a file, the ocean, a schedule or a section is not valid.
 
     Examples
     --------
@@ -105,12 +105,12 @@ def ranges_config(
     enu: bool = False,
     **options: Any,
 ) -> StudyConfig:
-    """Study of the ranges alone of trajectories in files, see `measure`; ``mantaray ranges`` runs it."""
+    """Configuration of a study of ranges only, for trajectories in files, see `measure`; ``mantaray ranges`` runs it."""
     sections = {name: options.pop(name) for name in list(options) if name in StudyConfig.model_fields}
     tree = _water_tree(ocean)
     for name, section in sections.items():
         tree[name] = {**tree.get(name, {}), **section} if isinstance(section, Mapping) else section
-    if not tree.get("acoustics", {}).get("currents"):  # nobody drifts, and no current carries sound
+    if not tree.get("acoustics", {}).get("currents"):  # vehicles do not drift, and no current carries sound
         tree["ocean"] = {"currents": "rest", **tree["ocean"]}
     tree["study"] = {"name": "ranges", **sections.get("study", {})}
     tree["conditions"] = []
@@ -121,7 +121,7 @@ def ranges_config(
 
 
 def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
-    """Sections of a study that say through what sound runs."""
+    """Sections of a study that describe the water."""
     if isinstance(ocean, Mapping) and not isinstance(ocean, xr.Dataset):
         return {"ocean": dict(ocean)}
     if isinstance(ocean, xr.Dataset):

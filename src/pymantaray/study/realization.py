@@ -1,4 +1,4 @@
-"""Noise realizations, each solved under every condition and by every estimator."""
+"""Realizations of noise, each solved under every condition by every estimator."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,14 +30,14 @@ from pymantaray.study.true_unknowns import collect_unknowns
 
 
 class RealizationResult(NamedTuple):
-    """Outcome of one realization."""
+    """Solutions of one realization."""
 
     solutions: dict[str, Solution]
     true_unknowns: dict[str, dict[str, float]]
-    """For each solution with unknowns besides the poses: their true values by name."""
+    """True values by name for each solution with unknowns other than poses."""
 
     def to_bytes(self) -> bytes:
-        """Content of a NetCDF file, a group for each solution; numbers are kept to the last digit."""
+        """Content of a NetCDF file with one group per solution; numbers have all digits."""
         groups = {"about": xr.Dataset(attrs={"conditions": json.dumps(list(self.solutions))})}
         for k, (name, solution) in enumerate(self.solutions.items()):
             arrays: dict[str, Any] = {}
@@ -49,7 +49,7 @@ class RealizationResult(NamedTuple):
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
-        """Return what `to_bytes` was called on; a `RecordError` if the content is damaged."""
+        """Result from the content that `to_bytes` returned; raises `RecordError` if it is damaged."""
         groups = netcdf_groups(content)
         solutions, truths = {}, {}
         try:
@@ -70,7 +70,7 @@ class RealizationResult(NamedTuple):
 
 
 def _take_apart(value: Any, name: str, arrays: dict[str, Any], numbers: dict[str, Any]) -> None:
-    """Sort the fields of a solution into arrays and what JSON can hold; those of a part of it after its name."""
+    """Sort the fields of a solution into arrays and JSON values; fields of a nested part are prefixed with its name."""
     if isinstance(value, np.ndarray):
         arrays[name] = value
     elif is_dataclass(value) or hasattr(value, "_fields"):
@@ -97,7 +97,7 @@ class StudyEstimates(NamedTuple):
 
 
 class RealizationSolver:
-    """Solves realizations of a run; what they share is built once."""
+    """Solves realizations of a run; parts that they share are built once."""
 
     def __init__(self, run: Run) -> None:
         self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
@@ -105,7 +105,7 @@ class RealizationSolver:
     def solve(self, realization: int) -> RealizationResult:
         """Solve one realization under all conditions, in the configured order.
 
-        On one thread as workers do: the last digits of linear algebra depend on their number.
+        It uses one thread, because the last digits of linear algebra depend on the number of threads.
         """
         with threadpool_limits(limits=1, user_api="blas"):
             return self._solve(realization)
@@ -123,14 +123,14 @@ class RealizationSolver:
 
 
 class RealizationQueue(Queue):
-    """Realizations of a study that are still to be solved; their keys are their numbers."""
+    """Unsolved realizations of a study; their keys are their numbers."""
 
     def __init__(self, numbers: Iterable[int], ended: Callable[[int, RealizationResult], None]) -> None:
         super().__init__(map(str, numbers))
         self._ended = ended
 
     def task(self, key: str) -> int:
-        """Return the number of a realization."""
+        """Number of a realization."""
         return int(key)
 
     def record_result(self, key: str, result: RealizationResult) -> None:
@@ -139,17 +139,17 @@ class RealizationQueue(Queue):
         self._ended(int(key), result)
 
     def record_failure(self, key: str, line: str) -> None:
-        """Raise the reason why a realization could not be solved."""
+        """Raise an error with the reason why a realization could not be solved."""
         raise JobError(f"realization {key}: {line}")
 
 
 def start_solver(folder: Path) -> Callable[[int], RealizationResult]:
-    """Make the function by which a worker solves realizations of the run in a folder."""
+    """Return the function with which a worker solves realizations of the run in a folder."""
     return RealizationSolver(Run(folder)).solve
 
 
 def collect_results(run: Run, solved: Sequence[RealizationResult]) -> StudyEstimates:
-    """Put all realizations of a run into its records."""
+    """Collect the solutions of all realizations of a run in its records."""
     solutions = [one.solutions for one in solved]
     epochs = fixed_epochs(run.truth.time, run.config.estimator.covariance_interval_h * 3600.0)
     covariances = [{name: s.covariances for name, s in one.items()} for one in solutions]

@@ -1,4 +1,4 @@
-"""Publications that a study relies on, as text and as BibTeX; `references.toml` lists them all."""
+"""Publications that a study relies on, as text and as BibTeX; `references.toml` contains all of them."""
 
 import re
 import tomllib
@@ -27,7 +27,7 @@ _SAYS = {
     "gebco": "weatherall2015",
     "etopo1": "amante2009",
 }
-"""What a file's attributes say of whose data it holds."""
+"""Words in a file's attributes that identify the owner of its data."""
 _EQUATIONS = {
     "teos-10": ("mcdougall2011",),
     "del-grosso": ("delgrosso1974", "wong1995"),
@@ -49,7 +49,7 @@ _SOLVERS = {
 
 @dataclass(frozen=True)
 class Reference:
-    """A publication, and what of a study relies on it."""
+    """Publication, and the parts of a study that rely on it."""
 
     key: str
     fields: Mapping[str, Any]
@@ -70,7 +70,7 @@ class Reference:
 
     @property
     def bibtex(self) -> str:
-        """The BibTeX entry."""
+        """BibTeX entry."""
         values = {
             name: _SPECIAL.sub(r"\\\1", str(value)) for name, value in self.fields.items() if name != "type"
         }
@@ -79,12 +79,12 @@ class Reference:
 
 
 class Citations(tuple[Reference, ...]):
-    """References in the order of the data flow; as text a line each under what relies on them."""
+    """References in the order of the data flow; as text, one line each below the parts that rely on them."""
 
     __slots__ = ()
 
     def __str__(self) -> str:
-        """Text to read."""
+        """One line per reference, grouped by use."""
         groups: dict[str, list[str]] = {}
         for reference in self:
             groups.setdefault(reference.used_for, []).append(f"  {reference}")
@@ -92,7 +92,7 @@ class Citations(tuple[Reference, ...]):
 
     @property
     def bibtex(self) -> str:
-        """All entries, for a `.bib` file."""
+        """Content of a `.bib` file with all entries."""
         return "\n\n".join(reference.bibtex for reference in self) + "\n"
 
 
@@ -103,13 +103,13 @@ def citation(config: StudyConfig) -> Citations:
     Parameters
     ----------
     config : StudyConfig
-        See `pymantaray.load_study`. Whose data its files hold, their attributes say; they have to be there.
+        See `pymantaray.load_study`. Its files must exist, because their attributes identify the owners of the data.
 
     Returns
     -------
     Citations
         A tuple of references, each with ``key``, ``fields``, ``used_for`` and ``bibtex``; ``str`` gives text, ``.bibtex`` a
-        `.bib` file. A data set that is not recognized is named without a reference: cite it as its provider asks.
+        `.bib` file. An unknown data set has only its name: cite it as its provider asks.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def citation(config: StudyConfig) -> Citations:
 
 
 def _names(uses: Iterable[str]) -> Iterator[str]:
-    """Keys in BibTeX: a file's is its stem, numbered where another reference has that already."""
+    """Keys in BibTeX; the key of a file is its stem, with a number if another reference has that key."""
     taken = set(_references())
     for key in uses:
         if key in _references():
@@ -146,7 +146,7 @@ def _names(uses: Iterable[str]) -> Iterator[str]:
 
 
 def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
-    """Keys of references, and what relies on them; some more than once."""
+    """Keys of references and the parts that rely on them; a key may occur several times."""
     yield "mantaray", "the software"
     yield "kogucki-papalia", "conditions and noise of the study"
     o, a = config.ocean, config.acoustics
@@ -158,7 +158,7 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
         yield key, "sound speed"
     yield "dormand1980", "integration of rays"
     if a.spreading_cutoff_db != "none":
-        yield "snieder1998", "reciprocal spreading of rays, by which weak ones are left out"
+        yield "snieder1998", "reciprocal spreading of rays, by which weak rays are excluded"
     if a.currents:
         yield "munk1995", "sound in moving water"
     if config.detection is not None:
@@ -170,9 +170,9 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
 
 
 def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
-    """Owner of the data of a source: of a synthetic ocean, or as the file's attributes say."""
+    """Owner of the data of a source: by name for a synthetic ocean, otherwise by the file's attributes."""
     if source.startswith("synthetic:"):
-        for key in _SYNTHETIC.get(source, "").split():  # an unknown one is refused where it is opened
+        for key in _SYNTHETIC.get(source, "").split():  # an unknown name raises an error when it is opened
             yield key, f"{what}, water masses of {source}"
         return
     said = ""
@@ -202,10 +202,10 @@ def _condition(e: ConditionSection) -> Iterator[tuple[str, str]]:
     """References of one condition."""
     if isinstance(e.belief, FileBelief):
         for source in e.belief.source:
-            yield from _data(source, "ocean that is believed")
+            yield from _data(source, "ocean that an estimator assumes")
     if isinstance(e.belief, NumericsBelief) and e.belief.equation is not None:
         for key in _EQUATIONS[e.belief.equation]:
-            yield key, "sound speed that is believed"
+            yield key, "sound speed that an estimator assumes"
     if e.modes is not None or e.variance.kind != "fixed":
         yield "munk1995", "travel times that depend on uncertain water"
     if e.loss == "gnc":
@@ -220,7 +220,7 @@ def _references() -> dict[str, dict[str, Any]]:
 
 
 def _fields(key: str) -> Mapping[str, Any]:
-    """BibTeX fields of a reference; a key that is none is a file, named as it is."""
+    """BibTeX fields of a reference; any other key is the name of a file."""
     if key == "mantaray":
         title = "MantaRay: effects of refraction on acoustic ranges between underwater vehicles"
         return {

@@ -1,4 +1,4 @@
-"""A whole study: mission, realizations, and everything on disk."""
+"""Run of a whole study: mission, realizations and files."""
 
 import logging
 import os
@@ -30,7 +30,7 @@ LOG = logging.getLogger(__name__)
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
 _POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 4000, 500
-_MOST_STEPS = 1e13  # vehicles x physics steps
+_MAX_STEPS = 1e13  # vehicles x physics steps
 
 
 def run_study(
@@ -50,30 +50,29 @@ def run_study(
     config : StudyConfig
         From `load_study`.
     out : str or pathlib.Path, optional
-        Folder for the results, new or empty. By default a dated one in ``runs``, to which ``runs/latest``
-        then points. Of a named one that takes longer than half a minute, what is done lies in ``<out>.unfinished`` until
-        the study is; the same call goes on with it, whatever ended it.
+        A new or empty folder for the results. Default: a dated folder in ``runs``, to which ``runs/latest`` then points. A
+        study with a named folder that takes longer than half a minute saves finished parts in ``<out>.unfinished``; the same
+        call resumes after any interruption.
     workers : int, optional
-        Processes that solve realizations; by default one a core, at most one for every three realizations.
-        The results do not depend on it.
+        Number of processes that solve realizations. Default: one per core, at most one for every three realizations.
+        Results do not depend on it.
     progress : callable, optional
-        Called with the name of a stage, the parts done and the parts there are.
+        Called with the name of a stage, the number of its finished parts and the total.
     mission_ready : callable, optional
-        Called before realizations are solved, with the folder in which all is that they do not change. That folder
-        becomes the run's when the future it returns is done.
+        Called before realizations are solved, with the folder of all data that they do not change. The folder is moved to
+        its final place after the returned future is done.
     mission : Mission, optional
-        That of the configuration, where it is simulated already.
+        Mission of the configuration, if it has already been simulated.
 
     Returns
     -------
     Run
-        The results, read from ``out`` when asked for; `pymantaray.report.write_report` adds tables and
-        figures.
+        Results, read from ``out`` at their first use; `pymantaray.report.write_report` adds tables and figures.
 
     Raises
     ------
     MantaRayError
-        If the folder is not free or the configuration cannot be realized; nothing is left behind.
+        If the folder is not empty or in use, or the configuration cannot be run. Nothing is left on disk.
 
     Examples
     --------
@@ -84,12 +83,12 @@ def run_study(
         LOG.warning("mission.duration_h is not given: the mission lasts %g h", config.mission.duration_h)
     config = with_tracks(config)
     count = config.study.realizations if config.solves else 0
-    if workers is None:  # a fresh process takes as long to start as a few short realizations to solve
+    if workers is None:  # a process takes as long to start as a few short realizations take to solve
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
     workers = max(1, min(workers, count))
     refuse_too_large(config, workers)
     _refuse_missing_files(config)
-    references = citation(config)  # what files say of themselves, whatever becomes of them
+    references = citation(config)  # read before the files can change
     report, watch = progress or _silent, Stopwatch()
     with staged_folder(out, config.study.name) as (stage, folder):
         kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
@@ -99,7 +98,7 @@ def run_study(
             if inputs is None:
                 mission = mission or simulate_mission(config, watch, report)
                 with watch.stage("files"):
-                    inputs = checksums(config)  # of what was read, whatever becomes of the files
+                    inputs = checksums(config)  # computed before the files can change
                     _write_mission(config, mission, stage)
                 kept.use(_job_key(config, inputs))
             known = Run(stage) if mission is None else run_in_memory(config, mission)
@@ -134,7 +133,7 @@ def run_study(
 
 
 def _restore(kept: Checkpoint, config: StudyConfig, stage: Path) -> dict[str, str] | None:
-    """Checksums of the input of a mission that an earlier call left, whose files are put into a stage; None if there is none."""
+    """Copy the files of a mission that an earlier call saved to a stage; return the checksums of its input, or None without one."""
     if not kept.exists:
         return None
     inputs = checksums(config)
@@ -149,7 +148,7 @@ def _job_key(config: StudyConfig, inputs: Mapping[str, str]) -> str:
 def _solve(
     run: Run, pool: Pool, solved: dict[int, RealizationResult], keep: Callable[[], None], report: Progress
 ) -> None:
-    """Add the realizations that are not solved yet, and write the graphs of the first."""
+    """Solve the unsolved realizations, and write the graphs of the first."""
     count = run.config.study.realizations
     graphs = run.path / store.PYFG
     graphs.mkdir()
@@ -169,7 +168,7 @@ def _solve(
 
 
 def _cpu_seconds(solved: Mapping[int, RealizationResult]) -> dict[str, list[float]]:
-    """Of every solve, by condition, in the order of the realizations."""
+    """CPU time of every solve, by condition, in the order of the realizations. [s]"""
     ordered = [solved[number].solutions for number in sorted(solved)]
     return {
         name: [round(one[name].seconds, 3) for one in ordered] for name in (ordered[0] if ordered else ())
@@ -186,7 +185,7 @@ def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) 
 
 
 def refuse_too_large(config: StudyConfig, workers: int) -> None:
-    """Refuse what this machine's memory cannot hold, or what takes weeks, before any work."""
+    """Raise an error, before any work, if a study needs more memory than this machine has or takes weeks."""
     size_of = mission_size(config)
     n_vehicles, n_samples, n_steps = size_of.vehicles, size_of.samples, size_of.steps
     n_solves = config.study.realizations * len(config.conditions)
@@ -202,15 +201,15 @@ def refuse_too_large(config: StudyConfig, workers: int) -> None:
             f" a pose in each of {workers} workers and {n_links:.3g} links x {_LINK_BYTES} bytes are {needed:.3g}"
             f" GiB of memory; this machine has {there:.3g}"
         )
-    if n_vehicles * n_steps > _MOST_STEPS:
+    if n_vehicles * n_steps > _MAX_STEPS:
         raise StudyError(
-            f"{size} {n_steps:.3g} physics steps are more than {_MOST_STEPS:g}, which take a day; give a longer"
+            f"{size} {n_steps:.3g} physics steps are more than {_MAX_STEPS:g}, which take a day; give a longer"
             " physics_step_s"
         )
 
 
 def _refuse_missing_files(config: StudyConfig) -> None:
-    """Refuse files of conditions that are missing before the mission is run; the ocean's are read first anyway."""
+    """Raise an error for missing files of conditions before the mission runs; files of the ocean are read first anyway."""
     for condition in config.conditions:
         for file in condition.files:
             if not Path(file).exists():

@@ -1,4 +1,4 @@
-"""Settings of a run in tables, as papers print them: timing of the mission, and noise."""
+"""Tables of settings as in papers: timing of the mission, and noise."""
 
 import re
 from typing import Any
@@ -22,7 +22,7 @@ _LAST_UNIT = re.compile(r" ?\[([^][]+)\]$")
 
 
 def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
-    """Key, value, unit and meaning of settings; those that the configuration does not have are left out."""
+    """Table of key, value, unit and meaning of those settings that a configuration has."""
     rows = []
     for key in keys:
         *sections, name = key.split(".")
@@ -45,7 +45,7 @@ def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
 
 
 def key_heading(key: str) -> str:
-    """Name of a key of a configuration with the unit of its description in brackets, if it has one."""
+    """Key of a configuration, followed by the unit of its description in brackets if it has one."""
     section, _, name = key.partition(".")
     model = StudyConfig.model_fields[section].annotation if section in StudyConfig.model_fields else None
     field = getattr(model, "model_fields", {}).get(name)

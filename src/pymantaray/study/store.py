@@ -1,4 +1,4 @@
-"""A run on disk: which file holds what, and reading it back."""
+"""Run on disk: the content of each file, and its reader."""
 
 import json
 from collections.abc import Callable
@@ -60,7 +60,7 @@ _T = TypeVar("_T")
 @dataclass(frozen=True)
 class Run:
     """
-    Results of one study, read from its folder when first asked for.
+    Results of one study, each read from its folder at its first use.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Run:
 
     @cached_property
     def tables(self) -> RunTables:
-        """Tables of the run by name, as the report and the commands show them; each is computed when it is first used."""
+        """Tables of the run by name, as in the report and commands; each is computed at its first use."""
         return RunTables(self)
 
     @property
@@ -82,11 +82,11 @@ class Run:
 
     @property
     def summary(self) -> list[ResultTable]:
-        """Tables that a command prints and a notebook shows after a run, with the columns for that."""
+        """Tables that commands print and notebooks show after a run, with their columns only."""
         return [self.tables[name].short() for name in SUMMARY if name in self.tables]
 
     def _repr_html_(self) -> str:
-        """HTML for a notebook: the study, where it is, range errors and, if there are estimates, position errors."""
+        """HTML for a notebook: study, folder, range errors and, if there are estimates, position errors."""
         config = self.config
         facts = {
             "vehicles": self.truth.name.size,
@@ -118,7 +118,7 @@ class Run:
 
     @cached_property
     def profile(self) -> xr.Dataset:
-        """Mean, least and greatest sound speed of each level over the study's domain."""
+        """Mean, minimum and maximum sound speed of each level over the study's domain."""
         return read_netcdf(self.path / PROFILE)
 
     @cached_property
@@ -141,7 +141,7 @@ class Run:
 
     @cached_property
     def arrivals(self) -> Arrivals:
-        """Arrivals of every link that was solved, one link an unordered pair and ping."""
+        """Arrivals of all links; a link is an unordered pair of participants at one ping."""
         return Arrivals.load(self.path / ARRIVALS)
 
     @cached_property
@@ -151,24 +151,24 @@ class Run:
 
     @cached_property
     def ranging_truth(self) -> RangingTruth:
-        """True distance and travel times of every range attempt, row by row those of the measurements."""
+        """True distance and travel times of every range attempt, in the same rows as the measurements."""
         return RangingTruth.load(self.path / RANGING_TRUTH)
 
     @cached_property
     def hearing(self) -> Hearing | None:
-        """Probability of each range attempt to be heard; None if every arrival is."""
+        """Detection probability of each range attempt; None if every arrival is detected."""
         return None if self.config.detection is None else Hearing.load(self.path / HEARING)
 
     @cached_property
     def candidates(self) -> Candidates | None:
-        """Candidates that each range attempt may mistake for its direct arrival; None if no receiver errs."""
+        """Arrivals that each range attempt may mistake for its direct arrival; None if no receiver makes mistakes."""
         if self.config.ranging.mistaken == "none":
             return None
         return Candidates.load(self.path / CANDIDATES)
 
     @cached_property
     def estimates(self) -> Estimates:
-        """Estimated trajectories of all conditions and realizations, with the health of each solve."""
+        """Estimated trajectories of all conditions and realizations, with the status of each solve."""
         if not self.config.solves:
             return Estimates.without_conditions(self.measurements)
         return Estimates.load(self.path / ESTIMATES)
@@ -187,12 +187,12 @@ class Run:
 
     @cached_property
     def bounds(self) -> dict[str, NDArray[np.float64]]:
-        """For each condition the bound of unbiased estimators at the pings, see `error_bound`."""
+        """Lower bound of unbiased estimators at the pings for each condition, see `error_bound`."""
         return self._by_measurements(error_bound)
 
     @cached_property
     def degrees_of_freedom(self) -> dict[str, DegreesOfFreedom]:
-        """For each condition the effective degrees of freedom of its squared errors, see `DegreesOfFreedom`."""
+        """Effective degrees of freedom of the squared errors of each condition, see `DegreesOfFreedom`."""
         return self._by_measurements(DegreesOfFreedom)
 
     def _by_measurements(self, function: Callable[[Trajectories, Measurements, str], _T]) -> dict[str, _T]:
@@ -220,7 +220,7 @@ class Run:
 
     def noisy_measurements(self, realization: int) -> Measurements:
         """
-        Measurements as they were in one realization, drawn again from the same streams.
+        Return the measurements of one realization, with noise drawn again from the same streams.
 
         Parameters
         ----------
@@ -252,12 +252,12 @@ class Run:
 
     def ranges(self, realization: int | None = None) -> pd.DataFrame:
         """
-        Range attempts, one row each, as they were measured and as they were true.
+        Return measured and true values of all range attempts, one row each.
 
         Parameters
         ----------
         realization : int, optional
-            Index of the realization whose noise is in what was measured; by default there is none.
+            Index of the realization of the noise. Default: measurements without noise.
 
         Returns
         -------
@@ -276,19 +276,19 @@ class Run:
 
     def errors(self) -> pd.DataFrame:
         """
-        Position errors of all estimates, nothing aligned, one row a condition, realization, vehicle and time.
+        Return position errors of all estimates, without alignment, one row per condition, realization, vehicle and time.
 
         Returns
         -------
         pandas.DataFrame
-            ``condition``, ``realization``, ``vehicle``, ``time`` and ``date``; estimate less truth ``north``, ``east``,
-            ``down``, and their length ``error``; NaN for a solve that failed. Units are in ``attrs["units"]``.
+            ``condition``, ``realization``, ``vehicle``, ``time`` and ``date``; the difference estimate minus truth ``north``,
+            ``east``, ``down``, and its length ``error``; NaN for a failed solve. Units are in ``attrs["units"]``.
         """
         return error_frame(self)
 
     def trajectories(self, realization: int = 0) -> pd.DataFrame:
         """
-        Poses of one realization, one row a condition, vehicle and time; condition ``truth`` is the true ones.
+        Return poses of one realization, one row per condition, vehicle and time; condition ``truth`` has the true poses.
 
         Parameters
         ----------
@@ -299,8 +299,8 @@ class Run:
         -------
         pandas.DataFrame
             ``condition``, ``vehicle``, ``time`` and ``date``, ``latitude``, ``longitude``, ``north``, ``east``, ``down``; ``qw``,
-            ``qx``, ``qy``, ``qz`` turn body (forward, right, down) to north, east, down; ``status`` (`VehicleStatus`). Units are in
-            ``attrs["units"]``.
+            ``qx``, ``qy``, ``qz`` rotate body axes (forward, right, down) to north, east, down; ``status`` (`VehicleStatus`).
+            Units are in ``attrs["units"]``.
 
         Raises
         ------
@@ -312,7 +312,7 @@ class Run:
 
     def mistaken(self, realization: int) -> NDArray[np.bool_]:
         """
-        Range attempts that took another arrival for the direct one in one realization.
+        Return the range attempts of one realization that mistook another arrival for the direct one.
 
         Parameters
         ----------
@@ -348,9 +348,9 @@ class Run:
 
 
 def run_in_memory(config: StudyConfig, mission: "Mission") -> Run:
-    """Run without a folder: what a mission is, before any estimate."""
+    """Run without a folder and without estimates, from a mission."""
     run = Run(Path())
-    vars(run).update(  # what would be read from files
+    vars(run).update(  # values that would be read from files
         config=config,
         ocean=mission.ocean.local,
         profile=mission.ocean.profile,
@@ -368,17 +368,17 @@ def run_in_memory(config: StudyConfig, mission: "Mission") -> Run:
 
 def open_run(path: str | Path) -> Run:
     """
-    Results of a study that was run before.
+    Open the results of a finished study.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        Run folder, ``runs/latest`` for the newest.
+        Run folder; ``runs/latest`` is the newest.
 
     Returns
     -------
     Run
-        Reads each file when it is first asked for.
+        Results, each read from its file at its first use.
 
     Raises
     ------
@@ -404,7 +404,7 @@ def open_run(path: str | Path) -> Run:
 
 
 def write_json(content: dict[str, Any], path: Path) -> None:
-    """Write a dictionary as indented JSON; numpy scalars become numbers."""
+    """Write a dictionary as indented JSON, with numpy scalars as numbers."""
     with whole_file(path) as temporary:
         temporary.write_text(
             json.dumps(content, indent=2, default=lambda x: x.item()) + "\n", encoding="utf-8"
@@ -413,12 +413,12 @@ def write_json(content: dict[str, Any], path: Path) -> None:
 
 def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
     """
-    Count what happened to links, vehicles and solves, for the manifest and for warnings.
+    Count outcomes of links, vehicles and solves, for the manifest and for warnings.
 
     ``links``: attempts by `RayStatus`; ``stopped_vehicles``: status and time by name; ``unhealthy_solves``:
     condition, realization and `SolveStatus` of each solve that is not OK. With a detector,
-    ``expected_unheard``: mean number of attempts with an arrival that a realization does not hear; where
-    receivers err, ``expected_mistaken``: mean number that take another arrival for the direct one.
+    ``expected_unheard``: mean number per realization of attempts whose arrival is not detected; if receivers make
+    mistakes, ``expected_mistaken``: mean number of attempts that mistake another arrival for the direct one.
     """
     status, candidates = run.measurements.range_status, run.candidates
     stopped = {name: {"status": stop.name, "time_s": time} for name, (stop, time) in run.truth.stops.items()}

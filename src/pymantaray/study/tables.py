@@ -1,4 +1,4 @@
-"""Tables of a run: each is defined here once, for the terminal, notebooks, `run.tables`, the report and sweeps, in the order of the page."""
+"""Definitions of the tables of a run, in the order of the page. Terminal, notebooks, `run.tables`, report and sweeps use them."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -38,22 +38,24 @@ SUMMARY = ("dropouts", "range_error", "ate_pooled", "ping_error")
 
 @dataclass(frozen=True)
 class TableDefinition:
-    """A table of every run that has the data; names of columns end in their units, ``_m``, ``_s``, ``_h``, ``_deg``."""
+    """Table of every run that has its data; column names end with their units, ``_m``, ``_s``, ``_h``, ``_deg``."""
 
     caption: str
     make: "Callable[[Run], pd.DataFrame]"
     needs: "Callable[[Run], bool]" = lambda _: True
-    columns: str = ""  # that people see; by default all
+    columns: str = ""  # shown to people; by default all
     brief: str = ""  # in the terminal and in notebooks
-    folded: bool = False  # a page shows only the caption until it is clicked
-    words: Mapping[str, str] = field(default_factory=dict)  # heads that mean something else in other tables
+    folded: bool = False  # a page shows only the caption until a click
+    words: Mapping[str, str] = field(
+        default_factory=dict
+    )  # heads of columns that have another meaning in other tables
     by_row: bool = False  # the numbers of a row are one quantity
     paper: str = ""  # counterpart in the paper
 
 
 class RunTables(Mapping[str, ResultTable]):
     """
-    Tables of a run by name, in the order of the page; each is computed when it is first used.
+    Tables of a run by name, in the order of the page; each is computed at its first use.
 
     Parameters
     ----------
@@ -214,8 +216,8 @@ TABLES: dict[str, TableDefinition] = {
         _has_covariances,
     ),
     "unknowns": TableDefinition(
-        "Sound-speed modes and clocks: standard deviation before and after, the share of the prior variance that"
-        " the measurements took away, and the errors",
+        "Sound-speed modes and clocks: prior and posterior standard deviation, fraction of the prior variance that the"
+        " measurements remove, and errors",
         lambda run: unknowns_table(_unknowns(run)),
         _has_unknowns,
     ),
@@ -272,21 +274,20 @@ TABLES: dict[str, TableDefinition] = {
         folded=True,
     ),
     "unknowns_directions": TableDefinition(
-        "Combinations of modes and clocks that the measurements see, from best to least",
+        "Combinations of modes and clocks that the measurements observe, from best to least",
         lambda run: directions_table(_unknowns(run)),
         _has_unknowns,
         folded=True,
     ),
     "bound": TableDefinition(
-        "Bound of the position error of unbiased estimators at each ping, without ranges and with them, and what the ranges of the ping"
-        " alone do not see",
+        "Bound of the position error of unbiased estimators at each ping, without and with ranges, and directions that the ranges of"
+        " the ping alone do not observe",
         lambda run: bound_table(run.truth, run.measurements),
         _solves,
         folded=True,
     ),
     "costs": TableDefinition(
-        "Settings and seed of each condition, and the CPU time of its solves on the machine that ran them; mantaray study run"
-        " config.toml runs them again",
+        "Settings and seed of each condition, and CPU time of its solves; mantaray study run config.toml repeats them",
         cost_table,
         lambda run: run.config.solves and "solve_cpu_seconds" in run.manifest,
         folded=True,
@@ -295,4 +296,4 @@ TABLES: dict[str, TableDefinition] = {
         "Health of each solve", lambda run: solve_table(run.estimates), _solves, folded=True
     ),
 }
-"""By the name of the CSV file; whatever adds one adds it to every report."""
+"""Definitions by the name of the CSV file; every definition is in every report."""

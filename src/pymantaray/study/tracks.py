@@ -1,4 +1,4 @@
-"""Trajectories of other programs as the fleet of a study, and the ranges alone that an ocean gives them."""
+"""Trajectories of other programs as the fleet of a study."""
 
 from collections.abc import Hashable, Mapping
 from functools import lru_cache
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def read_fleet(fleet: FleetSection) -> Tracks:
-    """Trajectories of a fleet's files; the latest are kept in memory as long as their files do not change."""
+    """Trajectories of a fleet's files; the latest stay in memory as long as their files do not change."""
     stamps = []
     for file in fleet.trajectories:
         try:
@@ -52,7 +52,7 @@ class MissionSize(NamedTuple):
 
 
 def mission_size(config: StudyConfig) -> MissionSize:
-    """Size of a mission by its configuration, and by its trajectories where they are given."""
+    """Size of a mission from its configuration and, if they exist, its trajectories."""
     mission, own = config.mission, bool(config.fleet.trajectories)
     vehicles = len(read_fleet(config.fleet).poses) if own else len(config.fleet.vehicles)
     duration, schedule = mission.duration_h * 3600.0, mission.schedule
@@ -65,10 +65,10 @@ def mission_size(config: StudyConfig) -> MissionSize:
 
 def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfig:
     """
-    Configuration with what it leaves to the trajectories of its fleet; that of simulated vehicles as it is.
+    Complete a configuration from its fleet's trajectories; a configuration with simulated vehicles is unchanged.
 
-    The mission lasts as long as they do, the frame's centre is the one that a file names or the middle of their latitudes and
-    longitudes, and water that varies is that of their dates.
+    The trajectories set the duration of the mission and the dates of water that varies. The frame's centre is the one in a file,
+    or the middle of their latitudes and longitudes.
     """
     if not config.fleet.trajectories:
         return config
@@ -79,7 +79,7 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
         config = config.model_copy(update={"mission": mission})
     elif config.mission.duration_h > lasts * (1.0 + 1e-9):
         raise StudyError(
-            f"mission.duration_h is {config.mission.duration_h:g} h; the trajectories last {lasts:.6g} h: leave it out"
+            f"mission.duration_h is {config.mission.duration_h:g} h, but the trajectories last {lasts:.6g} h; remove the key"
         )
     place: dict[str, Any] = {}
     if ocean.centre is None and tracks.centre is not None:
@@ -94,15 +94,15 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
 
 
 def centre_note(config: StudyConfig, ocean: Mapping[Hashable, Any], tracks: Tracks) -> str | None:
-    """Line that says which centre local positions were placed about, None where a file or the configuration names it."""
+    """Message with the centre of the frame of local positions; None if a file or the configuration gives it."""
     if tracks.geodetic or config.ocean.centre is not None or tracks.centre is not None:
         return None
     if "centre_latitude_deg" not in ocean:
-        return None  # water that is the same everywhere
+        return None  # the water is the same everywhere
     lat, lon = float(ocean["centre_latitude_deg"]), float(ocean["centre_longitude_deg"])
     return (
-        f"{tracks.poses[0].file}: positions are local and no file names the centre of their frame: the middle of the ocean was"
-        f" taken, {latitude(lat)}, {longitude(lon)}; if it is another, give --centre"
+        f"{tracks.poses[0].file}: positions are local and no file gives the centre of their frame; the middle of the ocean is"
+        f" used, {latitude(lat)}, {longitude(lon)}; for another centre give --centre"
         " (in Python and TOML ocean.centre_lat and centre_lon)"
     )
 
@@ -110,8 +110,8 @@ def centre_note(config: StudyConfig, ocean: Mapping[Hashable, Any], tracks: Trac
 def sample_tracks(
     tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset
 ) -> Trajectories:
-    """Trajectories as a study samples them in a local ocean: every period [s] from the first pose on, at the end, at every ping."""
-    # water without a place has tracks in its own frame, for which any centre will do
+    """Trajectories in a local ocean, sampled every period [s] from the first pose, at the end and at every ping."""
+    # water without a location has tracks in its own frame, which does not depend on the centre
     frame = LocalFrame(*(local.attrs.get(f"centre_{axis}_deg", 0.0) for axis in ("latitude", "longitude")))
     grid = np.append(np.arange(0.0, duration * (1.0 - 1e-12), period), duration)
     truth = tracks.at(union_of_times(grid, pings), frame)
@@ -120,7 +120,7 @@ def sample_tracks(
     if not ((place >= low) & (place <= high)).all(axis=-1).any():
         (north, east), (far_north, far_east) = place.min(axis=(0, 1)) / 1e3, place.max(axis=(0, 1)) / 1e3
         raise StudyError(
-            f"{tracks.poses[0].file}: no pose lies in the ocean: they are {north:.1f} to {far_north:.1f} km north, {east:.1f} to"
+            f"{tracks.poses[0].file}: no pose is in the ocean: poses are {north:.1f} to {far_north:.1f} km north, {east:.1f} to"
             f" {far_east:.1f} km east of {frame.latitude_deg:g} N {frame.longitude_deg:g} E, the ocean reaches"
             f" {low[0] / 1e3:.1f} to {high[0] / 1e3:.1f} and {low[1] / 1e3:.1f} to {high[1] / 1e3:.1f}; give another"
             " ocean or centre"

@@ -1,4 +1,4 @@
-"""True values of what estimators estimate besides poses: what the believed water lacks, and clocks."""
+"""True values of unknowns other than poses: amplitudes of sound-speed modes, and clocks."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,10 +19,10 @@ def true_amplitudes(
     model: AdjustableEigenrays, true: xr.Dataset, believed: xr.Dataset, fleet: Trajectories
 ) -> dict[str, float]:
     """
-    Amplitudes of modes that come nearest to what the believed ocean lacks, by the names of `Unknowns`. [m/s]
+    Amplitudes of modes that best fit the error of the assumed ocean, by the names of `Unknowns`. [m/s]
 
-    The least mean square over the water column of the error averaged over the vehicles' mean places. An error
-    that varies horizontally has no one true amplitude.
+    The fit has the least mean square over the water column of the error averaged over the vehicles' mean positions. An error
+    that varies horizontally has no single true amplitude.
     """
     place = fleet.position.mean(axis=1)
     at = [
@@ -39,7 +39,7 @@ def true_amplitudes(
 
 
 def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict[str, float]:
-    """Offsets [s] and skews of one realization's clocks by the names of `Unknowns`; zero where clocks are right."""
+    """Offsets [s] and skews of one realization's clocks by the names of `Unknowns`; zero for exact clocks."""
     model = config.noise.clocks
     offset = skew = np.zeros(len(names))
     if model is not None:
@@ -55,7 +55,7 @@ def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict
 def collect_unknowns(
     solutions: Sequence[Mapping[str, Solution]], truths: Sequence[Mapping[str, Mapping[str, float]]]
 ) -> SharedUnknowns | None:
-    """Put the unknowns of all realizations into one record beside their true values; None if there are none."""
+    """Record of the unknowns of all realizations with their true values; None if there are none."""
     by_condition: dict[str, list[UnknownsEstimate | None]] = {}
     for name in dict.fromkeys(name for one in solutions for name in one):
         estimates = [one[name].unknowns for one in solutions]
@@ -73,7 +73,7 @@ def collect_unknowns(
     for c, (name, estimates) in enumerate(by_condition.items()):
         for r, e in enumerate(estimates):
             if e is not None:
-                rows = [place[n] for n in e.name]  # a solve whose sigma could not be fitted has fewer
+                rows = [place[n] for n in e.name]  # a solve without a fitted sigma has fewer
                 prior[c, rows] = e.prior_sigma
                 value[c, r, rows] = e.value
                 truth[c, r, rows] = [truths[r][name].get(n, np.nan) for n in e.name]

@@ -1,4 +1,4 @@
-"""From one study to many: points of a sweep, the stages that they share, and one table of all of them."""
+"""Sweeps: many studies (points) with shared stages, and one table of their results."""
 
 from typing import TYPE_CHECKING
 

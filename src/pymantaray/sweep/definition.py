@@ -1,4 +1,4 @@
-"""Definition of a sweep: a base study, and lists of values for its fields, crossed or zipped."""
+"""Definition of a sweep: a base study and lists of values for its fields, crossed or zipped."""
 
 import json
 import math
@@ -79,29 +79,29 @@ _COLUMNS = frozenset(
         "summary_seconds",
     ]
 )
-"""Columns of a sweep's table besides the swept fields."""
+"""Columns of a sweep's table in addition to the swept fields."""
 _NAME = re.compile(r"[^\W\d_][\w .-]*(?<! )")
 KEYS = {
     "base": "A preset, a study file relative to this one, or a whole study as tables ``[base.study]`` and so on.",
-    "folder": "What files among the values are relative to; this file's folder unless given.",
-    "cross": "Table of lists by field of a study, ``fleet.count`` or ``fleet.spacing``: every value with every other.",
-    "zip": "Tables ``[[zip]]`` of lists of one length, whose values change together; ``name`` and ``labels`` are for tables.",
-    "seeds": "Seeds of studies, crossed with all else.",
+    "folder": "Folder for relative names of files among the values. Default: the folder of this file.",
+    "cross": "Table of lists of values by field of a study, ``fleet.count`` or ``fleet.spacing``; all combinations are points.",
+    "zip": "Tables ``[[zip]]`` of lists of equal length, whose values change together; ``name`` and ``labels`` are for tables.",
+    "seeds": "Seeds of studies, crossed with all other fields.",
 }
-"""Keys of a sweep file, and what they mean."""
+"""Keys of a sweep file and their meaning."""
 
 
 class Axis(NamedTuple):
-    """One dimension of a sweep: fields whose values change together."""
+    """Dimension of a sweep: fields whose values change together."""
 
     name: str
     values: dict[str, list[Any]]
-    """By field, all of one length."""
+    """Values by field, in lists of equal length."""
     labels: list[str] | None = None
 
     @property
     def size(self) -> int:
-        """Number of its values."""
+        """Number of values."""
         return len(next(iter(self.values.values())))
 
     def coordinates(self) -> dict[str, list[Any]]:
@@ -112,30 +112,30 @@ class Axis(NamedTuple):
 
 class Sweep:
     """
-    Many studies: a base, and values for its fields.
+    Many studies: a base study and values for its fields.
 
     Parameters
     ----------
     base : StudyConfig, str or pathlib.Path
-        Study, preset or study file that all points start from.
+        Study, preset or study file that all points change.
     cross : mapping of str to sequence, optional
-        Values by field, such as ``{"noise.range_sigma": [0.5, 1.0]}``, every one with every other. A field may be a
-        whole section, or part of an entry of a list by its number or name (``fleet.vehicles.B.target_depth``). Besides
-        the fields of a study there are ``fleet.count``, the first n vehicles, and ``fleet.spacing``, a factor on the
-        distances of vehicles from the centre of the frame. ``None`` or ``"none"`` takes a section out.
+        Values by field, such as ``{"noise.range_sigma": [0.5, 1.0]}``, in all combinations. A field may be a whole section,
+        or part of an entry of a list by its number or name (``fleet.vehicles.B.target_depth``). Two more fields are
+        ``fleet.count``, the number of vehicles taken from the start of the list, and ``fleet.spacing``, a factor on the
+        distances of vehicles from the centre of the frame. ``None`` or ``"none"`` removes a section.
     zipped : sequence of mapping, optional
-        Each the values of fields that change together, and a ``name`` and ``labels`` for tables.
+        Each mapping has the values of fields that change together, and a ``name`` and ``labels`` for tables.
     seeds : sequence of int, optional
-        Seeds of studies, crossed with all else.
+        Seeds of studies, crossed with all other fields.
     folder : str or pathlib.Path
-        What input files among the values are relative to; by default the working folder.
+        Folder for relative names of files among the values. Default: the working folder.
 
     Raises
     ------
     StudyError
         If the base is not a study.
     SweepError
-        If values are not a list, a field is given twice, or lists that are zipped differ in length.
+        If values are not a list, a field occurs twice, or zipped lists have different lengths.
 
     Examples
     --------
@@ -163,9 +163,11 @@ class Sweep:
             axes.append(Axis(SEED, {SEED: _list("seeds", seeds)}))
         names = [name for axis in axes for name in dict.fromkeys((axis.name, *axis.coordinates()))]
         if taken := sorted(_COLUMNS & set(names)):
-            raise SweepError(f"sweep: {taken[0]} is a column of its tables; give another name")
+            raise SweepError(
+                f"sweep: {taken[0]} is the name of another column of its tables; give another name"
+            )
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise SweepError(f"sweep: {', '.join(twice)} is given more than once")
+            raise SweepError(f"sweep: {', '.join(twice)} is given more than once; remove all but one")
         self.axes = tuple(axes)
 
     @property
@@ -174,12 +176,12 @@ class Sweep:
         return tuple(axis.size for axis in self.axes)
 
     def __len__(self) -> int:
-        """Count the points."""
+        """Number of points."""
         return math.prod(self.shape)
 
     def place(self, number: int) -> tuple[int, ...]:
         """
-        Index of a point along each axis; the last axis varies fastest.
+        Return the index of a point along each axis; the last axis varies fastest.
 
         Parameters
         ----------
@@ -198,12 +200,12 @@ class Sweep:
 
     def point(self, number: int) -> StudyConfig:
         """
-        Study of a point.
+        Return the study of a point.
 
         Raises
         ------
         StudyError
-            If it is none: a line for each finding, which names the point.
+            If the values do not make a valid study, with one line per finding that names the point.
         """
         values = {
             field: values[k]
@@ -213,7 +215,7 @@ class Sweep:
         shown = ", ".join(f"{field} = {_word(value)}" for field, value in values.items())
         label = f"point {number} ({shown[:200]})" if shown else self.name
         tree = self._base
-        for field in sorted(values, key=(COUNT, SPACING).__contains__):  # these two after all others
+        for field in sorted(values, key=(COUNT, SPACING).__contains__):  # these two last
             try:
                 tree = _with(tree, field, values[field])
             except (StudyError, SweepError) as error:
@@ -221,7 +223,7 @@ class Sweep:
         return with_tracks(parse_study(tree, label, self._folder))
 
     def to_toml(self) -> str:
-        """Everything, the base included, as a sweep file; crossed fields are zipped alone, so that axes keep their order."""
+        """Sweep file with the base; each crossed field is a zip of its own, so that axes keep their order."""
         tables = [
             {"name": axis.name, **({} if axis.labels is None else {"labels": axis.labels}), **axis.values}
             for axis in self.axes
@@ -261,7 +263,7 @@ def load_sweep(file: str | Path, **changes: Any) -> Sweep:
 
 
 def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] | None = None) -> Sweep:
-    """Sweep of a file's text, whose base has changes; names of files in the text are relative to a folder."""
+    """Sweep from a file's text, with changes of the base; names of files in the text are relative to a folder."""
     try:
         tree = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -296,7 +298,7 @@ def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] 
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Values by dotted field, whether dots were quoted in the file or made tables."""
+    """Values by dotted field; in the file, a dotted field is a quoted key or nested tables."""
     out: dict[str, Any] = {}
     for name, value in table.items():
         out |= _flat(value, f"{before}{name}.") if isinstance(value, Mapping) else {before + name: value}
@@ -306,12 +308,12 @@ def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 def _list(field: str, values: Any) -> list[Any]:
     values = values.tolist() if hasattr(values, "tolist") else values
     if isinstance(values, (str, bytes)) or not isinstance(values, Sequence) or not len(values):
-        raise SweepError(f"sweep: {field}: needs a list of at least one value; found {_word(values)}")
+        raise SweepError(f"sweep: {field}: found {_word(values)}; it must be a list of at least one value")
     return [NONE if value is None or value == {} else value for value in map(_plain, values)]
 
 
 def _plain(value: Any) -> Any:
-    """Number of Python for one of NumPy."""
+    """Value with NumPy numbers converted to Python numbers."""
     return value.item() if hasattr(value, "item") else value
 
 
@@ -320,38 +322,42 @@ def _zip(table: Mapping[str, Any], number: int) -> Axis:
     name, labels = rest.pop("name", None), rest.pop("labels", None)
     if name is not None and not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise SweepError(
-            f"sweep: zip {number}: name is {name!r}; needs a word such as plan: letters, digits, blanks, . _ and -,"
-            " a letter first"
+            f"sweep: zip {number}: name is {name!r}; it must begin with a letter and contain only letters, digits, blanks,"
+            " . _ and -"
         )
     values = {field: _list(field, v) for field, v in _flat(rest).items()}
     if not values or (labels is not None and name is None):
         raise SweepError(
-            f"sweep: zip {number}: needs fields with their values, and a name where it has labels"
+            f"sweep: zip {number}: fields, or the name of labels, are missing; give fields with values, and a name with labels"
         )
     lists = {**values, **({} if labels is None else {"labels": _list("labels", labels)})}
     if len({len(v) for v in lists.values()}) > 1:
         sizes = ", ".join(f"{field} {len(v)}" for field, v in lists.items())
-        raise SweepError(f"sweep: zip {number}: its lists must be of one length; found {sizes}")
+        raise SweepError(
+            f"sweep: zip {number}: lists have different lengths, {sizes}; give lists of equal length"
+        )
     return Axis(str(name or next(iter(values))), values, None if labels is None else [str(x) for x in labels])
 
 
 def _word(value: Any) -> Any:
-    """A value as it stands in a table or a message."""
+    """Value for a table or a message."""
     if isinstance(value, (dict, list, tuple)):
         return json.dumps(value, default=str, ensure_ascii=False, separators=(",", ":"))
     return value if isinstance(value, (bool, int, float, str)) else str(value)
 
 
 def _with(tree: Tree, field: str, value: Any) -> Tree:
-    """Tree with another value in one place; nothing of the old one is changed."""
+    """Copy of a tree with another value of one field."""
     vehicles = tree["fleet"].get("vehicles", ())
     if field == COUNT:
         if not isinstance(value, int) or not 1 <= value <= len(vehicles):
-            raise SweepError(f"{COUNT} is {value}; the base has 1 to {len(vehicles)} vehicles")
+            raise SweepError(
+                f"{COUNT} is {value}; it must be from 1 to {len(vehicles)}, the vehicles of the base"
+            )
         field, value = "fleet.vehicles", vehicles[:value]
     if field == SPACING:
         if not isinstance(value, int | float):
-            raise SweepError(f"{SPACING} is {value}; needs a factor, such as 0.5")
+            raise SweepError(f"{SPACING} is {value}; it must be a factor such as 0.5")
         field, value = "fleet.vehicles", [_spread(v, float(value)) for v in vehicles]
     return with_key(tree, field, value)
 

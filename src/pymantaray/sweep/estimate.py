@@ -11,22 +11,22 @@ from pymantaray.study import StudyConfig
 from pymantaray.study.tracks import mission_size
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
-from pymantaray.sweep.plan import Plan
+from pymantaray.sweep.plan import SweepPlan
 
 _OCEAN_SECONDS, _MEDIUM_SECONDS = 1.2, 0.2
 _SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 1e-4, 2e-5
-"""A vehicle's physics step, a link, a pose in one solve: of `quick`, one thread."""
-_POINT_BYTES = 4096  # a block of most file systems, and what three conditions take
-_SAMPLE = 100  # points whose size is looked at
+"""CPU time per physics step of a vehicle, per link and per pose in one solve, measured on `quick` with one thread. [s]"""
+_POINT_BYTES = 4096  # one block of most file systems, enough for three conditions
+_SAMPLE = 100  # points whose size is read
 
 
 class Cost(NamedTuple):
     """Cost of one task."""
 
     seconds: Mapping[str, float]
-    """By kind of task."""
+    """Seconds by kind of task."""
     stage_bytes: int | None
-    """Of one ocean, fleet and rays; None if it was not measured."""
+    """Size of one ocean, fleet and rays; None if not measured."""
     origin: str
 
 
@@ -34,17 +34,17 @@ class Estimate(NamedTuple):
     """Cost of a sweep."""
 
     seconds: float
-    """Of one worker."""
+    """Time with one worker. [s]"""
     unshared_seconds: float
-    """The same if every point were a study of its own."""
+    """Time with one worker without shared stages. [s]"""
     point_bytes: int
     stage_bytes: int | None
-    """Of one ocean, fleet and rays; None if it was not measured."""
+    """Size of one ocean, fleet and rays; None if not measured."""
     origin: str
 
 
-def estimate(plan: Plan, points: Collection[str], cost: Cost) -> Estimate:
-    """Time and room of some of a plan's points."""
+def estimate(plan: SweepPlan, points: Collection[str], cost: Cost) -> Estimate:
+    """Time and disk space of some points of a plan."""
     n = len(points)
     alone = n * sum(cost.seconds[kind] for kind in (*STAGES, POINT))
     stages = sum(cost.seconds[stage] * plan.count(stage, points) for stage in STAGES)
@@ -58,7 +58,7 @@ def known_cost(sweep: Sweep) -> Cost:
     configs = [sweep.point(k * count // min(count, _SAMPLE)) for k in range(min(count, _SAMPLE))]
     sizes = [_seconds(config) for config in configs]
     mean = {kind: fmean(size[kind] for size in sizes) for kind in (*STAGES, POINT)}
-    return Cost(mean, None, "what quick takes for each step, link and pose")
+    return Cost(mean, None, "the preset quick, scaled by steps, links and poses")
 
 
 def _seconds(config: StudyConfig) -> dict[str, float]:
@@ -80,7 +80,7 @@ def cost_of(contents: Sequence[Mapping[str, Mapping[str, float]]]) -> Cost | Non
         return None
     mean = {stage: fmean(s[stage] for s in seconds) for stage in STAGES}
     mean[POINT] = fmean(sum(v for kind, v in s.items() if kind not in STAGES) for s in seconds)
-    return Cost(mean, None, f"{len(seconds)} points that are done")
+    return Cost(mean, None, f"{len(seconds)} finished points")
 
 
 def measured_cost(sweep: Sweep) -> Cost:
@@ -97,4 +97,4 @@ def measured_cost(sweep: Sweep) -> Cost:
         if cost is None:
             raise SweepError(f"the first point fails: {next(iter(results.status().failures), 'no line')}")
         stages = sum(file.stat().st_size for file in Path(folder, "measured", "stages").iterdir())
-    return Cost(cost.seconds, stages, "the first point, measured here")
+    return Cost(cost.seconds, stages, "the first point on this machine")

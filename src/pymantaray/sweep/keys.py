@@ -1,4 +1,4 @@
-"""Key of a task: the hash of everything that its result depends on."""
+"""Keys of tasks: hashes of everything that their results depend on."""
 
 import fnmatch
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from pymantaray.study import StudyConfig
 
 OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"
 STAGES = (OCEAN, FLEET, RAYS)
-"""In their order; points with the same share it."""
+"""Stages in order; points with equal keys of a stage share it."""
 _READS = {
     OCEAN: ("ocean",),
     FLEET: (
@@ -28,21 +28,21 @@ _READS = {
         "detection",
     ),
 }
-_TITLES = ("name", "description")  # of a study; nothing depends on them
+_TITLES = ("name", "description")  # of a study; no result depends on them
 
 
 def stage_fields(stage: str, config: StudyConfig) -> tuple[str, ...]:
-    """Fields that a stage and those before it read."""
+    """Fields that a stage and the stages before it read."""
     before = STAGES[: STAGES.index(stage) + 1]
     first = ("mission.duration_h",) if config.ocean.time_varying else ()
-    if FLEET in before and config.fleet.trajectories:  # which are sampled at pings too
+    if FLEET in before and config.fleet.trajectories:  # trajectories also have samples at pings
         first = (*first, "mission.ping_*")
     names = (*first, *(field for name in before for field in _READS[name]))
     return tuple(key for name in names for key in _matching(name))
 
 
 def _matching(field: str) -> list[str]:
-    """Fields that a pattern stands for; a name without a star is itself."""
+    """Fields that match a pattern; a name without a star matches itself."""
     section, _, key = field.partition(".")
     if "*" not in key:
         return [field]
@@ -51,7 +51,7 @@ def _matching(field: str) -> list[str]:
 
 
 def stage_config(config: StudyConfig, stage: str) -> StudyConfig:
-    """Configuration with the fields alone that a stage reads: there is no other, so that no result can depend on one."""
+    """Configuration with only the fields that a stage reads, so its result cannot depend on others."""
     fields, narrow = stage_fields(stage, config), config.model_copy()
     for name in type(config).model_fields:
         inner = [field.partition(".")[2] for field in fields if field.partition(".")[0] == name]
@@ -66,7 +66,7 @@ def stage_config(config: StudyConfig, stage: str) -> StudyConfig:
 
 
 def task_keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
-    """Names of a study's stages and of its point, from its configuration and the checksums of its input files."""
+    """Keys of a study's stages and of its point, from its configuration and the checksums of its input files."""
     tree = config.model_dump(mode="json")
     out = {}
     for stage in STAGES:

@@ -18,17 +18,17 @@ from pymantaray.sweep.keys import POINT, STAGES, task_keys
 from pymantaray.sweep.tasks import SweepTask
 
 EARLIER = "an earlier version"
-_LINES = 20  # of bad points that are told
+_MAX_FAULTS = 20  # in one message
 
 
-class Plan:
+class SweepPlan:
     """
-    Names of all tasks of a sweep.
+    Keys of all tasks of a sweep.
 
     Raises
     ------
     SweepError
-        If a point is not a study or its input cannot be read: a line each.
+        If points are not valid studies or their input cannot be read, with one line each.
     """
 
     def __init__(self, sweep: Sweep) -> None:
@@ -36,7 +36,7 @@ class Plan:
         checksums: dict[str, str] = {}
         bad: list[str] = []
         self.keys: list[dict[str, str]] = []
-        """Of each point, by the name of the stage."""
+        """Keys of each point by the name of the stage."""
         for number in range(len(sweep)):
             try:
                 config = sweep.point(number)
@@ -45,12 +45,12 @@ class Plan:
             except StudyError as error:
                 bad.append(str(error).partition("\n")[0])
         if bad:
-            rest = [f"and {len(bad) - _LINES} more"] if len(bad) > _LINES else []
-            raise SweepError("\n".join([*dict.fromkeys(bad[:_LINES]), *rest]))
+            rest = [f"and {len(bad) - _MAX_FAULTS} more"] if len(bad) > _MAX_FAULTS else []
+            raise SweepError("\n".join([*dict.fromkeys(bad[:_MAX_FAULTS]), *rest]))
 
     @cached_property
     def points(self) -> dict[str, int]:
-        """Number of a point by its key; those that are alike are one."""
+        """Number of a point by its key; equal points have one key."""
         out: dict[str, int] = {}
         for number, key in enumerate(self.keys):
             out.setdefault(key[POINT], number)
@@ -63,7 +63,7 @@ class Plan:
         return frozenset(key for key, count in uses.items() if count > 1)
 
     def count(self, stage: str, points: Collection[str]) -> int:
-        """Number of different instances of a stage that some points need."""
+        """Number of distinct instances of a stage that some points need."""
         return len({self.keys[self.points[key]][stage] for key in points})
 
 
@@ -76,8 +76,8 @@ def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:
                 raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 
 
-def plan_content(plan: Plan, toml: str) -> bytes:
-    """The plan's names, for who only counts."""
+def plan_content(plan: SweepPlan, toml: str) -> bytes:
+    """Content of the file of a plan's keys, with which progress is counted without making the plan again."""
     content = {
         "sweep": hashlib.sha256(toml.encode()).hexdigest(),
         "version": code_version(),
@@ -87,21 +87,21 @@ def plan_content(plan: Plan, toml: str) -> bytes:
 
 
 class Planned(NamedTuple):
-    """Content of the file that `plan_content` makes."""
+    """Content of the file from `plan_content`."""
 
     sweep: str
     """Hash of the sweep's text."""
     version: str
-    """Of the code that the points were planned with."""
+    """Version of the code that made the plan."""
     keys: list[str]
 
     def is_of(self, toml: str) -> bool:
-        """True if the keys are those of a sweep's text."""
+        """True if the keys belong to the sweep with this text."""
         return self.sweep == hashlib.sha256(toml.encode()).hexdigest()
 
 
 def read_plan(content: bytes | None) -> Planned | None:
-    """Return the content of a plan's file; None if there is none or it is damaged."""
+    """Read the file of a plan; None if it is missing or damaged."""
     try:
         tree = json.loads(content or b"")
         keys = [key for key in tree["keys"] if isinstance(key, str)]
@@ -112,20 +112,20 @@ def read_plan(content: bytes | None) -> Planned | None:
 
 class SweepQueue(Queue):
     """
-    Tasks of the points that are open, each issued when the stage that it needs is there.
+    Tasks of unfinished points, each issued when its stages exist.
 
-    A stage is followed by the tasks that need it before the next stage starts.
+    After a stage, the tasks that need it are issued before the next stage.
     """
 
-    def __init__(self, plan: Plan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
+    def __init__(self, plan: SweepPlan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
         self._plan, self._studies, self.keeps_stages = plan, studies, keep_stages
         self._lasting = frozenset(STAGES) if keep_stages else frozenset()
         self._what: dict[str, tuple[str, int]] = {}
-        """Kind of each task, and a point that needs it."""
+        """Kind of each task, and the number of a point that needs it."""
         self._after: dict[str, list[str]] = {}
         """Tasks that need each stage."""
         self._points_left: Counter[str] = Counter()
-        """Of each stage."""
+        """Number of unfinished points that need each stage."""
         super().__init__(())
         for key, number in plan.points.items():
             if key in open_points:
@@ -150,7 +150,7 @@ class SweepQueue(Queue):
         return self._lasting | {stage for stage in STAGES if names[stage] in self._plan.shared}
 
     def task(self, key: str) -> SweepTask:
-        """Return what is sent to a worker."""
+        """Task to send to a worker."""
         kind, number = self._what[key]
         config = self._plan.sweep.point(number)
         return SweepTask(kind, self._plan.keys[number], config, self._shared(number), self._studies)
@@ -160,7 +160,7 @@ class SweepQueue(Queue):
         return self._what[key][0]
 
     def done(self, key: str) -> Iterator[str]:
-        """Note that a task is done, well or not; gives the stages that nobody needs any more."""
+        """Record that a task finished or failed; yields the stages that no other task needs."""
         self.left -= 1
         self._ready.extend(reversed(self._after.pop(key, [])))
         kind, number = self._what[key]

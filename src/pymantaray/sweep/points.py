@@ -1,4 +1,4 @@
-"""Files of a sweep: which point or stage each is of, and reading the points that have a result."""
+"""Files of a sweep: their names by point and stage, and reading of points with a result."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -49,9 +49,9 @@ def read_points(
     store: Store, known: Iterable[str], *, discard: bool = False
 ) -> Iterator[tuple[str, str, dict[str, Any]]]:
     """
-    Key, status (`DONE` or `FAILED`) and content of each of some points that has a result.
+    Key, status (`DONE` or `FAILED`) and content of those points that have a result.
 
-    A file that is damaged, or of another point, is no result: a warning names it, and it is removed if it is to be discarded.
+    A damaged file, or one of another point, is not a result: a warning names it, and with ``discard`` it is removed.
     """
     there, known = store.names("points"), list(known)
     done = {point_name(key): key for key in known if f"{key}.json" in there}
@@ -65,9 +65,7 @@ def read_points(
             except ValidationError:
                 tree = {"key": None}
             if tree.get("key", key) != key:
-                remedy = (
-                    "it is removed and computed again" if discard else "run the sweep again to replace it"
-                )
+                remedy = "removed and computed again" if discard else "run the sweep again to replace it"
                 _LOG.warning("%s/%s: damaged or of another point; %s", store.url, name, remedy)
                 if discard:
                     store.remove(name)
@@ -77,7 +75,7 @@ def read_points(
 
 
 def finished(store: Store, known: Iterable[str], *, discard: bool = False) -> tuple[set[str], set[str]]:
-    """Keys of points that are done and of points that have failed, among those that are known; as `read_points`."""
+    """Keys of finished points and of failed points among some known keys, as in `read_points`."""
     keys: dict[str, set[str]] = {DONE: set(), FAILED: set()}
     for key, status, _ in read_points(store, known, discard=discard):
         keys[status].add(key)

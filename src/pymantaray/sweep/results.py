@@ -17,7 +17,7 @@ from pymantaray.records.result_table import ResultTable
 from pymantaray.study.settings import key_heading
 from pymantaray.sweep.definition import Sweep, parse_sweep
 from pymantaray.sweep.keys import POINT
-from pymantaray.sweep.plan import Plan, read_plan
+from pymantaray.sweep.plan import SweepPlan, read_plan
 from pymantaray.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 
 OPEN = "open"
@@ -30,25 +30,25 @@ class Status(NamedTuple):
     done: int
     failed: int
     failures: dict[str, int]
-    """Number of failed points by message."""
+    """Number of failed points by error line."""
 
     @property
     def open(self) -> int:
-        """Points that are still to be done."""
+        """Number of unfinished points."""
         return self.points - self.done - self.failed
 
 
 class SweepResults:
     """
-    Results of a sweep, as far as there are any.
+    Results of a sweep, which may be unfinished.
 
     Parameters
     ----------
     store : Store
     sweep : Sweep
-        What was asked for.
+        Definition.
     keys : list of str
-        Names of its points.
+        Keys of its points.
     """
 
     def __init__(self, store: Store, sweep: Sweep, keys: list[str]) -> None:
@@ -56,7 +56,7 @@ class SweepResults:
 
     def status(self) -> Status:
         """
-        Points that are done, have failed and are open; those that are alike are one.
+        Count finished, failed and unfinished points; equal points count once.
 
         Returns
         -------
@@ -70,7 +70,7 @@ class SweepResults:
         return Status(len(known), done, lines.total(), dict(lines.most_common()))
 
     def _repr_html_(self) -> str:
-        """HTML for a notebook: how many points are done, failed and open, and the table."""
+        """HTML for a notebook: numbers of finished, failed and unfinished points, and the table."""
         status = self.status()
         counts = {DONE: status.done, FAILED: status.failed, OPEN: status.open, "points": status.points}
         fields = [name for axis in self.sweep.axes for name in axis.coordinates()]
@@ -78,13 +78,13 @@ class SweepResults:
 
     def table(self) -> pd.DataFrame:
         """
-        Tidy table: a row for each point and condition, or the point alone where it is not done.
+        Return a tidy table with one row per point and condition; an unfinished point has one row.
 
         Returns
         -------
         pandas.DataFrame
-            ``point``, the swept fields, ``status``, ``error``, ``condition``, its errors and consistency, the point's
-            links, the seconds of its stages, ``key``.
+            ``point``, the swept fields, ``status``, ``error``, ``condition``, errors and consistency of the condition, counts of
+            the point's links, seconds of its stages, ``key``.
         """
         coordinates = [axis.coordinates() for axis in self.sweep.axes]
         rows: list[dict[str, Any]] = []
@@ -107,12 +107,12 @@ class SweepResults:
 
     def dataset(self) -> xr.Dataset:
         """
-        The same over the swept fields, with NaN where there is no result.
+        Return the table as a data set over the swept fields, with NaN for missing results.
 
         Returns
         -------
         xarray.Dataset
-            A dimension for each field that was crossed or group of fields that were zipped, and ``condition``.
+            Dimensions are the crossed fields, the groups of zipped fields, and ``condition``.
         """
         contents = self.contents
         conditions = list(dict.fromkeys(name for c in contents for name in c.get("conditions", {})))
@@ -141,7 +141,7 @@ class SweepResults:
 
     @cached_property
     def contents(self) -> list[dict[str, Any]]:
-        """Content of the file of each point."""
+        """Contents of the files of all points."""
         there = {
             key: {"status": status, **content, "key": key}
             for key, status, content in read_points(self._store, set(self._keys))
@@ -151,14 +151,14 @@ class SweepResults:
 
 def point_table(table: pd.DataFrame, fields: Sequence[str]) -> ResultTable:
     """
-    Table of all points as pages, notebooks and commands show it.
+    Return the table of all points for pages, notebooks and commands.
 
     Parameters
     ----------
     table : pandas.DataFrame
         From `SweepResults.table`.
     fields : sequence of str
-        Columns that were swept.
+        Swept columns.
 
     Returns
     -------
@@ -179,12 +179,12 @@ def point_table(table: pd.DataFrame, fields: Sequence[str]) -> ResultTable:
 
 def open_sweep(place: str | Path) -> SweepResults:
     """
-    Results of a sweep that was run, or is being run.
+    Open the results of a finished or running sweep.
 
     Parameters
     ----------
     place : str or pathlib.Path
-        Its folder or URL.
+        Folder or URL of the sweep.
 
     Returns
     -------
@@ -193,7 +193,7 @@ def open_sweep(place: str | Path) -> SweepResults:
     Raises
     ------
     SweepError
-        If there is none.
+        If there is no sweep.
 
     Examples
     --------
@@ -214,5 +214,5 @@ def open_sweep(place: str | Path) -> SweepResults:
     plan = read_plan(store.read(PLAN))
     known = plan is not None and plan.is_of(toml) and len(plan.keys) == len(sweep)
     return SweepResults(
-        store, sweep, plan.keys if plan and known else [key[POINT] for key in Plan(sweep).keys]
+        store, sweep, plan.keys if plan and known else [key[POINT] for key in SweepPlan(sweep).keys]
     )

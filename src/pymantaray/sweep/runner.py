@@ -1,4 +1,4 @@
-"""Running a sweep: tasks that can be begun go to workers, who write what becomes of them."""
+"""Run of a sweep: workers compute stages and points and write their results to the store."""
 
 import logging
 from functools import partial
@@ -12,7 +12,7 @@ from pymantaray.jobs.progress import TaskCount, TaskProgress
 from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.plan import EARLIER, Plan, SweepQueue, plan_content, read_plan
+from pymantaray.sweep.plan import EARLIER, SweepPlan, SweepQueue, plan_content, read_plan
 from pymantaray.sweep.points import PLAN, SWEEP, SWEEP_ENTRIES, finished, point_name, stage_name
 from pymantaray.sweep.results import SweepResults, open_sweep
 from pymantaray.sweep.tasks import run_task
@@ -36,45 +36,45 @@ def run_sweep(
     progress: TaskProgress | None = None,
 ) -> SweepResults:
     """
-    Do the points of a sweep that are not done yet.
+    Compute the missing points of a sweep.
 
     Parameters
     ----------
     sweep : Sweep
     out : str or pathlib.Path
-        Folder of the results, or the URL of an object store: new, empty, or of an earlier sweep, whose points are not
-        done again. With Dask every worker must see it under this name.
+        Folder of the results, or URL of an object store: new, empty, or of an earlier sweep, whose finished points are
+        skipped. With Dask, every worker must have access to it under this name.
     client : distributed.Client or str, optional
-        Dask's client, or its scheduler's address. By default processes of this machine work.
+        Dask client or scheduler address. Default: processes of this machine.
     workers : int, optional
-        Processes of this machine, by default one a core. Results do not depend on it.
+        Number of processes of this machine. Default: one per core. Results do not depend on it.
     keep_stages : bool
-        Whether oceans, fleets and rays stay in the store.
+        If True, oceans, fleets and rays stay in the store.
     studies : bool
-        Whether each point leaves the run folder of its study in ``studies``.
+        If True, the run folder of each point's study is written to ``studies``.
     retry_failed : bool
-        Whether points that failed are done again.
+        If True, failed points are computed again.
     progress : callable, optional
-        Called with the number of points that are done, the number that failed and the total.
+        Called with the number of finished points, the number of failed points and the total.
 
     Returns
     -------
     SweepResults
-        A point that failed is one of the results.
+        Results, including failed points.
 
     Raises
     ------
     SweepError
-        If a point is not a study.
+        If a point is not a valid study.
     JobError
-        If the folder holds something else, the scheduler is gone, or workers see another folder.
+        If the folder has other content, the scheduler does not answer, or workers have access to another folder.
     WriteError
         If the store cannot be written.
     """
     check_scheduler(client)
-    plan, store = Plan(sweep), open_store(out)
+    plan, store = SweepPlan(sweep), open_store(out)
     if studies and store.folder is None:
-        raise SweepError(f"{out}: studies need a folder")
+        raise SweepError(f"{out}: run folders of studies cannot be written to a URL; give a folder")
     _prepare(store, plan)
     done, failed = finished(store, plan.points, discard=True)
     for key in failed if retry_failed else ():
@@ -83,29 +83,29 @@ def run_sweep(
     count = TaskCount(len(plan.points), progress, done=len(done), failed=len(failed))
     queue = _Points(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
     queue.store, queue.count_of_points = store, count
-    _clear_stages(store, plan, keep=True)  # what failed in another run is tried again
+    _clear_stages(store, plan, keep=True)  # stages that failed in another run are computed again
     if queue.left:
         with open_pool(partial(run_task, store.url), client, workers) as pool:
             run_tasks(queue, pool)
         there = {name.partition(".")[0] for name in store.names("points")}
         if missing := len(plan.points.keys() - there):
             raise JobError(
-                f"{store.url}: {missing} points were done elsewhere; all workers must see this place"
+                f"{store.url}: workers wrote {missing} points to another place; all workers must have access to this one"
             )
     _clear_stages(store, plan, keep=keep_stages)
     return open_sweep(out)
 
 
-def _clear_stages(store: Store, plan: Plan, *, keep: bool) -> None:
-    """Remove a sweep's stages and their failures; the failures alone, to keep the stages."""
+def _clear_stages(store: Store, plan: SweepPlan, *, keep: bool) -> None:
+    """Remove the failures of a sweep's stages and, unless ``keep``, the stages."""
     own = {names[stage] for names in plan.keys for stage in STAGES}
     for name in store.names("stages"):
         if name.partition(".")[0] in own and not (keep and name.endswith(".nc")):
             store.remove(f"stages/{name}")
 
 
-def _prepare(store: Store, plan: Plan) -> None:
-    """Have the store say what sweep it is of."""
+def _prepare(store: Store, plan: SweepPlan) -> None:
+    """Write the definition and the plan of a sweep to its store."""
     store.claim("sweep", SWEEP, SWEEP_ENTRIES)
     toml = plan.sweep.to_toml()
     _warn_of_other_code(store, plan)
@@ -113,15 +113,15 @@ def _prepare(store: Store, plan: Plan) -> None:
     store.write(PLAN, plan_content(plan, toml))
 
 
-def _warn_of_other_code(store: Store, plan: Plan) -> None:
-    """Say which points of the latest run are not taken because other code computed them."""
+def _warn_of_other_code(store: Store, plan: SweepPlan) -> None:
+    """Log a warning about points of the latest run that other code computed, which are not used."""
     latest = read_plan(store.read(PLAN))
     if latest is None or latest.version == code_version():
         return
     there = {name.partition(".")[0] for name in store.names("points")}
     if others := len(there.intersection(latest.keys) - plan.points.keys()):
         _LOG.warning(
-            "%s: %d points were computed by %s, this is pymantaray %s: they are computed again; the old files stay",
+            "%s: %d points were computed by %s, but this is pymantaray %s; they are computed again, and the old files stay",
             store.url,
             others,
             latest.version if latest.version == EARLIER else f"pymantaray {latest.version}",
@@ -130,13 +130,13 @@ def _warn_of_other_code(store: Store, plan: Plan) -> None:
 
 
 class _Points(SweepQueue):
-    """Run the tasks of a sweep and record their outcomes."""
+    """Tasks of a sweep, whose results are recorded in the store."""
 
     store: Store
     count_of_points: TaskCount
 
     def record_result(self, key: str, line: str | None) -> None:
-        """Count a point; remove stages that nobody needs any more."""
+        """Count a point, and remove stages that no other task needs."""
         if self.kind(key) == POINT:
             self.count_of_points.add(failed=line is not None)
         for stage in self.done(key):
@@ -144,7 +144,7 @@ class _Points(SweepQueue):
                 self.store.remove(stage_name(stage))
 
     def record_failure(self, key: str, line: str) -> None:
-        """Write down why a task failed whose worker could not."""
+        """Store the error line of a task whose worker ended."""
         name = point_name if self.kind(key) == POINT else stage_name
         self.store.write(name(key, failed=True), failure_content(SweepError(line)))
         self.record_result(key, line)

@@ -1,4 +1,4 @@
-"""The stages of a mission that points share: each computed once, kept in memory and in the store."""
+"""Stages of a mission that points share. Each is computed once and stays in memory and in the store."""
 
 import io
 import json
@@ -26,7 +26,7 @@ from pymantaray.water.ocean import OceanFields, build_medium, is_profile
 from pymantaray.water.water import mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
-"""The latest of each stage that this process has had, after its key, and what it took when it was computed. [s]"""
+"""Latest result of each stage in this process, with its key and the time of its computation. [s]"""
 _RECORDS: dict[str, type[Record]] = {
     "truth": RangingTruth,
     "links": Links,
@@ -36,7 +36,7 @@ _RECORDS: dict[str, type[Record]] = {
 
 
 class Stages:
-    """Stages of one study; those whose names are shared are left in the store for others."""
+    """Stages of one study; shared stages are written to the store for other points."""
 
     def __init__(
         self, config: StudyConfig, keys: Mapping[str, str], store: Store, shared: frozenset[str]
@@ -46,7 +46,7 @@ class Stages:
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        if is_profile(self._config.ocean):  # is read faster than kept
+        if is_profile(self._config.ocean):  # faster to read again than from the store
             return mission_ocean(self._config)
         out: OceanFields = self._get(OCEAN, lambda: mission_ocean(stage_config(self._config, OCEAN)))
         return out
@@ -67,7 +67,7 @@ class Stages:
 
     @property
     def medium(self) -> Medium | Callable[[float], Medium]:
-        """Medium of the rays, which is in no store: it is made from the ocean in less time than it is read."""
+        """Medium of the rays; it is not stored, because building it from the ocean is faster than reading it."""
         key = f"{self._keys[OCEAN]} {self._config.acoustics.interpolation}"
         if _LATEST.get("medium", ("",))[0] != key:
             _LATEST["medium"] = (
@@ -79,11 +79,11 @@ class Stages:
         return medium
 
     def seconds(self, stage: str) -> float:
-        """Time that a requested stage took when it was computed. [s]"""
+        """Duration of the computation of a requested stage. [s]"""
         return _LATEST[stage][2]
 
     def ensure(self, stage: str) -> None:
-        """Have a stage in the store."""
+        """Compute a stage unless the store has it."""
         if not self._store.has(stage_name(self._keys[stage])):
             self._write(stage, getattr(self, stage))
 
@@ -93,7 +93,7 @@ class Stages:
         self._store.write(stage_name(self._keys[stage]), content)
 
     def _read(self, stage: str) -> tuple[Any, float] | None:
-        """A stage from the store and what it took [s]; None if there is none, or a damaged one, which is removed."""
+        """Stage from the store and the duration of its computation [s]; None without it. A damaged one is removed."""
 
         def parse(content: bytes) -> tuple[Any, float]:
             groups = netcdf_groups(content)
@@ -113,18 +113,20 @@ class Stages:
                 result = self._compute(key, compute) if shared else compute()
                 read = result, perf_counter() - start
             _LATEST[stage] = key, *read
-            if there and not self._store.has(stage_name(key)):  # damaged: the next one is to find it
+            if there and not self._store.has(
+                stage_name(key)
+            ):  # the file was damaged; store the result for other points
                 self._write(stage, read[0])
         return _LATEST[stage][1]
 
     def _compute(self, key: str, compute: Callable[[], Any]) -> Any:
-        """Compute a shared stage, once also where it fails: all that need it are told by the same line."""
+        """Compute a shared stage once, even if it fails: all points that need it then get the same error line."""
         failure = self._store.read(stage_name(key, failed=True))
         if failure is not None:
             raise SweepError(json.loads(failure)["error"])
         try:
             return compute()
-        except WriteError:  # of the store, and not of the stage
+        except WriteError:  # the store failed, not the stage
             raise
         except Exception as error:
             self._store.write(stage_name(key, failed=True), failure_content(error))
@@ -146,7 +148,7 @@ def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
 
 
 def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:
-    """Group of each record, and one of everything that has a row per attempt."""
+    """One group for each record, and one group for all other arrays with one row per attempt."""
     groups = {name: getattr(ranging, name).to_dataset() for name in _RECORDS}
     attempts = {**ranging.attempts._asdict(), "status": ranging.status, "link": ranging.link}
     if ranging.probability is not None:

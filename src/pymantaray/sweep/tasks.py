@@ -1,4 +1,4 @@
-"""Work of a worker: one shared stage or one point, written to the store before it is reported."""
+"""Task of a worker: one shared stage or one point, written to the store before the task returns."""
 
 import json
 import math
@@ -26,26 +26,28 @@ _CONSISTENCY = {"median_ratio": "ratio", "inside": "inside", "tests": "tests"}
 
 @dataclass(frozen=True)
 class SweepTask:
-    """A stage or a point, and all that it takes to do it."""
+    """Stage or point to compute, with all data for it."""
 
     kind: str
     keys: Mapping[str, str]
     config: StudyConfig
     shared: frozenset[str]
-    """Stages that are left in the store."""
+    """Stages that stay in the store."""
     studies: bool = False
-    """True if each point keeps its run folder."""
+    """True if the run folder of each point is written."""
     version: str = field(default_factory=code_version)
 
     @property
     def key(self) -> str:
-        """Its name."""
+        """Key of the stage or point."""
         return self.keys[self.kind]
 
 
 def run_task(url: str, task: SweepTask) -> str | None:
-    """Do a task unless it is done; the line by which it failed, None if it did not. What the store refuses is raised."""
-    failed = point_name(task.key, failed=True) if task.kind == POINT else None  # a stage tells it itself
+    """Run a task unless the store has its result; return the error line of a failure, else None. Errors of the store are raised."""
+    failed = (
+        point_name(task.key, failed=True) if task.kind == POINT else None
+    )  # a stage records its failure itself
     return run_in_store(url, task, _compute, failed)
 
 
@@ -60,14 +62,14 @@ def _compute(store: Store, task: SweepTask) -> None:
 
 
 def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
-    """Summary of a point, and what it took."""
+    """Summary of a point, and the duration of its stages."""
     config, watch = task.config, Stopwatch()
     refuse_too_large(config, 1)
     ocean, truth, ranging = stages.ocean, stages.fleet, stages.rays
     with watch.stage("realizations"):
         mission = assemble_mission(config, ocean, truth, ranging)
         if task.studies:
-            assert store.folder is not None  # others were refused before
+            assert store.folder is not None  # `run_sweep` accepts studies in a folder only
             folder = store.folder / "studies" / task.key
             if not (folder / MANIFEST).exists():
                 mission = replace(mission, picture=mission_picture(config, mission, stages.medium))
@@ -85,7 +87,7 @@ def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
 
 
 def summarize_point(run: Run) -> dict[str, Any]:
-    """Results of a study that a sweep stores: errors and consistency of each condition, and of its links. NaN is null."""
+    """Results of a study in a sweep: errors and consistency of each condition, and counts of links. NaN is null."""
     tables = run.tables
     conditions = {row.pop("condition"): row for row in tables["ate_pooled"].frame.to_dict("records")}
     for row in tables["ping_error"].frame.to_dict("records"):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import smooth_profile, thin_profile
 from pymantaray.acoustics.medium import Interpolation
-from pymantaray.acoustics.profiles import Profile, is_raw_cast, read_profiles
+from pymantaray.acoustics.profiles import Profile, is_raw_cast, only_one, read_profiles
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
@@ -56,13 +56,7 @@ def read_section_profiles(section: OceanSection) -> list[Profile]:
 
 def one_profile(section: OceanSection) -> Profile:
     """Read the only profile of a section; several raise an error."""
-    profiles = read_section_profiles(section)
-    if len(profiles) > 1:
-        names = ", ".join(profile.name for profile in profiles[:4]) + (", ..." if len(profiles) > 4 else "")
-        raise AcousticsError(
-            f"{Path(section.source[0]).name}: contains {len(profiles)} casts ({names}); only one is allowed; keep one"
-        )
-    return profiles[0]
+    return only_one(Path(section.source[0]).name, read_section_profiles(section), AcousticsError)
 
 
 def uniform_water(section: OceanSection, profile: Profile, interpolation: Interpolation) -> UniformWater:

@@ -12,7 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
-from pymantaray.acoustics.profiles import Profile
+from pymantaray.acoustics.profiles import Profile, only_one
 from pymantaray.config import SoundConfig
 from pymantaray.config.checks import parse
 from pymantaray.config.common import IN_MEMORY
@@ -195,11 +195,7 @@ def open_water(source: Source, **options: Any) -> Water:
     >>> water.medium.sound_speed_at([[0.0, 0.0, 100.0]]).round(1)
     array([1449.5])
     """
-    waters = open_waters(source, **options)
-    if len(waters) > 1:
-        names = ", ".join(water.name for water in waters[:4]) + (", ..." if len(waters) > 4 else "")
-        raise WaterError(f"{source}: contains {len(waters)} casts ({names}); only one is allowed; keep one")
-    return waters[0]
+    return only_one(source, open_waters(source, **options), WaterError)
 
 
 def open_waters(source: Source, **options: Any) -> list[Water]:

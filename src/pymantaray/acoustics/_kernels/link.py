@@ -296,7 +296,7 @@ def _chord_bracket(s, walls, course, tol, work):
 
 
 @kernel
-def _place(launch, course, walls, work):
+def _course_of(launch, course, walls, work):
     """Course of the ray in work: _THROUGH the surface, _BLOCKED by the sea bed, or _CLEAR."""
     _, cb, sb, _ = course.axis
     y = work.y
@@ -327,7 +327,7 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
             launch = refine(s, walls, course, brackets[i], accuracy, cutoff[1], work)
         if not launch.ok:
             continue
-        place = _place(launch, course, walls, work)
+        place = _course_of(launch, course, walls, work)
         through_surface += 1 if place == _THROUGH else 0
         blocked += 1 if place == _BLOCKED else 0
         if place != _CLEAR:
@@ -349,7 +349,7 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
             continue
         angle = cubic_angle(brackets[i, 0], brackets[i, 1], 0.0)
         ok, steps, turns, _ = trace(s, walls, course, angle, 0.0, accuracy.coarse, full_ray(work))
-        place = _place(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
+        place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
         through_surface += 1 if place == _THROUGH else 0
         blocked += 1 if place == _BLOCKED else 0
         if ok and place == _CLEAR:

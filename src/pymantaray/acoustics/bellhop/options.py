@@ -1,4 +1,4 @@
-"""Options of a run of Bellhop, apart from what writes its files because the command line reads them at each start."""
+"""Options of a run of Bellhop. The writer of its files is in another module, because the command line imports this one at each start."""
 
 import math
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ from typing import Literal, get_args
 from pymantaray.errors import AcousticsError
 
 BottomKind = Literal["rigid", "vacuum", "matching"]
-Run = Literal["arrivals", "arrivals-binary", "rays", "eigenrays"]
-_MOST_BEAMS = 10_000
+BellhopOutput = Literal["arrivals", "arrivals-binary", "rays", "eigenrays"]
+_MAX_BEAMS = 10_000
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,23 @@ class HalfSpace:
     """
     Sea bed as an acousto-elastic half-space.
 
-    Speeds of compressional waves, and of shear waves, 0 in a fluid [m/s]; density in Bellhop's unit; attenuations of either
-    kind of waves.
+    Parameters
+    ----------
+    sound_speed : float
+        Speed of compressional waves. [m/s]
+    density_g_per_cm3 : float
+        Density. [g/cm³]
+    attenuation_db_per_wavelength : float
+        Attenuation of compressional waves. [dB per wavelength]
+    shear_speed : float
+        Speed of shear waves; 0 for a fluid. [m/s]
+    shear_attenuation_db_per_wavelength : float
+        Attenuation of shear waves. [dB per wavelength]
+
+    Raises
+    ------
+    AcousticsError
+        If a value is negative or not finite, or the sound speed or density is 0.
     """
 
     sound_speed: float
@@ -30,7 +45,8 @@ class HalfSpace:
         for name, value in vars(self).items():
             least = 1e-300 if name in ("sound_speed", "density_g_per_cm3") else 0.0
             if not least <= value < math.inf:
-                raise AcousticsError(f"half-space: {name} is {value}; it must be finite and positive")
+                allowed = "0 or more" if least == 0.0 else "positive"
+                raise AcousticsError(f"half-space: {name} is {value}; it must be finite and {allowed}")
 
 
 @dataclass(frozen=True)
@@ -43,19 +59,24 @@ class BellhopOptions:
     run : {"arrivals", "arrivals-binary", "rays", "eigenrays"}
         Output of Bellhop: arrivals as text or binary (`.arr`), rays or eigenrays (`.ray`).
     beams : int
-        Number of beams in declination, and in bearing.
+        Number of beams in each of declination and bearing.
     cone : float
-        Width of the fan to either side of the chord, in both. [rad]
+        Half width of the fan about the chord, in each of declination and bearing. [rad]
     frequency : float
-        Bellhop joins arrivals nearer than 0.05/(2 pi frequency) seconds. [Hz]
+        Frequency. Bellhop merges arrivals that differ by less than 0.05/(2 pi frequency) seconds. [Hz]
     bottom : {"rigid", "vacuum", "matching"} or HalfSpace
-        Type of the sea bed: rigid, vacuum (reflections change the sign) or matching (no contrast to the water); in Python also a
-        half-space.
+        Type of the sea bed: rigid, vacuum (reflections change the sign), matching (no contrast to the water), or a half-space.
     step : float
-        Step along the rays; 0 for Bellhop's default, a tenth of the last level, which can cost milliseconds. [m]
+        Step along the rays; 0 for Bellhop's default, a tenth of the last level, whose travel times can be wrong by milliseconds.
+        [m]
+
+    Raises
+    ------
+    AcousticsError
+        If a value is not allowed.
     """
 
-    run: Run = "arrivals"
+    run: BellhopOutput = "arrivals"
     beams: int = 100
     cone: float = math.radians(15.0)
     frequency: float = 10_000.0
@@ -63,14 +84,14 @@ class BellhopOptions:
     step: float = 50.0
 
     def __post_init__(self) -> None:
-        for name, value, allowed in (("run", self.run, Run), ("bottom", self.bottom, BottomKind)):
+        for name, value, allowed in (("run", self.run, BellhopOutput), ("bottom", self.bottom, BottomKind)):
             if value not in get_args(allowed) and not (name == "bottom" and isinstance(value, HalfSpace)):
-                raise AcousticsError(f"{name}: {value!r}; allowed are {', '.join(get_args(allowed))}")
-        if not 2 <= self.beams <= _MOST_BEAMS or not 0.0 < self.cone <= math.pi:
+                raise AcousticsError(f"{name}: {value!r}; allowed: {', '.join(get_args(allowed))}")
+        if not 2 <= self.beams <= _MAX_BEAMS or not 0.0 < self.cone <= math.pi:
             raise AcousticsError(
-                f"beams {self.beams}, cone {self.cone:g} rad; 2 to {_MOST_BEAMS} beams and up to pi are allowed"
+                f"beams {self.beams}, cone {self.cone:g} rad; allowed: 2 to {_MAX_BEAMS} beams, and a cone up to pi"
             )
         if not (0.0 < self.frequency < math.inf and 0.0 <= self.step < math.inf):
             raise AcousticsError(
-                f"frequency {self.frequency} Hz, step {self.step} m; the first must be positive, the second not less than 0"
+                f"frequency {self.frequency} Hz, step {self.step} m; the frequency must be positive, the step 0 or more"
             )

@@ -24,7 +24,7 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.records import RayStatus
 
 PROGRAMS = ("bellhopcxx3d", "bellhopcxx", "bellhop3d", "bellhop3d.exe")
-MOST_BEAMS = 400
+MAX_BEAMS = 400
 _TAIL = 200  # characters of the print file in a message
 
 
@@ -202,7 +202,7 @@ def _first_direct(
         arrivals, spent = bellhop_arrivals(medium, source, receiver, fan, program=program, timeout=timeout)
         cpu += spent
         first = arrivals.first_direct().item()
-        if np.isfinite(first) or 2 * beams > MOST_BEAMS:
+        if np.isfinite(first) or 2 * beams > MAX_BEAMS:
             return first, beams, cpu
         beams *= 2
 

@@ -29,7 +29,7 @@ EPOCH = "2014-07-15T12:00"
 
 
 @dataclass(frozen=True)
-class Region:
+class SyntheticRegion:
     """Grid of a region, and functions for its water, sea bed and reference height."""
 
     title: str
@@ -57,10 +57,10 @@ class Region:
 
 
 REGIONS = {
-    "beaufort": Region(
+    "beaufort": SyntheticRegion(
         "Beaufort Sea", 74.5, -140.0, 76, 251, beaufort.water, beaufort.floor, beaufort.reference_height
     ),
-    "fram": Region("Fram Strait", 78.0, 0.0, 75, 237, fram.water, fram.floor, fram.reference_height),
+    "fram": SyntheticRegion("Fram Strait", 78.0, 0.0, 75, 237, fram.water, fram.floor, fram.reference_height),
 }
 
 
@@ -123,7 +123,7 @@ def synthetic_axes(region: str) -> tuple[Array, Array]:
     return _region(region).axes()
 
 
-def _region(name: str) -> Region:
+def _region(name: str) -> SyntheticRegion:
     if name not in REGIONS:
         raise OceanError(f"synthetic ocean {name!r} is unknown; available: {', '.join(sorted(REGIONS))}")
     return REGIONS[name]
