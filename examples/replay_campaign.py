@@ -3,7 +3,8 @@ Make up a campaign of measured travel times whose truth is known, for `mantaray 
 
 Six nodes hang under drifting ice and send in turn for an hour. Clocks are off, receivers change now and then to a later arrival
 and stay with it, two casts were taken, and some receptions come where no ray goes. `python examples/replay_campaign.py FOLDER`
-writes events.csv, casts.csv and truth.json.
+writes events.csv, casts.csv and truth.json. `python examples/replay_campaign.py FOLDER rough` makes another campaign: eight hours between
+six nodes on rough fast ice, clocks that drift, and one node with a wrong position.
 """
 
 import json
@@ -14,8 +15,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pymantaray.acoustics import Medium, choose_arrivals, find_eigenrays, link_loss_db
+from pymantaray.acoustics import BoundarySurface, Medium, choose_arrivals, find_eigenrays, link_loss_db
 from pymantaray.geometry import LocalFrame, stream
+from pymantaray.geometry.roughness import Roughness
 
 BOTTOM = 3000.0  # m
 START = np.datetime64("2020-03-10T12:00:00", "ms")
@@ -62,6 +64,25 @@ SPEED = np.array(
         1498,
     ]
 )
+# the campaign on rough ice
+CAMPS = {  # north, east, depth [m]
+    "A": (0.0, 0.0, 30.0),
+    "B": (1400.0, 250.0, 45.0),
+    "C": (-700.0, 1900.0, 50.0),
+    "D": (1500.0, -1700.0, 20.0),
+    "E": (-1300.0, -900.0, 40.0),
+    "F": (800.0, 1800.0, 35.0),
+}
+DRIFTS = {"A": 1.0e-7, "B": -2.0e-7, "C": 0.5e-7, "D": 2.0e-7, "E": -1.5e-7, "F": 0.0}  # s/s, of the clocks
+WRONG_CAMP, WRONG_BY = "C", (6.0, -5.0)  # true minus stated position, north and east [m]
+ICE, SLOPE, LENGTH, TRUE_DRAW = 1.5, math.radians(0.5), 20.0, 1000
+BOUNCES = 7
+TURN, HOURS = 600.0, 8.0  # s between a node's pings, and hours of the campaign
+STAY = 900.0  # s, for which a receiver stays with an arrival
+LEVEL_SIGMA, WITHIN = (
+    4.0,
+    5.0,
+)  # dB: spread of a level, and of the levels that are detected below the strongest
 
 
 def casts() -> dict[str, tuple[np.datetime64, np.ndarray]]:
@@ -127,10 +148,8 @@ def later_candidate(events: pd.DataFrame, seed: int) -> np.ndarray:
     return second
 
 
-def main(folder: str = "campaign", seed: int = 1) -> None:
-    """Write the campaign."""
-    out = Path(folder)
-    out.mkdir(parents=True, exist_ok=True)
+def write_drifting(out: Path, seed: int) -> None:
+    """Write the campaign under drifting ice."""
     events = schedule()
     time, heard = travel_times(events, seed)
     noise = SIGMA * stream(seed, 0, "campaign", "noise").standard_normal(len(events))
@@ -163,5 +182,81 @@ def main(folder: str = "campaign", seed: int = 1) -> None:
     print(f"{out}: {len(events)} events, {int((~heard).sum())} of them where no ray goes")  # noqa: T201
 
 
+def rays_on_ice() -> dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
+    """Times [s] and spreading [dB] of the arrivals of each pair, the same in both directions."""
+    rough = BoundarySurface(ICE, roughness=Roughness(SLOPE, LENGTH, draw=TRUE_DRAW))
+    medium = Medium.from_profile(DEPTH, SPEED, bottom_depth=BOTTOM, ice_draft=rough)
+    pairs = [(a, b) for a in CAMPS for b in CAMPS if a < b]
+    source, receiver = (np.array([CAMPS[pair[k]] for pair in pairs]) for k in range(2))
+    rays = find_eigenrays(medium, source, receiver, BOUNCES)
+    return {
+        pair: (rays.travel_time[rays.link == i], rays.spreading_db[rays.link == i])
+        for i, pair in enumerate(pairs)
+    }
+
+
+def taken_arrival(spreading: np.ndarray, draw: np.random.Generator) -> int:
+    """Row of the first arrival that a receiver detects."""
+    loud = np.flatnonzero(
+        spreading + LEVEL_SIGMA * draw.standard_normal(spreading.size) < spreading.min() + WITHIN
+    )
+    return int(loud[0]) if loud.size else int(np.argmin(spreading))
+
+
+def events_on_ice(seed: int) -> pd.DataFrame:
+    """Receptions of all nodes, which send in turn, in the local frame."""
+    names, rays = list(CAMPS), rays_on_ice()
+    rows = []
+    for source in names:
+        for receiver in names:
+            if receiver == source:
+                continue
+            time, spreading = rays[min(source, receiver), max(source, receiver)]
+            if not time.size:
+                continue  # a shadow for this ice
+            draw = stream(seed, 0, "campaign", "rough", source, receiver)
+            taken = -1
+            for at in np.arange(0.0, 3600.0 * HOURS, TURN) + names.index(source) * TURN / len(names):
+                if taken < 0 or draw.random() > math.exp(-TURN / STAY):
+                    taken = taken_arrival(spreading, draw)
+                late = at - 1800.0 * HOURS
+                clock = OFFSETS[receiver] - OFFSETS[source] + late * (DRIFTS[receiver] - DRIFTS[source])
+                rows.append((at, source, receiver, time[taken] + clock + SIGMA * draw.standard_normal()))
+    table = pd.DataFrame(rows, columns=["time", "source", "receiver", "travel_time"])
+    for end in ("source", "receiver"):
+        place = np.array([CAMPS[name] for name in table[end]])
+        place[:, :2] -= np.outer(table[end] == WRONG_CAMP, WRONG_BY)
+        for k, axis in enumerate(("north", "east", "depth")):
+            table[f"{end}_{axis}"] = place[:, k]
+    return table.sort_values(["time", "receiver"], ignore_index=True)
+
+
+def write_on_ice(out: Path, seed: int) -> None:
+    """Write the campaign on rough ice."""
+    events = events_on_ice(seed)
+    events.to_csv(out / "events.csv", index=False, float_format="%.12g")
+    pd.DataFrame({"depth": DEPTH, "sound_speed": SPEED}).to_csv(out / "cast.csv", index=False)
+    truth = {
+        "offset_s": OFFSETS,
+        "drift": DRIFTS,
+        "mean_time_s": 1800.0 * HOURS,
+        "wrong_camp": WRONG_CAMP,
+        "wrong_by_m": WRONG_BY,
+        "sigma_s": SIGMA,
+    }
+    (out / "truth.json").write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
+    print(f"{out}: {len(events)} events on rough ice")  # noqa: T201
+
+
+def main(folder: str = "campaign", kind: str = "drifting", seed: int = 1) -> None:
+    """Write a campaign, "drifting" or "rough"."""
+    out = Path(folder)
+    out.mkdir(parents=True, exist_ok=True)
+    if kind == "rough":
+        write_on_ice(out, seed)
+    else:
+        write_drifting(out, seed)
+
+
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    main(*sys.argv[1:3])

@@ -51,6 +51,7 @@ def two_arrivals(measured, gap=60.0):
         {
             "source": "A",
             "receiver": "B",
+            "pair": "A and B",
             "time_s": gap * np.arange(n),
             "measured_s": measured,
             "sigma_s": np.nan,
@@ -110,9 +111,38 @@ def test_sigma_and_intervals_come_back_from_drawn_errors():
     coverage = coverage_table(table).set_index("group")
     assert coverage["within_95"].between(90.0, 99.0).all()
     assert coverage.loc["odd hours", "median_size_m"] == pytest.approx(0.6745 * 1450.0 * sigma, rel=0.1)
+    assert coverage["within_95_low"].isna().all(), "one pair has no interval"
+    assert coverage.loc["all", "varying_m"] == pytest.approx(1450.0 * sigma, rel=0.1)
+    assert coverage.loc["all", "pair_m"] < 0.3
     own = predict_mixture(events, candidates, PredictionOptions(1, 2.0, 1.0))
     known = np.hypot(np.sqrt(2.0) * 2.0 / 1450.0, 1.0 / 1450.0)
     assert np.sqrt(own.sigma[0] ** 2 - own.unexplained**2) == pytest.approx(known, rel=1e-6)
+
+
+def test_coverage_has_an_interval_over_pairs_and_parts_of_the_residuals():
+    """Twenty pairs with constant errors of 3 m and others of 1 m; in five pairs all events are outside."""
+    rng = np.random.default_rng(2)
+    pairs, n = 20, 100
+    pair = np.repeat([f"pair {k:02d}" for k in range(pairs)], n)
+    residual = np.repeat(rng.normal(0.0, 3.0, pairs), n) + rng.normal(0.0, 1.0, pair.size)
+    outside = np.repeat(np.arange(pairs) < 5, n)
+    table = pd.DataFrame(
+        {"pair": pair, "time_s": np.tile(np.arange(n) * 70.0, pairs), "residual_m": residual}
+    )
+    table = table.assign(
+        residual_s=residual / 1450.0, measured_s=1.0, low_s=np.where(outside, 2.0, 0.0), high_s=3.0
+    )
+    row = (
+        coverage_table(table.assign(prediction_sigma_s=1e-3, log_likelihood=0.0))
+        .set_index("group")
+        .loc["all"]
+    )
+    assert row["within_95"] == 75.0
+    error = 100.0 * np.sqrt(0.25 * 0.75 / pairs)  # of a share of independent pairs, not of 2,000 events
+    assert row["within_95_low"] == pytest.approx(75.0 - 1.96 * error, abs=6.0)
+    assert row["within_95_high"] == pytest.approx(75.0 + 1.96 * error, abs=6.0)
+    assert row["varying_m"] == pytest.approx(1.0, rel=0.1)
+    assert row["pair_m"] == pytest.approx(3.0, rel=0.5)
 
 
 def test_waves_spread_the_times_of_surface_reflections():

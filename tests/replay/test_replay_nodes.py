@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pymantaray.errors import ReplayError
-from pymantaray.replay import Events, replay_events, smooth_positions
+from pymantaray.replay import Events, correct_events, replay_events, smooth_positions
 from pymantaray.replay.baselines import BY_DEPTHS, CONSTANT, baseline_table
 from pymantaray.replay.clocks import (
     clock_errors,
@@ -245,6 +245,32 @@ def test_campaign_with_a_wrong_camp_and_drifting_clocks_returns_both(spoiled):
     assert any("disagree with the ranges" in text for text in result.findings)
     names = list(result.tables)
     assert names.index("baselines") < names.index("nodes") < names.index("events")
+
+
+def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign):
+    result, wrong, rate = spoiled
+    stated = campaign.events.source_position - np.outer(
+        campaign.events.source == "C",
+        [wrong[0] / 111.6e3, wrong[1] / (111.6e3 * np.cos(np.radians(72.0))), 0.0],
+    )
+    drift = np.array(
+        [rate[b] - rate[a] for a, b in zip(campaign.events.source, campaign.events.receiver, strict=True)]
+    )
+    late = drift * (campaign.events.time - campaign.events.time.mean())
+    wrong_events = dataclasses.replace(
+        campaign.events, source_position=stated, travel_time=campaign.events.travel_time + late
+    )
+    right = correct_events(wrong_events, result)
+    scale = np.array([111.6e3, 111.6e3 * np.cos(np.radians(72.0)), 1.0])
+    before, after = (
+        np.abs((e.source_position - campaign.events.source_position) * scale).max()
+        for e in (wrong_events, right)
+    )
+    assert before > 5.0
+    assert after < 3.0 * result.nodes.set_index("node").loc["C", "standard_error_m"]
+    offset = campaign.truth["offset_s"]
+    clock = np.array([offset[b] - offset[a] for a, b in zip(right.source, right.receiver, strict=True)])
+    np.testing.assert_allclose(wrong_events.travel_time - right.travel_time, clock + late, atol=2e-4)
 
 
 def test_page_of_a_replay_has_the_baselines(campaign):

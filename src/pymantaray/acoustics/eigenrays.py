@@ -162,7 +162,8 @@ def _under_rough_surface(medium: Medium, ends: Ends, *, threads: int | None, **o
     flat = replace(medium, surface=medium.surface.with_roughness(None))
     if ends.bounces[0] == 0 or not len(ends.source):
         return find_eigenrays(flat, *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options)
-    if medium.earth is not None or not (medium.uniform and medium.bed.depth.size == 1):
+    flat_bed = bool((medium.bed.depth == medium.bed.depth[0, 0]).all())
+    if medium.earth is not None or not (medium.uniform and flat_bed):
         return find_eigenrays(
             realized(medium, ends), *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options
         )

@@ -7,6 +7,7 @@ from pymantaray.lazy import lazy_exports
 if TYPE_CHECKING:
     from pymantaray.replay.compare import Replay as Replay
     from pymantaray.replay.compare import replay_events as replay_events
+    from pymantaray.replay.correction import correct_events as correct_events
     from pymantaray.replay.events import Events as Events
     from pymantaray.replay.events import read_events as read_events
     from pymantaray.replay.mixture import PredictionOptions as PredictionOptions

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.reflection import wave_height_rms
 from pymantaray.errors import ReplayError
+from pymantaray.geometry import stream
 from pymantaray.geometry.checks import check_number
+from pymantaray.replay.summary import RESAMPLES, percentiles
 
 Array = NDArray[np.float64]
 _SPREAD_DB = 6.0  # of a level about the predicted one, as in sensing.picking
@@ -23,6 +25,8 @@ _UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error tha
 _COVERED = 0.95  # of the events of even hours, by their intervals
 _FEW = 40  # events; with fewer, intervals are those of the mixture
 _WIDEST = 0.9998
+_NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
+_SEED = 20140715  # of the bootstrap
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
 HOUR = 3600.0
 
@@ -313,7 +317,9 @@ def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
     pandas.DataFrame
         One row per group: ``events``, ``predicted`` ones, median and 90 % quantile of the size of the residual over all events (an event
         without a prediction counts as infinite) [m], the percentage of predicted events with a residual within one and two sigma
-        and within the 95 % interval, the median ``sigma_m``, and the mean ``log_likelihood``.
+        and within the 95 % interval, the latter with its own 95 % interval (``within_95_low`` and ``_high``: 1,000 bootstrap samples
+        of pairs, NaN for one pair), the median ``sigma_m``, two parts of the residuals by their medians (``pair_m``, constant errors of
+        pairs, and ``varying_m``, the others), and the mean ``log_likelihood``.
     """
     odd = np.floor(events["time_s"].to_numpy() / HOUR) % 2 == 1
     rows = []
@@ -326,6 +332,9 @@ def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
         sigma = part["prediction_sigma_s"][ok]
         late = part["residual_s"][ok].abs() / sigma
         inside = part["measured_s"].between(part["low_s"], part["high_s"])[ok]
+        pair = part["pair"][ok]
+        low, high = _over_pairs(inside, pair, name)
+        constant, varying = _parts(part["residual_m"][ok], pair)
         rows.append(
             {
                 "group": name,
@@ -336,11 +345,32 @@ def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
                 "within_1_sigma": 100.0 * float((late <= 1.0).mean()),
                 "within_2_sigma": 100.0 * float((late <= 2.0).mean()),
                 "within_95": 100.0 * float(inside.mean()),
+                "within_95_low": low,
+                "within_95_high": high,
                 "sigma_m": float((speed * sigma).median()),
+                "pair_m": constant,
+                "varying_m": varying,
                 "log_likelihood": float(part["log_likelihood"].mean()),
             }
         )
     return pd.DataFrame(rows)
+
+
+def _over_pairs(inside: "pd.Series[bool]", pair: "pd.Series[str]", group: str) -> tuple[float, float]:
+    """Ends of the 95 % interval of a percentage, from bootstrap samples of pairs."""
+    counts = inside.astype(float).groupby(pair).agg(["sum", "size"]).to_numpy()
+    if len(counts) < 2:
+        return np.nan, np.nan
+    draws = stream(_SEED, 0, "replay", "coverage", group).integers(0, len(counts), (RESAMPLES, len(counts)))
+    hits, events = counts[draws].sum(axis=1).T
+    return percentiles(100.0 * hits / events)
+
+
+def _parts(residual: "pd.Series[float]", pair: "pd.Series[str]") -> tuple[float, float]:
+    """Standard deviations of constant errors of pairs about zero, and of the rest; by medians, so that a few wrong arrivals do not count."""
+    middle = residual.groupby(pair).transform("median")
+    constant = residual.groupby(pair).median().abs().median()
+    return _NORMAL * float(constant), _NORMAL * float((residual - middle).abs().median())
 
 
 def _quantile(values: Array, level: float) -> float:

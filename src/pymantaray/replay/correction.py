@@ -1,0 +1,57 @@
+"""Events without the clock errors and the wrong positions that a replay of them found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pyproj
+from numpy.typing import NDArray
+
+from pymantaray.replay.clocks import clock_errors
+from pymantaray.replay.compare import Replay
+from pymantaray.replay.events import Events
+
+Array = NDArray[np.float64]
+_ELLIPSOID = pyproj.Geod(ellps="WGS84")
+
+
+def correct_events(events: Events, replay: Replay) -> Events:
+    """
+    Remove the clock errors and the wrong positions that a replay found.
+
+    Parameters
+    ----------
+    events : Events
+        Events of the same nodes, of any time: a replay of some hours may correct others.
+    replay : Replay
+        Its ``clocks`` (with drifts if ``clock_drift`` is set) and the offsets of its suspect ``nodes`` are used. Clocks that are unknown and
+        nodes that are not suspect stay as they are.
+
+    Returns
+    -------
+    Events
+    """
+    ends = {"source": events.source, "receiver": events.receiver, "time_s": events.time}
+    clocks = replay.clocks
+    values = [name for name in ("offset_s", "drift") if name in clocks]
+    known = clocks.assign(**{name: clocks[name].fillna(0.0) for name in values})
+    wrong = clock_errors(pd.DataFrame(ends), known)
+    changes = {"travel_time": events.travel_time - np.nan_to_num(wrong)}
+    suspect = replay.nodes[replay.nodes["suspect"]].set_index("node")
+    for end in ("source", "receiver"):
+        name, position = getattr(events, end), getattr(events, f"{end}_position").copy()
+        for row in suspect.itertuples():
+            own = name == row.Index
+            position[own] = _moved(position[own], float(row.north_m), float(row.east_m), events.geographic)
+        changes[f"{end}_position"] = position
+    return replace(events, **changes)
+
+
+def _moved(position: Array, north: float, east: float, geographic: bool) -> Array:
+    """Positions that are moved horizontally. [m]"""
+    if not geographic:
+        return position + np.array([north, east, 0.0])
+    azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(north, east)
+    n = len(position)
+    lon, lat, _ = _ELLIPSOID.fwd(position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance))
+    return np.stack([lat, lon, position[:, 2]], axis=-1)

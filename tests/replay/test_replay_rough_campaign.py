@@ -1,0 +1,61 @@
+"""A campaign on rough ice, with drifting clocks and one wrong position, comes back with its parameters and honest intervals."""
+
+import json
+import runpy
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pymantaray.replay import PredictionOptions, correct_events, read_events, replay_events
+from pymantaray.water import open_waters
+
+pytestmark = pytest.mark.slow
+EXAMPLE = Path(__file__).parents[2] / "examples" / "replay_campaign.py"
+OPTIONS = PredictionOptions(8)
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """Events, water, truth, and the replay of the even hours."""
+    folder = tmp_path_factory.mktemp("rough")
+    runpy.run_path(str(EXAMPLE))["main"](str(folder), "rough")
+    ice = {"ice": 1.5, "ice_slope_deg": 0.5, "ice_length": 20.0, "max_surface_bounces": 7}
+    waters = open_waters(folder / "cast.csv", bathymetry=3000.0, **ice)
+    events = read_events(folder / "events.csv")
+    even = np.floor(events.time / 3600.0) % 2 == 0
+    columns = (f.name for f in fields(events) if np.ndim(getattr(events, f.name)))
+    known = replace(events, **{name: getattr(events, name)[even] for name in columns})
+    result = replay_events(known, waters, "persist", options=OPTIONS)
+    return events, waters, json.loads((folder / "truth.json").read_text()), replace(result, clock_drift=True)
+
+
+def test_even_hours_return_the_clocks_and_the_wrong_position(fitted):
+    _, _, truth, result = fitted
+    clocks = result.clocks.set_index("node")
+    drift = np.array([truth["drift"][name] for name in clocks.index])
+    late = clocks["mean_time_s"].iloc[0] - truth["mean_time_s"]
+    offset = np.array([truth["offset_s"][name] for name in clocks.index]) + drift * late
+    for true, name, error in (
+        (offset, "offset_s", "standard_error_s"),
+        (drift, "drift", "standard_error_drift"),
+    ):
+        off = (clocks[name] - (true - true.mean())) / clocks[error]
+        assert np.abs(off).max() < 3.5
+    nodes = result.nodes.set_index("node")
+    assert list(nodes.index[nodes["suspect"]]) == [truth["wrong_camp"]]
+    row = nodes.loc[truth["wrong_camp"]]
+    miss = np.hypot(*(row[["north_m", "east_m"]].to_numpy(dtype=float) - truth["wrong_by_m"]))
+    assert miss < 3.5 * row["standard_error_m"]
+
+
+def test_intervals_cover_the_odd_hours_after_the_correction(fitted):
+    events, waters, _, result = fitted
+    scored = replay_events(correct_events(events, result), waters, "persist", options=OPTIONS)
+    odd = scored.more["coverage"].set_index("group").loc["odd hours"]
+    assert odd["events"] == odd["predicted"] == events.time.size // 2
+    assert 90.0 <= odd["within_95"] <= 97.0
+    assert odd["within_95_low"] <= odd["within_95"] <= odd["within_95_high"]
+    assert odd["median_size_m"] < 1.0
+    print(scored.more["coverage"].to_string())
