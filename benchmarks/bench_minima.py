@@ -73,8 +73,8 @@ def main() -> None:
             flush=True,
         )
     print()
-    print("| graph | noise | certified | dead reckoning | chordal | random | `--start best` |")
-    print("|---|---|---|---|---|---|---|")
+    print("| graph | noise | certified | dead reckoning | chordal | relaxation | random | `--start best` |")
+    print("|---|---|---|---|---|---|---|---|")
     for kind, make in (("survey", two_minima.survey), ("cooperative", two_minima.cooperative)):
         for factor in (1.0, 10.0, 100.0):
             rows = []
@@ -91,6 +91,8 @@ def main() -> None:
                         fine and certify(result.graph, result.solution.values).certified,
                         reached(own["dead-reckoning"], best),
                         reached(own["chordal"], best),
+                        # without such a start, the lowest solution is certified
+                        reached(own.get("relaxation", best), best),
                         np.mean(random),
                         reached(min(costs(plain).values()), best),
                     ]

@@ -5,10 +5,11 @@ import pytest
 from factories import values_at
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from two_minima import drone, ring
+from two_minima import FILES, drone, ring
 
 from pymantaray.estimation import build_graph, certify, open_graph, solve_graph
-from pymantaray.estimation.certificate import ChordalProblem, _descend, least_eigenvalue
+from pymantaray.estimation.chordal_problem import ChordalProblem
+from pymantaray.estimation.staircase import descend, least_eigenpair, relax, rounded
 
 
 def planar_ranges(seed=1, *, loops=True):
@@ -124,7 +125,7 @@ def test_matrix_form_has_the_cost_of_the_factors(opened, text):
 def test_cost_anywhere_is_that_of_the_critical_point_and_a_form_of_the_certificate_matrix(opened, text):
     file = opened(text)
     problem = ChordalProblem(file.graph)
-    point, _ = _descend(problem, problem.matrix(solve_graph(file).values))
+    point, _ = descend(problem, problem.matrix(solve_graph(file).values))
     matrix = problem.certificate_matrix(point).toarray()
     np.testing.assert_allclose(matrix @ point, 0.0, atol=1e-6 * np.abs(matrix).max())
     rng = np.random.default_rng(0)
@@ -150,12 +151,12 @@ def test_least_eigenvalue_is_that_of_the_dense_schur_complement(opened):
     problem = ChordalProblem(file.graph)
     for start in (solve_graph(file).values, file.values):
         point = problem.matrix(start)
-        matrix = problem.certificate_matrix(point)
-        dense, c = matrix.toarray(), problem.constrained
+        dense, c = problem.certificate_matrix(point).toarray(), problem.constrained
         schur = dense[np.ix_(c, c)] - dense[np.ix_(c, ~c)] @ np.linalg.solve(
             dense[np.ix_(~c, ~c)], dense[np.ix_(~c, c)]
         )
-        ours = least_eigenvalue(matrix, c, 1e-6)
+        ours, direction = least_eigenpair(problem, point)
+        np.testing.assert_allclose(schur @ direction[c], ours * direction[c], atol=1e-5)
         assert ours == pytest.approx(np.linalg.eigvalsh(schur)[0], rel=1e-5, abs=1e-6)
 
 
@@ -203,3 +204,49 @@ def test_a_graph_with_depths_has_no_certificate_and_says_why(opened, make_fleet)
     certificate = certify(graph, values_at(fleet.noise_free, *fleet.start))
     assert not certificate.certified
     assert "depth" in certificate.text
+
+
+@pytest.mark.parametrize("name", ["cooperative-2.pyfg", "sphere-big-noise-4.g2o"])
+def test_a_relaxation_is_a_global_minimum_of_the_dense_dual_problem(opened, name):
+    """Feasible, with a positive semidefinite dual matrix that is computed densely: the gap is that of semidefinite programming."""
+    result = solve_graph(opened(FILES[name](), name), start="chordal", truth=False)
+    problem = ChordalProblem(result.graph)
+    relaxation = relax(problem, problem.matrix(result.values))
+    x, d = relaxation.point, problem.d
+    assert relaxation.rank > d
+    assert not relaxation.tight
+    blocks = [slice(None, d), *(slice(r, r + d) for r in problem.rotation_row)]
+    blocks += [slice(r, r + 1) for r in problem.unit_row]
+    quadratic = (problem.root.T @ problem.root).toarray()
+    multipliers = np.zeros_like(quadratic)
+    for block in blocks:
+        np.testing.assert_allclose(x[block] @ x[block].T, np.eye(len(x[block])), atol=1e-9)
+        product = (quadratic @ x)[block] @ x[block].T
+        multipliers[block, block] = 0.5 * (product + product.T)
+    c = problem.constrained
+    dual = quadratic - multipliers
+    schur = dual[np.ix_(c, c)] - dual[np.ix_(c, ~c)] @ np.linalg.solve(
+        dual[np.ix_(~c, ~c)], dual[np.ix_(~c, c)]
+    )
+    bound = 0.5 * np.trace(multipliers) + 0.5 * np.count_nonzero(c) * min(np.linalg.eigvalsh(schur)[0], 0.0)
+    assert relaxation.cost == pytest.approx(0.5 * np.trace(x.T @ quadratic @ x), rel=1e-9)
+    assert bound == pytest.approx(relaxation.cost, rel=2e-3)
+    assert relaxation.lower_bound <= relaxation.cost * (1 + 1e-12)
+    assert relaxation.cost < problem.cost(problem.matrix(result.values))
+
+
+def test_rounded_relaxation_of_a_tight_problem_is_its_minimum(opened):
+    result = solve_graph(opened(ring(24, 0, 0, 0.1, 0.5), "g.g2o"), start="chordal", truth=False)
+    problem = ChordalProblem(result.graph)
+    relaxation = relax(problem, problem.matrix(result.values))
+    assert relaxation.tight
+    values = rounded(problem, relaxation.point, result.values)
+    assert problem.cost(problem.matrix(values)) == pytest.approx(relaxation.cost, rel=1e-9)
+
+
+def test_a_relaxation_certifies_ranges_whose_own_bound_is_loose(opened):
+    result = solve_graph(opened(FILES["cooperative.pyfg"](), "g.pyfg"), start="chordal", truth=False)
+    certificate = certify(result.graph, result.values)
+    assert certificate.least_eigenvalue < -0.5
+    assert certificate.certified
+    assert certificate.lower_bound == pytest.approx(certificate.cost, rel=1e-3)

@@ -249,8 +249,8 @@ def solve_graph(
         A name in `METHODS`, or a function of a graph and its starting values.
     start : {"file", "dead-reckoning", "chordal", "best"}, optional
         "file" starts at the file's vertices, "dead-reckoning" at edges composed from the priors, "chordal" at linear least
-        squares of all edges. "best" solves from all of them and from trilaterated and mirrored landmarks, and returns the
-        solution of lowest cost. The default is "best" for graphs of at most `MAX_CHEAP_FACTORS` factors if the estimator is
+        squares of all edges. "best" solves from all of them, from trilaterated and mirrored landmarks and from a relaxation,
+        and returns the solution of lowest cost. The default is "best" for graphs of at most `MAX_CHEAP_FACTORS` factors if the estimator is
         a batch method, else "file". If the file's vertices are the truth, "file" and "best" hide local minima.
     random_starts : int
         Number of further random starts of "best".

@@ -469,20 +469,20 @@ def check_anchored(graph: FactorGraph) -> None:
         )
 
 
-class Parts(NamedTuple):
+class ConnectedParts(NamedTuple):
     """Connected part of each variable, and whether nothing ties that part to the world."""
 
     part: Indices
     loose: NDArray[np.bool_]
 
 
-def connected_parts(graph: FactorGraph) -> Parts:
+def connected_parts(graph: FactorGraph) -> ConnectedParts:
     """Find the sets of variables that odometry, sightings and ranges connect."""
     pairs = np.concatenate([graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2])
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(graph.n_variables,) * 2)
     _, part = connected_components(links, directed=False)
     anchored = np.concatenate([graph[name].subject for name, kind in KINDS.items() if kind.anchors])
-    return Parts(part, ~np.isin(part, part[anchored]))
+    return ConnectedParts(part, ~np.isin(part, part[anchored]))
 
 
 def _check_names(graph: FactorGraph) -> None:

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from pymantaray.estimation.chordal_problem import ChordalProblem
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solution import Solution
+from pymantaray.estimation.staircase import can_relax, relax, rounded
 from pymantaray.estimation.starts import StartingValues, chordal, dead_reckon_graph, first_of_chains
 from pymantaray.estimation.trilateration import range_only_landmarks, trilaterate, with_landmarks
 from pymantaray.geometry import stream
@@ -55,11 +57,13 @@ def search_minima(
     Solve a graph from several starts; results are in the order of the solves.
 
     The starts are the given values (``first`` is their name), composed edges, chordal initialization, trilateration of range-only
-    landmarks, random starts, and then the lowest of these with one landmark after the other at its mirrored positions.
+    landmarks, random starts, the relaxation from the lowest of these unless that is certified, and then the lowest of all with one
+    landmark after the other at its mirrored positions.
     """
     outcomes = []
     for name, start in _starts(graph, values, random_starts, seed, first=first):
         outcomes.append(StartOutcome(name, start.values, start.unchanged, solve(start.values)))
+    outcomes += _relaxed(graph, lowest(outcomes), solve)
     return outcomes + _mirrored(graph, lowest(outcomes), solve)
 
 
@@ -167,6 +171,18 @@ def _rotations(rng: np.random.Generator, size: int, *, planar: bool) -> Array:
 def _quaternions(rotation: Rotation) -> Array:
     """Quaternions (w, x, y, z)."""
     return np.asarray(rotation.as_quat())[:, [3, 0, 1, 2]]
+
+
+def _relaxed(graph: FactorGraph, best: StartOutcome, solve: Solve) -> list[StartOutcome]:
+    """Outcome from the minimum of the relaxation; none if it is the minimum already found, or the graph has no relaxation."""
+    if not can_relax(graph):
+        return []
+    values, problem = best.solution.values if best.solution.usable else best.initial, ChordalProblem(graph)
+    relaxation = relax(problem, problem.matrix(values))
+    if relaxation.tight and best.solution.usable:
+        return []
+    start = rounded(problem, relaxation.point, values)
+    return [StartOutcome("relaxation", start, np.empty(0, dtype=np.intp), solve(start))]
 
 
 def _mirrored(graph: FactorGraph, best: StartOutcome, solve: Solve) -> list[StartOutcome]:

@@ -1,4 +1,4 @@
-"""Bound of position errors: posterior Cramér-Rao bounds along the truth, their degrees of freedom, and what a ping leaves open."""
+"""Posterior Cramér-Rao bounds of position errors along the true trajectories, and the degrees of freedom of these errors."""
 
 from functools import cached_property
 
@@ -16,11 +16,9 @@ from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
 
 Array = NDArray[np.float64]
-_FLEET_PROBES, _VEHICLE_PROBES = (
-    48,
-    16,
-)  # random vectors; their number makes a standard error right to 5 and 8 %
-_RANK = 1e-9  # of the largest singular value; a direction below is not seen
+# random vectors; with these numbers a standard error is accurate to 5 and 8 %
+_FLEET_PROBES, _VEHICLE_PROBES = 48, 16
+_RANK = 1e-9  # of the largest singular value; directions with smaller ones are not determined
 
 
 def ping_samples(measurements: Measurements) -> NDArray[np.intp]:
@@ -64,18 +62,18 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
 
     Notes
     -----
-    The inverse of the information :math:`\sum_k J_k^\top R_k^{-1} J_k` of all measurements and priors, past and future, with
-    the Jacobians at the truth; for nonlinear measurements with additive Gaussian noise that is the Fisher information at
-    these trajectories. No unbiased estimator has a smaller covariance; one that is biased may. It is an expectation over the
-    noise: the RMSE of a few realizations can be below it by chance. Ranges by refracted sound
-    in an ocean that is known say as much as distances, to the ratio of sound speeds. Links that are lost by chance are
-    taken as heard, and clocks as right: both leave a lower bound, which is then not reached.
+    The bound is the inverse of the information :math:`\sum_k J_k^\top R_k^{-1} J_k` of all measurements and priors, past and
+    future, with the Jacobians at the true trajectories. For nonlinear measurements with additive Gaussian noise this is the
+    Fisher information at these trajectories. No unbiased estimator has a smaller covariance; a biased one may have. The bound
+    is an expectation over the noise, so the RMSE of a few realizations can be below it by chance. In a known ocean, refracted
+    ranges contain the same information as distances, except for the ratio of sound speeds. The bound assumes that no link is
+    lost by chance and that clocks have no error. If they do, it is still a lower bound, but no estimator reaches it.
 
     Examples
     --------
     >>> bound = error_bound(run.truth, run.measurements)  # doctest: +SKIP
     """
-    submerged_at_pings(truth, measurements)  # which refuses records of other vehicles
+    submerged_at_pings(truth, measurements)  # raises if the vehicles differ
     o, samples, e = measurements, ping_samples(measurements), _known(condition)
     if not samples.size:
         return np.empty((0, *2 * (o.name.size, 3)))
@@ -97,36 +95,38 @@ def _true_values(truth: Trajectories, o: Measurements) -> GraphValues:
 
 class DegreesOfFreedom:
     r"""
-    Effective degrees of freedom of the squared position errors of one realization; each is computed when it is first used.
+    Effective degrees of freedom of the squared position errors of one realization.
+
+    Each attribute is computed at its first use.
 
     Parameters
     ----------
     truth : Trajectories
     measurements : Measurements
-        Without noise.
+        Measurements without noise, with their standard deviations.
     condition : str
         As in `error_bound`.
 
     Attributes
     ----------
     fleet : float
-        Of all poses of all vehicles.
+        Degrees of freedom of all poses of all vehicles.
     vehicle : ndarray, shape (n_vehicles,)
-        Of all poses of each vehicle.
+        Degrees of freedom of all poses of each vehicle.
     at_pings : float
-        Of vehicles under water at the pings.
+        Degrees of freedom of the positions of vehicles under water at the pings.
 
     Raises
     ------
     EvaluationError
-        If the vehicles of both records differ, or there is no such condition.
+        If the vehicles of both records differ, or the condition does not exist.
 
     Notes
     -----
-    :math:`\nu = (\mathrm{tr} P)^2 / \mathrm{tr}(P^2)` of the joint covariance P of these errors, the Cramér-Rao bound. It is the
+    They are :math:`\nu = (\mathrm{tr} P)^2 / \mathrm{tr}(P^2)` for the Cramér-Rao bound P, the joint covariance of these errors: the
     number of independent errors of equal variance whose sum of squares has the same mean and variance. An RMSE over n
-    realizations then has the standard error :math:`\mathrm{RMSE} / \sqrt{2 n \nu}`. Both traces are means over random
-    vectors of signs (Hutchinson), with a fixed seed. NaN if the measurements do not determine some direction.
+    realizations then has the standard error :math:`\mathrm{RMSE} / \sqrt{2 n \nu}`. Both traces are estimated by Hutchinson's
+    method, as means over random vectors of signs with a fixed seed. They are NaN if the measurements do not determine some direction.
     """
 
     def __init__(self, truth: Trajectories, measurements: Measurements, condition: str = "straight") -> None:

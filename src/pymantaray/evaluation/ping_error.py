@@ -1,4 +1,4 @@
-"""Position errors of vehicles under water at the pings: from the truth, from the estimate with straight ranges, and compared with the bound."""
+"""Position errors of vehicles under water at the pings, compared with the estimate with straight ranges and with the bound."""
 
 from collections.abc import Mapping
 
@@ -35,25 +35,30 @@ def ping_error_table(
     measurements : Measurements
         Measurements without noise, which give the times of pings and the vehicles with a GNSS fix.
     bounds : mapping of str to ndarray, optional
-        For each condition what `error_bound` gives for what it measures.
+        Result of `error_bound` for each condition.
     freedom : mapping of str to DegreesOfFreedom, optional
-        For each condition its `DegreesOfFreedom`.
+        Degrees of freedom of each condition, for standard errors.
 
     Returns
     -------
     pandas.DataFrame
-        ``condition``; ``n``, errors of all pings, vehicles and usable realizations; ``rmse_m`` and ``median_m`` of their size;
-        ``rmse_standard_error_m``, the standard error of ``rmse_m`` from the effective degrees of freedom, an upper estimate for an
-        estimator with a bias, NaN without ``freedom``;
-        ``from_straight_rmse_m`` and ``from_straight_median_m``, the distance from the estimate of the same realization with
-        ``straight`` ranges, NaN where that was not run; ``bound_rmse_m``, the bound of unbiased estimators with these
-        measurements, an expectation over the noise, so that ``rmse_m`` of a few realizations can be below it by chance, and
-        ``efficiency``, the ratio of its square to that of ``rmse_m``: 1 at the bound.
+        One row per condition:
+
+        - ``condition``;
+        - ``n``, number of errors over all pings, vehicles and usable realizations;
+        - ``rmse_m`` and ``median_m``, root mean square and median of the errors;
+        - ``rmse_standard_error_m``, standard error of ``rmse_m`` from the effective degrees of freedom. It is an upper estimate
+          if the estimator is biased, and NaN without ``freedom``;
+        - ``from_straight_rmse_m`` and ``from_straight_median_m``, distance from the estimate of the same realization with
+          ``straight`` ranges, NaN if the study has no such condition;
+        - ``bound_rmse_m``, bound of unbiased estimators with these measurements. It is an expectation over the noise, so
+          ``rmse_m`` of a few realizations can be below it by chance;
+        - ``efficiency``, the square of ``bound_rmse_m`` divided by that of ``rmse_m``: 1 at the bound.
 
     Raises
     ------
     EvaluationError
-        If the records do not belong together.
+        If the records have different vehicles or times.
     """
     submerged, samples = submerged_at_pings(truth, measurements), ping_samples(measurements)
 

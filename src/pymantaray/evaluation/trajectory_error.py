@@ -22,7 +22,9 @@ _AXES = {"condition": 0, "realization": 1, "vehicle": 2}
 
 def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
     """
-    Distance of each estimated position from the true one, without alignment: a shift of the frame is an error.
+    Distance of each estimated position from the true one.
+
+    The trajectories are not aligned, so a shift of the frame is an error.
 
     Parameters
     ----------
@@ -166,21 +168,21 @@ def error_table(
     estimates : Estimates
         Estimates of all conditions and realizations.
     by : sequence of {"realization", "vehicle"}
-        What not to pool over besides the condition; pooling joins the errors of all poses into one set.
+        Further columns to group by. The errors of all poses of a group are pooled.
     freedom : mapping of str to DegreesOfFreedom, optional
-        For each condition its `DegreesOfFreedom`.
+        Degrees of freedom of each condition, for standard errors.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, those of ``by``, ``solves`` and ``failed_solves`` (how many realizations
-        enter, how many do not), and those of `graph_errors`; with ``freedom`` also ``rmse_standard_error_m``, the standard
-        error of ``rmse_m`` [m]. It is an upper estimate for an estimator with a bias.
+        Columns ``condition``, those of ``by``, ``solves`` and ``failed_solves`` (numbers of usable and failed realizations), and
+        those of `graph_errors`. With ``freedom`` also ``rmse_standard_error_m``, the standard error of ``rmse_m`` [m], which is
+        an upper estimate if the estimator is biased.
 
     Raises
     ------
     EvaluationError
-        If ``by`` contains another word, or as `trajectory_errors`.
+        If ``by`` contains another word, or `trajectory_errors` raises it.
     """
     if not set(by) <= {"realization", "vehicle"}:
         raise EvaluationError(f"by={list(by)}; allowed are 'realization' and 'vehicle'")
