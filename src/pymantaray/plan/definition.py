@@ -36,11 +36,11 @@ class CostSection(Section):
     """Costs, in any unit, which are added up."""
 
     station: NonNegativeFloat = 0.0
-    """Cost of each vehicle that keeps its station."""
+    """Cost of each vehicle that keeps its station. [-]"""
     landmark: NonNegativeFloat = 0.0
-    """Cost of each landmark."""
+    """Cost of each landmark. [-]"""
     ping: NonNegativeFloat = 0.0
-    """Cost of each transmission of a ping."""
+    """Cost of each transmission of a ping. [-]"""
 
     def of(self, stations: int, landmarks: int, pings: int) -> float:
         """Cost of a deployment."""
@@ -66,6 +66,13 @@ class PlanSection(Section):
     """Costs of a design."""
     evaluations: PositiveInt = 40
     """Largest number of designs that the search of continuous ranges evaluates, for each objective and each combination of listed values."""
+
+
+class PlanFile(Section):
+    """What `mantaray plan` reads of a study file besides the study."""
+
+    plan: PlanSection
+    """Free keys and objectives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +228,7 @@ def load_plan(file: str | Path, **changes: Any) -> DeploymentPlan:
             f"{file}: has no section [{PLAN}]; add one with [plan.free], such as"
             ' "fleet.vehicles.A.depth" = { from = 1, to = 500 }'
         )
-    section = parse(PlanSection, tree, f"{file}: plan", path.parent)
+    section = parse(PlanFile, {PLAN: tree}, str(file), path.parent).plan
     return DeploymentPlan(load_study(path, **changes), section, str(file), path.parent)
 
 
@@ -243,7 +250,8 @@ def _values(value: Any, label: str) -> list[Any] | FreeRange:
         if isinstance(value, list | tuple) and value:
             return list(value)
         raise PlanError(f"{label}: found {json.dumps(value, default=str)}; give a list, or from and to")
-    low, high, count = (value.get(key) for key in _RANGE)
+    ends: Any = [value.get(key) for key in _RANGE]
+    low, high, count = ends
     if unknown := sorted(value.keys() - set(_RANGE)):
         raise PlanError(f"{label}.{unknown[0]}: unknown key; allowed: {', '.join(_RANGE)}")
     if not all(_is_number(end) for end in (low, high)) or not low < high:

@@ -57,8 +57,8 @@ def pareto_front(losses: ArrayLike) -> NDArray[np.bool_]:
     [True, True, False]
     """
     values = np.asarray(losses, dtype=float)
-    usable = np.isfinite(values).all(axis=1)
-    front = usable.copy()
+    usable: NDArray[np.bool_] = np.isfinite(values).all(axis=1)
+    front: NDArray[np.bool_] = usable.copy()
     for k in np.flatnonzero(usable):
         no_worse = (values[usable] <= values[k]).all(axis=1)
         front[k] = not (no_worse & (values[usable] < values[k]).any(axis=1)).any()

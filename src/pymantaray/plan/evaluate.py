@@ -70,12 +70,16 @@ class DesignEvaluator:
             return Scores(failure=str(error).partition("\n")[0])
         bias, covariance = bias[mask], covariance[mask]
         noise, shift = np.einsum("kii->k", covariance), np.sum(bias**2, axis=-1)
+        lost, heard = link_scores(run, plan.lost_of)
         return Scores(
-            error_quantile(bias, covariance),
-            *(_root_mean(v) for v in (noise + shift, noise, shift)),
-            *link_scores(run, plan.lost_of),
-            cost_of(run.config, run.measurements, plan.costs),
-            "" if mask.any() else "no vehicle is under water at a ping",
+            error_m=error_quantile(bias, covariance),
+            rmse_m=_root_mean(noise + shift),
+            bound_rmse_m=_root_mean(noise),
+            bias_rmse_m=_root_mean(shift),
+            lost_percent=lost,
+            heard_by_two_percent=heard,
+            cost=cost_of(run.config, run.measurements, plan.costs),
+            failure="" if mask.any() else "no vehicle is under water at a ping",
         )
 
     def _run(self, config: StudyConfig) -> Run:

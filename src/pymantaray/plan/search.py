@@ -133,16 +133,16 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
     population = max(1, min(max(_POPULATION, 5 * count), plan.section.evaluations // 2) // count)
     generations = plan.section.evaluations // max(5, population * count) - 1
 
-    def losses(objective: str, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def losses(objective: str, points: NDArray[np.float64]) -> Any:  # SciPy's types lack vectorized functions
         columns = [points] if points.ndim == 1 else points.T
         designs = [{**listed, **_rounded(plan.ranges, point)} for point in columns]
         values = [loss_of(objective, scores) for scores in evaluations.scores(designs)]
-        return np.nan_to_num(np.array(values), nan=np.inf)
+        return np.asarray(np.nan_to_num(np.array(values), nan=np.inf))
 
     for objective in plan.section.objectives:
         differential_evolution(
             partial(losses, objective),
-            list(plan.ranges.values()),
+            [(limits.low, limits.high) for limits in plan.ranges.values()],
             maxiter=max(generations, 1),
             popsize=population,
             rng=np.random.default_rng(plan.base.study.seed),
