@@ -11,7 +11,7 @@ import typer.main
 
 FOLDERS = (
     "geometry", "records", "ocean", "ocean.fetch", "acoustics", "acoustics.bellhop", "fleet", "sensing", "estimation",
-    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "online", "atlas", "service", "report",
+    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "online", "plan", "atlas", "service", "report",
 )  # fmt: skip
 """Folders in the order in which data flows."""
 
@@ -49,6 +49,7 @@ def column_unit(name: str, unit: str) -> str:
 def configuration() -> dict[str, str]:
     """Page of all keys of all configurations."""
     from pymantaray.ocean.fetch.catalogue import Catalogue
+    from pymantaray.plan.definition import PlanFile
     from pymantaray.study import StudyConfig
     from pymantaray.sweep.definition import KEYS
 
@@ -77,6 +78,9 @@ def configuration() -> dict[str, str]:
         "## A sweep",
         "`mantaray sweep run` reads these keys ([how-to](../how-to/sweep.md)).",
         sweep,
+        "## A plan",
+        "`mantaray plan` reads these keys in the section `[plan]` of a study file ([how-to](../how-to/plan.md)).",
+        *sections(PlanFile),
         "## Servers of oceans",
         (
             "The file of `mantaray ocean fetch --servers` and of the variable `MANTARAY_OCEAN_SERVERS` has these keys"

@@ -67,6 +67,10 @@ class ReportError(MantaRayError):
     """A table, figure or page cannot be made from a run."""
 
 
+class PlanError(MantaRayError):
+    """A plan of a deployment that cannot be evaluated."""
+
+
 class SweepError(MantaRayError):
     """A sweep's definition, store or workers are unusable."""
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 BASE = "base"
 """Key at the top of a file for the preset or file that it changes."""
+PLAN = "plan"
+"""Section of a file for `mantaray plan`; a study is the same without it."""
 _PRESETS = files("pymantaray.config") / "presets"
 _MAX_CHARACTERS = 10_000_000
 
@@ -248,6 +250,14 @@ def sound_sections(file: Path) -> dict[str, Any]:
     return {"detection": tree["detection"], **{f"acoustics.{key}": value for key, value in keys.items()}}
 
 
+def plan_tree(file: Path) -> Tree | None:
+    """Section ``[plan]`` of a study file, whose texts remember the folder of the file; None if there is none."""
+    section = _parsed(_read(file), str(file), file.parent).get(PLAN)
+    if section is not None and not isinstance(section, dict):
+        raise StudyError(f"{file}: {PLAN}: found {section!r}; allowed: a table")
+    return section
+
+
 def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool = True) -> Tree:
     """Tree of a preset or a file, merged into that of its base; its texts have the folder of their file."""
     path, name = Path(name_or_file), str(name_or_file)
@@ -261,6 +271,7 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
     folder = path.parent if is_file else Path()
     text = _read(path if is_file else Path(str(_PRESETS / f"{name}.toml")))
     tree = with_new_names(_parsed(text, name, folder), name, warn=warn)
+    tree.pop(PLAN, None)
     here = str(path.resolve()) if is_file else name
     tree = _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
     whole: Tree = with_conditions(tree, name, warn=warn)

@@ -140,7 +140,12 @@ def draw_unheard(
             f"probability: {np.count_nonzero(wrong)} attempts with an arrival have one outside 0 to 1, the first is"
             f" {p[wrong][0]:g}"
         )
-    lost = ok & ~(chances(m, root_seed=root_seed, realization=realization) < p)
+    return mark_unheard(m, ok & ~(chances(m, root_seed=root_seed, realization=realization) < p))
+
+
+def mark_unheard(m: Measurements, lost: NDArray[np.bool_]) -> Measurements:
+    """Measurements in which some arrivals are lost: status UNHEARD and a refracted range of NaN; all others have status OK."""
+    ok = np.isin(m.range_status, ARRIVES)
     return replace(
         m,
         range_status=np.where(

@@ -1,0 +1,267 @@
+"""Definition of a plan: a base study, its free keys with their values or limits, oceans, costs and objectives."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveInt
+
+from pymantaray.config.checks import parse
+from pymantaray.config.common import Section
+from pymantaray.config.load import PLAN, plan_tree
+from pymantaray.errors import MantaRayError, PlanError
+from pymantaray.study import StudyConfig, load_study
+from pymantaray.sweep import Sweep
+
+Objective = Literal["error", "lost", "heard_by_two", "cost"]
+Design = Mapping[str, Any]
+"""Value of each free key."""
+_RANGE = ("from", "to", "count")
+_MOST_DESIGNS = 100_000
+
+
+class FreeRange(NamedTuple):
+    """Limits of a free number that the search varies continuously."""
+
+    low: float
+    high: float
+
+
+class CostSection(Section):
+    """Costs, in any unit, which are added up."""
+
+    station: NonNegativeFloat = 0.0
+    """Cost of each vehicle that keeps its station. [-]"""
+    landmark: NonNegativeFloat = 0.0
+    """Cost of each landmark. [-]"""
+    ping: NonNegativeFloat = 0.0
+    """Cost of each transmission of a ping. [-]"""
+
+    def of(self, stations: int, landmarks: int, pings: int) -> float:
+        """Cost of a deployment."""
+        return self.station * stations + self.landmark * landmarks + self.ping * pings
+
+
+class PlanSection(Section):
+    """Section ``[plan]`` of a study file: what is free, and what a good design is."""
+
+    free: dict[str, Any] = Field(min_length=1)
+    """Free keys of the study: a list of values, or ``{ from = 20, to = 500 }`` with an optional ``count`` of equal steps."""
+    objectives: tuple[Objective, ...] = Field(default=("error", "lost"), strict=False, min_length=1)
+    """Objectives; the first one decides which design is the best."""
+    condition: str | None = None
+    """Condition of the study whose errors are computed. Default: the last one."""
+    error_of: str | None = None
+    """Vehicle whose position error counts. Default: all vehicles."""
+    lost_of: str | None = None
+    """Vehicle or landmark whose links count as lost or not. Default: all links."""
+    oceans: tuple[dict[str, Any], ...] = Field(default=({},), strict=False, min_length=1)
+    """Possible oceans: a table of keys of ``[ocean]`` for each, over those of the study."""
+    costs: CostSection = CostSection()
+    """Costs of a design."""
+    evaluations: PositiveInt = 40
+    """Largest number of designs that the search of continuous ranges evaluates, for each objective and each combination of listed values."""
+
+
+class PlanFile(Section):
+    """What `mantaray plan` reads of a study file besides the study."""
+
+    plan: PlanSection
+    """Free keys and objectives."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeploymentPlan:
+    """
+    A base study, its free keys, and what a good design is.
+
+    Parameters
+    ----------
+    base : StudyConfig
+        Study that all designs change.
+    section : PlanSection
+        Section ``[plan]``.
+    source : str
+        Preset or file of the base.
+    folder : pathlib.Path
+        Folder to which files among the values are relative.
+
+    Raises
+    ------
+    PlanError
+        If a free key, a range, a name or an ocean does not fit the study.
+    """
+
+    base: StudyConfig
+    section: PlanSection
+    source: str = "study"
+    folder: Path = Path()
+
+    def __post_init__(self) -> None:
+        """Check names, ranges and the first and last design in every ocean."""
+        section, vehicles = self.section, [v.name for v in self.base.fleet.vehicles]
+        names = {
+            "condition": [c.name for c in self.base.conditions],
+            "error_of": vehicles,
+            "lost_of": [*vehicles, *(mark.name for mark in self.base.landmarks)],
+        }
+        for key, allowed in names.items():
+            value = getattr(section, key)
+            if value is not None and value not in allowed and allowed:
+                raise PlanError(
+                    f"{self.source}: plan.{key}: found {value!r}; allowed: {', '.join(map(str, allowed))}"
+                )
+        if not self.base.conditions:
+            raise PlanError(f"{self.source}: conditions: the study has none; a plan needs at least one")
+        if self.size > _MOST_DESIGNS:
+            raise PlanError(
+                f"{self.source}: plan.free: {self.size:,} combinations; at most {_MOST_DESIGNS:,} are allowed, give"
+                " shorter lists or ranges without count"
+            )
+        ends = [{**self.lists_at(k), **self.ends(high=k != 0)} for k in (0, self.size - 1)]
+        for design, ocean in product(ends, range(len(section.oceans))):
+            self.study(design, ocean)
+
+    @cached_property
+    def _free(self) -> dict[str, Any]:
+        return _flat(self.section.free, self.source)
+
+    @cached_property
+    def ranges(self) -> dict[str, FreeRange]:
+        """Limits of the free keys that the search varies continuously."""
+        return {key: value for key, value in self._free.items() if isinstance(value, FreeRange)}
+
+    @cached_property
+    def lists(self) -> dict[str, list[Any]]:
+        """Values of the free keys that have a list or a count."""
+        return {key: value for key, value in self._free.items() if not isinstance(value, FreeRange)}
+
+    @property
+    def keys(self) -> list[str]:
+        """Free keys in the order of the file."""
+        return list(self._free)
+
+    @property
+    def size(self) -> int:
+        """Number of combinations of listed values."""
+        return int(np.prod([len(values) for values in self.lists.values()], dtype=float))
+
+    @property
+    def condition(self) -> str:
+        """Name of the condition whose errors are computed."""
+        return str(self.section.condition or self.base.conditions[-1].name)
+
+    def lists_at(self, number: int) -> dict[str, Any]:
+        """Listed values of one combination; the last key varies fastest."""
+        sizes = [len(values) for values in self.lists.values()]
+        place = np.unravel_index(number, sizes) if sizes else ()
+        return {key: values[k] for (key, values), k in zip(self.lists.items(), place, strict=True)}
+
+    def ends(self, *, high: bool) -> dict[str, float]:
+        """Values of all ranges at one end."""
+        return {key: limits.high if high else limits.low for key, limits in self.ranges.items()}
+
+    def study(self, design: Design, ocean: int | None = None) -> StudyConfig:
+        """
+        Study of a design.
+
+        Parameters
+        ----------
+        design : mapping
+            Values by dotted key; an empty one is the base.
+        ocean : int, optional
+            Number of an ocean of the ensemble. Default: the ocean of the base.
+
+        Returns
+        -------
+        StudyConfig
+
+        Raises
+        ------
+        PlanError
+            If it is no study, with the key and the allowed values.
+        """
+        over = {} if ocean is None else self.section.oceans[ocean]
+        values = {**{f"ocean.{key}": value for key, value in over.items()}, **design}
+        try:
+            return Sweep(self.base, cross={k: [v] for k, v in values.items()}, folder=self.folder).point(0)
+        except MantaRayError as error:
+            line = str(error).partition("\n")[0].removeprefix("sweep: ")
+            raise PlanError(f"{self.source}: plan: {line}") from None
+
+
+def load_plan(file: str | Path, **changes: Any) -> DeploymentPlan:
+    """
+    Read a study file with a section ``[plan]``.
+
+    Parameters
+    ----------
+    file : str or pathlib.Path
+        TOML file of a study; see `PlanSection` for the keys of ``[plan]``.
+    **changes
+        Values of the study by dotted key, as for `pymantaray.load_study`.
+
+    Returns
+    -------
+    DeploymentPlan
+
+    Raises
+    ------
+    PlanError
+        If the file has no section ``[plan]``, or the section does not fit the study.
+    StudyError
+        If the file is not a study, or a key of ``[plan]`` is unknown.
+
+    Examples
+    --------
+    >>> plan = load_plan("mission.toml")  # doctest: +SKIP
+    """
+    path = Path(file)
+    tree = plan_tree(path)
+    if tree is None:
+        raise PlanError(
+            f"{file}: has no section [{PLAN}]; add one with [plan.free], such as"
+            ' "fleet.vehicles.A.depth" = { from = 1, to = 500 }'
+        )
+    section = parse(PlanFile, {PLAN: tree}, str(file), path.parent).plan
+    return DeploymentPlan(load_study(path, **changes), section, str(file), path.parent)
+
+
+def _flat(table: Mapping[str, Any], source: str, before: str = "") -> dict[str, Any]:
+    """Lists and ranges by dotted key, with or without quotes around the dots in the file."""
+    out: dict[str, Any] = {}
+    for name, value in table.items():
+        key = before + name
+        if isinstance(value, Mapping) and not {"from", "to"} & value.keys():
+            out |= _flat(value, source, f"{key}.")
+        else:
+            out[key] = _values(value, f"{source}: plan.free: {key}")
+    return out
+
+
+def _values(value: Any, label: str) -> list[Any] | FreeRange:
+    """List of values, or the limits of a range without a count."""
+    if not isinstance(value, Mapping):
+        if isinstance(value, list | tuple) and value:
+            return list(value)
+        raise PlanError(f"{label}: found {json.dumps(value, default=str)}; give a list, or from and to")
+    ends: Any = [value.get(key) for key in _RANGE]
+    low, high, count = ends
+    if unknown := sorted(value.keys() - set(_RANGE)):
+        raise PlanError(f"{label}.{unknown[0]}: unknown key; allowed: {', '.join(_RANGE)}")
+    if not all(_is_number(end) for end in (low, high)) or not low < high:
+        raise PlanError(f"{label}: from is {low}, to is {high}; both must be numbers with from below to")
+    if count is None:
+        return FreeRange(float(low), float(high))
+    if not isinstance(count, int) or isinstance(count, bool) or count < 2:
+        raise PlanError(f"{label}.count: found {count}; allowed: a whole number, 2 or more")
+    return [float(x) for x in np.linspace(low, high, count)]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))

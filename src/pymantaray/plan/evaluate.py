@@ -1,0 +1,182 @@
+"""Evaluate one design without realizations: lost links, and the bound and the bias of positions at the pings."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from pymantaray.errors import MantaRayError, PlanError
+from pymantaray.estimation import GraphSolver, solve_conditions
+from pymantaray.evaluation import error_bound
+from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
+from pymantaray.geometry import stream
+from pymantaray.plan.definition import CostSection, DeploymentPlan, Design
+from pymantaray.records import Measurements
+from pymantaray.records.status import ARRIVES
+from pymantaray.sensing.detection import mark_unheard
+from pymantaray.study import StudyConfig
+from pymantaray.study.estimators import EstimatorFactory
+from pymantaray.study.mission import assemble_mission, range_fleet, simulate_fleet
+from pymantaray.study.runner import refuse_too_large
+from pymantaray.study.store import Run, run_in_memory
+from pymantaray.sweep.keys import OCEAN, task_keys
+from pymantaray.water.ocean import build_medium
+from pymantaray.water.water import mission_ocean
+
+Array = NDArray[np.float64]
+_DRAWS = 200  # of each position error, for the 95 % quantile
+_DETECTED = 0.5  # links with a smaller probability of detection carry no information
+_OCEANS = 8  # kept in memory
+
+
+class Scores(NamedTuple):
+    """Scores of a design in one ocean; NaN if the design fails."""
+
+    error_m: float = np.nan
+    """95 % quantile of the position errors of vehicles under water at the pings."""
+    rmse_m: float = np.nan
+    bound_rmse_m: float = np.nan
+    """Part of ``rmse_m`` that noise causes."""
+    bias_rmse_m: float = np.nan
+    """Part of ``rmse_m`` that the assumed water causes."""
+    lost_percent: float = np.nan
+    """Expected share of range attempts without a range."""
+    heard_by_two_percent: float = np.nan
+    """Share of pings that at least two receivers hear."""
+    cost: float = np.nan
+    failure: str = ""
+    """Reason why the design failed."""
+
+
+class DesignEvaluator:
+    """Evaluates designs of a plan; the latest oceans stay in memory."""
+
+    def __init__(self, plan: DeploymentPlan) -> None:
+        self._plan, self._water, self._solver = plan, {}, GraphSolver()  # type: ignore[var-annotated]
+
+    def __call__(self, design: Design) -> list[Scores]:
+        """Scores of a design in each ocean. On one thread, as all workers."""
+        with threadpool_limits(limits=1, user_api="blas"):
+            return [self._scores(design, ocean) for ocean in range(len(self._plan.section.oceans))]
+
+    def _scores(self, design: Design, ocean: int) -> Scores:
+        plan = self._plan.section
+        try:
+            run = self._run(self._plan.study(design, ocean))
+            bias, covariance = self._errors(run)
+            mask = _mask(run, plan.error_of)
+        except MantaRayError as error:
+            return Scores(failure=str(error).partition("\n")[0])
+        bias, covariance = bias[mask], covariance[mask]
+        noise, shift = np.einsum("kii->k", covariance), np.sum(bias**2, axis=-1)
+        lost, heard = link_scores(run, plan.lost_of)
+        return Scores(
+            error_m=error_quantile(bias, covariance),
+            rmse_m=_root_mean(noise + shift),
+            bound_rmse_m=_root_mean(noise),
+            bias_rmse_m=_root_mean(shift),
+            lost_percent=lost,
+            heard_by_two_percent=heard,
+            cost=cost_of(run.config, run.measurements, plan.costs),
+            failure="" if mask.any() else "no vehicle is under water at a ping",
+        )
+
+    def _run(self, config: StudyConfig) -> Run:
+        """Mission of a design without noise, as a run in memory."""
+        refuse_too_large(config, 1)
+        key = task_keys(config, {})[OCEAN], config.acoustics.interpolation, config.acoustics.earth
+        if key not in self._water:
+            while len(self._water) >= _OCEANS:
+                self._water.pop(next(iter(self._water)))
+            ocean = mission_ocean(config)
+            self._water[key] = ocean, build_medium(ocean, *key[1:])
+        ocean, medium = self._water[key]
+        truth = simulate_fleet(config, ocean)
+        ranging = range_fleet(config, ocean, medium, truth)
+        return run_in_memory(config, assemble_mission(config, ocean, truth, ranging))
+
+    def _errors(self, run: Run) -> tuple[Array, Array]:
+        """
+        Bias (n_pings, n_vehicles, 3) and covariance (n_pings, n_vehicles, 3, 3) of positions at the pings.
+
+        The covariance is the posterior bound along the true trajectories. The bias is the error of the estimate from measurements
+        without noise: that of the assumed water alone.
+        """
+        section = next(c for c in run.config.conditions if c.name == self._plan.condition)
+        measurements = expected_measurements(run)
+        samples = ping_samples(measurements)
+        joint = error_bound(run.truth, measurements, section.standard_equivalent)
+        estimator = EstimatorFactory(run).estimator(section, 0)
+        solution = solve_conditions(measurements, {"bias": estimator}, solver=self._solver)["bias"]
+        if not solution.status.usable:
+            raise PlanError(
+                f"condition {section.name}: the estimate without noise ends with {solution.status.name}"
+            )
+        bias = (solution.position - run.truth.position)[:, samples].swapaxes(0, 1)
+        return bias, np.einsum("eaiaj->eaij", joint)
+
+
+def expected_measurements(run: Run) -> Measurements:
+    """Measurements without noise; links that are probably not detected are UNHEARD."""
+    m = run.measurements
+    if run.hearing is None:
+        return m
+    return mark_unheard(m, np.isin(m.range_status, ARRIVES) & (_probability(run) < _DETECTED))
+
+
+def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float:
+    """
+    Quantile of the size of position errors with these means and covariances, over all of them.
+
+    From draws with a fixed seed, so designs with equal errors have equal quantiles. NaN without errors.
+    """
+    if not len(bias):
+        return np.nan
+    value, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(value, 0.0))[:, None, :]
+    normal = stream(0, 0, "plan", "position errors").standard_normal((_DRAWS, *bias.shape))
+    errors = bias + np.einsum("kij,nkj->nki", root, normal)
+    return float(np.quantile(np.linalg.norm(errors, axis=-1), share))
+
+
+def link_scores(run: Run, name: str | None) -> tuple[float, float]:
+    """Expected share of lost attempts, of one participant or of all, and of pings that two or more receivers hear. [%]"""
+    m, probability = run.measurements, _probability(run)
+    use = np.ones(probability.size, dtype=bool)
+    if name is not None:
+        number = [*m.name.tolist(), *m.landmark_name.tolist()].index(name)
+        use = (m.range_transmitter == number) | (m.range_receiver == number)
+    lost = 100.0 * float(1.0 - probability[use].mean()) if use.any() else np.nan
+    ping, sent = _pings(m)
+    receivers = np.bincount(ping, probability >= _DETECTED, minlength=sent)
+    return lost, 100.0 * float(np.mean(receivers >= 2)) if sent else np.nan
+
+
+def cost_of(config: StudyConfig, m: Measurements, costs: CostSection) -> float:
+    """Cost of stations, landmarks and transmissions."""
+    stations = sum(vehicle.kind == "station" for vehicle in config.fleet.vehicles)
+    return costs.of(stations, len(config.landmarks), _pings(m)[1])
+
+
+def _pings(m: Measurements) -> tuple[NDArray[np.intp], int]:
+    """Transmission of each range attempt, and the number of transmissions."""
+    both = np.stack([m.range_sample, m.range_transmitter])
+    distinct, ping = np.unique(both, axis=1, return_inverse=True)
+    return ping.reshape(-1), distinct.shape[1]
+
+
+def _probability(run: Run) -> Array:
+    """Probability of each range attempt to give a range."""
+    arrives = np.isin(run.measurements.range_status, ARRIVES)
+    return np.where(arrives, 1.0 if run.hearing is None else run.hearing.probability, 0.0)
+
+
+def _mask(run: Run, name: str | None) -> NDArray[np.bool_]:
+    """Vehicles under water at the pings, of one name or all."""
+    mask = submerged_at_pings(run.truth, run.measurements)
+    return mask if name is None else mask & (run.truth.name == name)
+
+
+def _root_mean(values: Array) -> float:
+    return float(np.sqrt(values.mean())) if values.size else np.nan

@@ -1,0 +1,226 @@
+"""Results of a plan: table of designs with their front, the best design as a study file, and sentences with numbers."""
+
+import os
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from pymantaray.config.common import NONE
+from pymantaray.config.load import BASE, preset_names
+from pymantaray.plan.definition import DeploymentPlan, Design
+from pymantaray.plan.ensemble import COLUMNS, loss_of, mean_score, pareto_front, worst_score
+from pymantaray.plan.evaluate import Scores
+from pymantaray.records import whole_file
+from pymantaray.records.result_table import ResultTable
+from pymantaray.study import StudyConfig, load_study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+_NEAR = 1.1  # near-optimal designs, as a factor on the best value of the first objective
+
+
+class PlanResults:
+    """
+    Evaluated designs of a plan.
+
+    Parameters
+    ----------
+    plan : DeploymentPlan
+    designs : sequence of mapping
+        Values of the free keys of each design.
+    scores : sequence of sequence of Scores
+        Scores of each design in each ocean.
+    base : sequence of Scores
+        Scores of the study as it is.
+    """
+
+    def __init__(
+        self,
+        plan: DeploymentPlan,
+        designs: Sequence[Design],
+        scores: Sequence[Sequence[Scores]],
+        base: Sequence[Scores],
+    ) -> None:
+        self.plan, self.designs, self.scores, self.base = plan, designs, scores, base
+
+    @cached_property
+    def front(self) -> NDArray[np.bool_]:
+        """Mask of designs on the Pareto front of the objectives, in the mean over the oceans."""
+        return pareto_front([[loss_of(o, s) for o in self.plan.section.objectives] for s in self.scores])
+
+    @cached_property
+    def best(self) -> int:
+        """Number of the design with the best first objective; the others decide between equal designs."""
+        order = [[loss_of(o, s) for o in self.plan.section.objectives] for s in self.scores]
+        usable = [k for k, row in enumerate(order) if np.isfinite(row).all()] or range(len(order))
+        return min(usable, key=lambda k: np.nan_to_num(order[k], nan=np.inf).tolist())
+
+    @cached_property
+    def frame(self) -> "pd.DataFrame":
+        """All designs in the order of the search: free keys, mean scores, with several oceans the worst tenth, front, status."""
+        import pandas as pd
+
+        rows = []
+        for design, scores, front in zip(self.designs, self.scores, self.front, strict=True):
+            names = [name for name in Scores._fields if name != "failure"]
+            row: dict[str, Any] = {**design, **{name: mean_score(scores, name) for name in names}}
+            if len(scores) > 1:
+                row |= {f"worst_{COLUMNS[o]}": worst_score(scores, COLUMNS[o]) for o in COLUMNS}
+            failure = next((one.failure for one in scores if one.failure), "")
+            rows.append({**row, "front": "yes" if front else "no", "status": failure or "OK"})
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def table(self) -> ResultTable:
+        """Designs, sorted by the first objective."""
+        objectives = [COLUMNS[objective] for objective in self.plan.section.objectives]
+        order = np.argsort([loss_of(self.plan.section.objectives[0], s) for s in self.scores], kind="stable")
+        worst = [f"worst_{name}" for name in objectives] if len(self.base) > 1 else []
+        failed = ["status"] if (self.frame["status"] != "OK").any() else []
+        return ResultTable(
+            "designs",
+            self.frame.iloc[order].reset_index(drop=True),
+            f"Designs of {self.plan.base.study.name}, {int(self.front.sum())} of {len(self.designs)} on the front",
+            brief=[*self.plan.keys, *dict.fromkeys([*objectives, *worst, "bias_rmse_m"]), "front", *failed],
+            words={"error_m": "95 % error [m]", "worst_error_m": "worst 95 % error [m]"},
+        )
+
+    @cached_property
+    def sentences(self) -> list[str]:
+        """Statements about the best design, compared with the study as it is, and about designs that are nearly as good."""
+        design = self.designs[self.best]
+        words = ", ".join(f"{key} = {_shown(value)}" for key, value in design.items())
+        scores, section = self.scores[self.best], self.plan.section
+        out = [f"Best design: {words}."]
+        of = "all vehicles" if section.error_of is None else f"vehicle {section.error_of}"
+        for name, text, unit in (
+            ("error_m", f"95 % of the position errors of {of} are below", " m"),
+            ("lost_percent", self._links, " % of the ranges"),
+            ("heard_by_two_percent", "At least two receivers hear", " % of the pings"),
+            ("cost", "The deployment costs", ""),
+        ):
+            if name == "cost" and not any(one.cost for one in scores):
+                continue
+            now, before = mean_score(scores, name), mean_score(self.base, name)
+            if np.isfinite(now):
+                instead = f" instead of {before:.3g}{unit}" if np.isfinite(before) else ""
+                out.append(f"{text} {now:.3g}{unit}{instead}.")
+        return [*out, *self._of_one_number()]
+
+    @property
+    def _links(self) -> str:
+        name = self.plan.section.lost_of
+        return "All links lose" if name is None else f"{name} loses"
+
+    def _of_one_number(self) -> list[str]:
+        """Sentences about the values of the only free number: where links are lost, and which designs are nearly as good."""
+        values = [next(iter(design.values())) for design in self.designs]
+        if len(self.plan.keys) > 1 or not all(isinstance(v, int | float) for v in values):
+            return []
+        key, numbers = self.plan.keys[0], np.array(values, dtype=float)
+        out = [
+            _step(key, numbers, np.array([mean_score(s, "lost_percent") for s in self.scores]), self._links)
+        ]
+        objective = self.plan.section.objectives[0]
+        losses = np.array([loss_of(objective, s) for s in self.scores])
+        near = losses <= _NEAR * losses[self.best]
+        if losses[self.best] > 0.0 and near.sum() > 1:
+            low, high = numbers[near].min(), numbers[near].max()
+            inside = int(np.sum((numbers >= low) & (numbers <= high)))
+            out.append(
+                f"{int(near.sum())} of the {inside} designs with {key} from {_shown(low)} to {_shown(high)} are within 10 % of"
+                f" the best {objective.replace('_', ' ')}."
+            )
+        return [line for line in out if line]
+
+    def write_best(self, out: str | Path, *, replace: bool = False) -> None:
+        """
+        Write the best design as a study file that changes the file of the plan.
+
+        Parameters
+        ----------
+        out : str or pathlib.Path
+            TOML file to write; its ``base`` is the file of the plan, relative to its folder.
+        replace : bool
+            Whether an existing file is replaced.
+
+        Raises
+        ------
+        WriteError
+            If the file exists already, or cannot be written.
+        """
+        path, plan = Path(out), self.plan
+        new = plan.study(self.designs[self.best])
+        source = plan.source
+        if source not in preset_names():
+            source = os.path.relpath(os.path.realpath(source), os.path.realpath(path.parent))
+        changes = difference(_tree(load_study(plan.source)), _tree(new))
+        changes.setdefault("study", {})["description"] = " ".join(self.sentences[:1])
+        with whole_file(path, replace=replace) as temporary:
+            temporary.write_text(tomli_w.dumps({BASE: source, **changes}), encoding="utf-8")
+
+
+def _tree(config: StudyConfig) -> dict[str, Any]:
+    """Nested dictionaries of a configuration with what is set in it."""
+    return dict(config.model_dump(exclude_none=True, exclude_unset=True))
+
+
+def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """
+    Changes that make one tree of another, for a file with a ``base``.
+
+    Entries of lists with the same names are changed by name; other lists are replaced.
+
+    Examples
+    --------
+    >>> difference({"a": 1, "b": [{"name": "A", "z": 1}]}, {"a": 1, "b": [{"name": "A", "z": 2}]})
+    {'b': {'A': {'z': 2}}}
+    """
+    out: dict[str, Any] = dict.fromkeys(old.keys() - new.keys(), NONE)
+    for key, value in new.items():
+        before = old.get(key)
+        if before == value:
+            continue
+        if isinstance(value, Mapping) and isinstance(before, Mapping):
+            out[key] = difference(before, value)
+        elif _names(value) and _names(value) == _names(before):
+            pairs = zip(before, value, strict=True)  # type: ignore[arg-type]
+            out[key] = {b["name"]: d for a, b in pairs if (d := difference(a, b))}
+        else:
+            out[key] = value
+    return out
+
+
+def _names(entries: Any) -> list[str]:
+    """Names of the entries of a list; empty if it is no list of named entries."""
+    if not isinstance(entries, list | tuple) or not all(
+        isinstance(e, Mapping) and "name" in e for e in entries
+    ):
+        return []
+    return [entry["name"] for entry in entries]
+
+
+def _step(key: str, values: Array, lost: Array, links: str) -> str:
+    """Sentence about the value that best separates few from many lost links; empty if there are too few designs or no difference."""
+    order = np.argsort(values)
+    order = order[np.isfinite(lost[order])]
+    values, lost = values[order], lost[order]
+    splits = [k for k in range(1, values.size) if values[k] > values[k - 1]]
+    if not splits or np.ptp(lost) == 0.0:
+        return ""
+    k = min(splits, key=lambda k: lost[:k].var() * k + lost[k:].var() * (lost.size - k))
+    return (
+        f"{links} {lost[k:].mean():.3g} % of the ranges on average with {key} of {_shown(values[k])} or more, and"
+        f" {lost[:k].mean():.3g} % with {_shown(values[k - 1])} or less."
+    )
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, int | float) else str(value)

@@ -1,0 +1,161 @@
+"""Search of a plan: all combinations of listed values, and differential evolution over continuous ranges."""
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.errors import PlanError
+from pymantaray.jobs.pool import Pool, ProcessPool, Queue, run_tasks
+from pymantaray.jobs.progress import TaskProgress
+from pymantaray.plan.definition import DeploymentPlan, Design, FreeRange
+from pymantaray.plan.ensemble import loss_of
+from pymantaray.plan.evaluate import DesignEvaluator, Scores
+from pymantaray.plan.results import PlanResults
+
+_DESIGNS_PER_WORKER = 4  # a fresh process takes as long to start as a few designs
+_POPULATION = 10  # designs of a generation, at least
+_STEPS = 1000  # values of a range are rounded to a power of ten below this share of it
+
+
+def search_designs(
+    plan: DeploymentPlan, *, workers: int | None = None, progress: TaskProgress | None = None
+) -> PlanResults:
+    """
+    Evaluate the designs of a plan and find the best ones.
+
+    Parameters
+    ----------
+    plan : DeploymentPlan
+        From `load_plan`.
+    workers : int, optional
+        Processes of this machine. Default: one per core, at most one for every four designs. The results do not depend on it.
+    progress : callable, optional
+        Called with the number of evaluated designs, the number of failed ones and the largest number to evaluate.
+
+    Returns
+    -------
+    PlanResults
+        Designs that fail have a status with the reason.
+
+    Raises
+    ------
+    PlanError
+        If all designs fail; the message has the reason of the first.
+
+    Notes
+    -----
+    Listed values are evaluated exhaustively. For each combination of them, differential evolution (SciPy, with the seed of the
+    study) minimizes each objective over the continuous ranges. All designs that it evaluates are in the results.
+
+    Examples
+    --------
+    >>> results = search_designs(load_plan("mission.toml"))  # doctest: +SKIP
+    """
+    most = plan.size * (plan.section.evaluations * len(plan.section.objectives) if plan.ranges else 1)
+    if workers is None:
+        workers = min(os.cpu_count() or 1, max(most // _DESIGNS_PER_WORKER, 1))
+    start = partial(DesignEvaluator, plan)
+    with ProcessPool(start, workers) if workers > 1 else Pool(start) as pool:
+        evaluations = _Evaluations(pool, progress, most + 1)
+        evaluations.scores([{}])
+        if plan.ranges:
+            for number in range(plan.size):
+                _optimize(plan, plan.lists_at(number), evaluations)
+        else:
+            evaluations.scores([plan.lists_at(number) for number in range(plan.size)])
+    base, *rest = evaluations.all
+    if all(scores[0].failure for _, scores in rest):
+        raise PlanError(f"{plan.source}: all designs fail; the first one: {rest[0][1][0].failure}")
+    return PlanResults(plan, [design for design, _ in rest], [scores for _, scores in rest], base[1])
+
+
+class _Evaluations:
+    """Evaluated designs in the order of the search; each design is evaluated once."""
+
+    def __init__(self, pool: Pool, progress: TaskProgress | None, most: int) -> None:
+        self._pool, self._progress, self._most = pool, progress, most
+        self._by_key: dict[str, tuple[Design, list[Scores]]] = {}
+
+    @property
+    def all(self) -> list[tuple[Design, list[Scores]]]:
+        """Designs and their scores."""
+        return list(self._by_key.values())
+
+    def scores(self, designs: Sequence[Design]) -> list[list[Scores]]:
+        """Scores of designs, each in all oceans."""
+        keys = [json.dumps(design, sort_keys=True, default=str) for design in designs]
+        new = {key: design for key, design in zip(keys, designs, strict=True) if key not in self._by_key}
+        queue = _DesignQueue(new, self._report)
+        run_tasks(queue, self._pool)
+        self._by_key |= {key: (design, queue.results[key]) for key, design in new.items()}
+        return [self._by_key[key][1] for key in keys]
+
+    def _report(self, results: dict[str, list[Scores]]) -> None:
+        if self._progress is not None:
+            every = [*results.values(), *(scores for _, scores in self._by_key.values())]
+            failed = sum(bool(scores[0].failure) for scores in every)
+            self._progress(len(every) - failed, failed, max(self._most, len(every)))
+
+
+class _DesignQueue(Queue):
+    """Designs to evaluate."""
+
+    def __init__(self, designs: dict[str, Design], report: Callable[[dict[str, list[Scores]]], None]) -> None:
+        super().__init__(designs)
+        self._designs, self._report = designs, report
+        self.results: dict[str, list[Scores]] = {}
+
+    def task(self, key: str) -> Any:
+        """Return the design of a key."""
+        return self._designs[key]
+
+    def record_result(self, key: str, result: list[Scores]) -> None:
+        """Record the scores of a design."""
+        self.left -= 1
+        self.results[key] = result
+        self._report(self.results)
+
+    def record_failure(self, key: str, line: str) -> None:
+        """Raise the reason why a worker ended."""
+        raise PlanError(f"design {key}: {line}")
+
+
+def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -> None:
+    """Minimize each objective over the ranges, at one combination of listed values."""
+    from scipy.optimize import differential_evolution
+
+    count = len(plan.ranges)
+    population = max(1, min(max(_POPULATION, 5 * count), plan.section.evaluations // 2) // count)
+    generations = plan.section.evaluations // max(5, population * count) - 1
+
+    def losses(objective: str, points: NDArray[np.float64]) -> Any:  # SciPy's types lack vectorized functions
+        columns = [points] if points.ndim == 1 else points.T
+        designs = [{**listed, **_rounded(plan.ranges, point)} for point in columns]
+        values = [loss_of(objective, scores) for scores in evaluations.scores(designs)]
+        return np.asarray(np.nan_to_num(np.array(values), nan=np.inf))
+
+    for objective in plan.section.objectives:
+        differential_evolution(
+            partial(losses, objective),
+            [(limits.low, limits.high) for limits in plan.ranges.values()],
+            maxiter=max(generations, 1),
+            popsize=population,
+            rng=np.random.default_rng(plan.base.study.seed),
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+        )
+
+
+def _rounded(ranges: dict[str, FreeRange], point: Any) -> dict[str, float]:
+    """Values by key, rounded to a thousandth of their range or finer."""
+    out = {}
+    for (key, (low, high)), x in zip(ranges.items(), point, strict=True):
+        digits = -int(np.floor(np.log10((high - low) / _STEPS)))
+        out[key] = min(max(round(float(x), digits), low), high)
+    return out

@@ -1,0 +1,145 @@
+"""Designs are evaluated without realizations as full studies evaluate them."""
+
+import numpy as np
+import pytest
+from factories import TINY
+from scipy.stats import chi, kendalltau
+
+from pymantaray.plan import DeploymentPlan, search_designs
+from pymantaray.plan.definition import PlanSection
+from pymantaray.plan.ensemble import mean_score, pareto_front, worst_score
+from pymantaray.plan.evaluate import DesignEvaluator, Scores, error_quantile
+from pymantaray.records import RayStatus
+from pymantaray.study import load_study, parse_study, run_study
+
+MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
+
+
+def plan_of(base, **section):
+    return DeploymentPlan(base, PlanSection(**section))
+
+
+@pytest.fixture(scope="module")
+def tiny():
+    return parse_study({**TINY, "landmarks": [MARK]}, "tiny")
+
+
+def test_the_quantile_of_an_isotropic_error_is_that_of_the_chi_distribution():
+    covariance = np.tile(4.0 * np.eye(3), (500, 1, 1))
+    found = error_quantile(np.zeros((500, 3)), covariance)
+    assert found == pytest.approx(2.0 * chi(3).ppf(0.95), rel=5e-3)
+
+
+def test_the_quantile_of_a_bias_without_noise_is_its_size():
+    assert error_quantile(np.tile([3.0, 0.0, 4.0], (7, 1)), np.zeros((7, 3, 3))) == pytest.approx(5.0)
+    assert np.isnan(error_quantile(np.zeros((0, 3)), np.zeros((0, 3, 3))))
+
+
+def test_lost_links_and_bias_are_those_of_the_study(tiny, tmp_path):
+    plan = plan_of(tiny, free={"landmarks.T.depth": [5.0, 300.0]}, lost_of="T")
+    scores = DesignEvaluator(plan)({"landmarks.T.depth": 300.0})[0]
+    run = run_study(plan.study({"landmarks.T.depth": 300.0}), tmp_path / "run", workers=1)
+    ranges = run.ranges()
+    own = ranges[(ranges["transmitter"] == "T") | (ranges["receiver"] == "T")]
+    assert scores.lost_percent == pytest.approx(100.0 * np.mean(own["status"] != "OK"))
+    heard = ranges[ranges["status"] == "OK"].groupby(["time", "transmitter"])["receiver"].nunique()
+    sent = ranges.groupby(["time", "transmitter"]).ngroups
+    assert scores.heard_by_two_percent == pytest.approx(100.0 * (heard >= 2).sum() / sent)
+    assert scores.rmse_m == pytest.approx(np.hypot(scores.bound_rmse_m, scores.bias_rmse_m))
+
+
+def test_straight_ranges_have_no_bias_and_refracted_ranges_have_one(tiny):
+    free = {"landmarks.T.depth": [5.0]}
+    straight, refracted = (
+        DesignEvaluator(plan_of(tiny, free=free, condition=name))({})[0] for name in ("straight", "refracted")
+    )
+    assert straight.bias_rmse_m < 1e-4
+    assert refracted.bias_rmse_m > 100.0 * straight.bias_rmse_m
+    assert straight.bound_rmse_m == pytest.approx(refracted.bound_rmse_m)
+
+
+def test_cost_counts_stations_landmarks_and_pings(tiny):
+    plan = plan_of(
+        tiny,
+        free={"mission.ping_interval_h": [1.0, 2.0]},
+        costs={"station": 100.0, "landmark": 10.0, "ping": 0.5},
+    )
+    often, seldom = (DesignEvaluator(plan)({"mission.ping_interval_h": h})[0].cost for h in (1.0, 2.0))
+    transmitters = len(tiny.fleet.vehicles)
+    assert often == pytest.approx(110.0 + 0.5 * 4 * transmitters)
+    assert seldom == pytest.approx(110.0 + 0.5 * 2 * transmitters)
+
+
+def test_a_link_that_is_probably_not_detected_is_lost(tiny):
+    from pymantaray.plan.evaluate import expected_measurements
+
+    loud, faint = (
+        parse_study(
+            {
+                **TINY,
+                "landmarks": [MARK],
+                "detection": {"frequency_hz": 12e3, "source_level_db": level, "bandwidth_hz": 1e3},
+            },
+            "tiny",
+        )
+        for level in (200.0, 60.0)
+    )
+    lost = []
+    for config in (loud, faint):
+        plan = plan_of(config, free={"landmarks.T.depth": [5.0]})
+        evaluator = DesignEvaluator(plan)
+        m = expected_measurements(evaluator._run(plan.study({}, 0)))
+        lost.append(int(np.sum(m.range_status == RayStatus.UNHEARD)))
+        assert np.isnan(m.refracted_range[m.range_status == RayStatus.UNHEARD]).all()
+    assert lost[0] == 0
+    assert lost[1] > 0
+
+
+def test_a_design_that_fails_has_a_reason_and_does_not_end_the_search(tiny):
+    plan = plan_of(tiny, free={"fleet.vehicles.B.target_depth": [300.0, 20000.0]})
+    results = search_designs(plan, workers=1)
+    status = results.frame["status"].tolist()
+    if status[1] == "OK":  # a vehicle that grounds is an outcome, not a failure
+        assert results.frame["lost_percent"][1] > results.frame["lost_percent"][0]
+    assert results.best == 0
+
+
+def test_the_worst_tenth_of_oceans_is_on_the_bad_side():
+    oceans = [Scores(error_m=e, heard_by_two_percent=h) for e, h in zip(range(20), range(20), strict=True)]
+    assert worst_score(oceans, "error_m") == 18.5
+    assert worst_score(oceans, "heard_by_two_percent") == 0.5
+    assert mean_score(oceans, "error_m") == 9.5
+    assert np.isnan(worst_score([*oceans, Scores()], "error_m"))
+
+
+def test_the_front_is_the_set_of_designs_that_no_other_dominates():
+    losses = np.random.default_rng(3).integers(0, 8, (40, 3)).astype(float)
+    losses[5] = np.nan
+    front = pareto_front(losses)
+    for k, row in enumerate(losses):
+        dominated = any((other <= row).all() and (other < row).any() for other in losses)
+        assert front[k] == (k != 5 and not dominated)
+
+
+FREE = {
+    "straight": {"mission.ping_interval_h": [1.5, 3.0, 6.0], "noise.range_sigma": [1.0, 10.0, 50.0]},
+    "refracted": {"mission.ping_interval_h": [1.5, 3.0, 6.0], "landmarks.T.depth": [1.0, 150.0, 400.0]},
+}
+"""Free keys that change the errors of a condition by more than the standard error of 8 realizations."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("condition", ["straight", "refracted"])
+def test_designs_have_the_order_of_full_studies(condition, tmp_path):
+    """Errors of vehicles under water at the pings over realizations, from the records of full studies."""
+    base = load_study("quick", realizations=8, landmarks=[{**MARK, "sigma": 2.0}])
+    free = FREE[condition]
+    results = search_designs(plan_of(base, free=free, condition=condition), workers=1)
+    full = []
+    for k, design in enumerate(results.designs):
+        run = run_study(results.plan.study(design), tmp_path / f"{k}", workers=1)
+        table = run.tables["ping_error"].frame.set_index("condition")
+        full.append(float(table.loc[condition, "rmse_m"]))
+    planned = results.frame["rmse_m"].to_numpy()
+    assert kendalltau(planned, full).statistic >= 0.9
+    np.testing.assert_allclose(planned, full, rtol=0.15)

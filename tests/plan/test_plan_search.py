@@ -1,0 +1,145 @@
+"""Plans: what is refused before anything runs, the search, and the files of its results."""
+
+import json
+
+import numpy as np
+import pytest
+import tomli_w
+from factories import TINY
+from refusals import refused
+
+from pymantaray.cli.main import main
+from pymantaray.errors import PlanError, StudyError, WriteError
+from pymantaray.plan import load_plan, search_designs
+from pymantaray.plan.results import difference
+from pymantaray.study import load_study
+
+LANDMARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
+
+
+def write(folder, **plan):
+    path = folder / "mission.toml"
+    path.write_text(tomli_w.dumps({**TINY, "landmarks": [LANDMARK], "plan": plan}))
+    return path
+
+
+def test_free_keys_have_values_counts_or_limits(tmp_path):
+    file = write(
+        tmp_path,
+        free={
+            "landmarks": {"T": {"depth": {"from": 5.0, "to": 25.0, "count": 3}}},
+            "mission.ping_interval_h": [1.0, 2.0],
+            "noise.range_sigma": {"from": 1.0, "to": 2.0},
+        },
+    )
+    plan = load_plan(file)
+    assert plan.lists == {"landmarks.T.depth": [5.0, 15.0, 25.0], "mission.ping_interval_h": [1.0, 2.0]}
+    assert plan.ranges == {"noise.range_sigma": (1.0, 2.0)}
+    assert plan.size == 6
+    assert plan.keys[0] == "mission.ping_interval_h"  # in the order of the file
+    assert plan.lists_at(1) == {"landmarks.T.depth": 15.0, "mission.ping_interval_h": 1.0}
+    assert plan.study(plan.lists_at(5)).landmarks[0].depth == 25.0
+
+
+def test_a_study_is_the_same_with_and_without_a_plan(tmp_path):
+    file = write(tmp_path, free={"landmarks.T.depth": [1.0]})
+    plain = tmp_path / "plain.toml"
+    plain.write_text(tomli_w.dumps({**TINY, "landmarks": [LANDMARK]}))
+    assert load_study(file) == load_study(plain)
+
+
+@pytest.mark.parametrize(
+    ("plan", "message"),
+    [
+        ({}, "plan.free"),
+        ({"free": {"landmarks.T.depth": 5.0}}, r"plan.free: landmarks.T.depth: found 5.0; give a list"),
+        ({"free": {"landmarks.T.depth": []}}, "give a list"),
+        ({"free": {"landmarks.T.depth": {"from": 5, "to": 1}}}, "from below to"),
+        ({"free": {"landmarks.T.depth": {"from": 1, "to": 5, "count": 1}}}, "2 or more"),
+        ({"free": {"landmarks.T.depth": {"from": 1, "to": 5, "step": 1}}}, "step: unknown key"),
+        ({"free": {"landmarks.U.depth": [5.0]}}, "no such entry"),
+        ({"free": {"landmarks.T.depth": {"from": -5, "to": 5}}}, "depth"),
+        ({"free": {"noise.rnge_sigma": [1.0]}}, "rnge_sigma"),
+        (
+            {"free": {"landmarks.T.depth": [1.0]}, "condition": "best"},
+            "plan.condition: found 'best'; allowed:",
+        ),
+        ({"free": {"landmarks.T.depth": [1.0]}, "lost_of": "Z"}, "plan.lost_of: found 'Z'; allowed: .*T"),
+        ({"free": {"landmarks.T.depth": [1.0]}, "objectives": ["speed"]}, "objectives"),
+        ({"free": {"landmarks.T.depth": [1.0]}, "oceans": [{"sorce": "x"}]}, "sorce"),
+    ],
+)
+def test_a_plan_that_does_not_fit_is_refused_in_one_line(plan, message, tmp_path):
+    file = write(tmp_path, **plan)
+    refused((PlanError, StudyError), message, load_plan, file)
+
+
+def test_a_file_without_a_plan_is_refused(tmp_path):
+    file = tmp_path / "mission.toml"
+    file.write_text('base = "quick"\n')
+    refused(PlanError, r"has no section \[plan\]; add one", load_plan, file)
+    file.write_text('base = "quick"\nplan = 3\n')
+    refused(StudyError, "plan: found 3; allowed: a table", load_plan, file)
+
+
+def test_a_search_over_a_range_finds_the_smallest_sigma_and_repeats(tmp_path):
+    file = write(
+        tmp_path,
+        free={"noise.range_sigma": {"from": 0.5, "to": 20.0}},
+        objectives=["error"],
+        condition="straight",
+        evaluations=20,
+    )
+    first, second = (search_designs(load_plan(file), workers=n) for n in (1, 2))
+    assert first.designs == second.designs
+    assert first.frame.equals(second.frame)
+    assert len(first.designs) <= 20 + 1
+    values = [design["noise.range_sigma"] for design in first.designs]
+    assert values[first.best] == min(values)
+    assert min(values) < 1.5
+
+
+def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(
+        tmp_path,
+        free={"landmarks.T.depth": [300.0], "mission.ping_interval_h": [2.0, 1.0]},
+        objectives=["error", "lost"],
+        oceans=[{}, {"source": "synthetic:fram"}],
+        lost_of="T",
+    )
+    (tmp_path / "out").mkdir()
+    with pytest.raises(SystemExit) as stop:
+        main(
+            ["plan", "mission.toml", "--out", "out/best.toml", "--table", "t.csv", "--json", "--workers", "1"]
+        )
+    assert stop.value.code == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [row["landmarks.T.depth"] for row in told["designs"]] == [300.0, 300.0]
+    assert all(row["worst_error_m"] >= row["error_m"] for row in told["designs"])
+    best = load_study(tmp_path / "out" / "best.toml")
+    expected = load_plan("mission.toml").study(told["best"])
+    assert best.model_dump(exclude={"study"}) == expected.model_dump(exclude={"study"})
+    assert (tmp_path / "t.csv").read_text().startswith("landmarks.T.depth,mission.ping_interval_h,error_m")
+    assert any(sentence.startswith("T loses") for sentence in told["sentences"])
+    results = search_designs(load_plan("mission.toml"), workers=1)
+    refused(WriteError, "exists", results.write_best, tmp_path / "out" / "best.toml")
+
+
+def test_changes_between_trees_name_entries():
+    old = {"a": {"b": 1, "c": 2}, "v": [{"name": "A", "z": 1}, {"name": "B", "z": 1}], "k": [1, 2]}
+    new = {"a": {"b": 1}, "v": [{"name": "A", "z": 1}, {"name": "B", "z": 3}], "k": [1, 3]}
+    assert difference(old, new) == {"a": {"c": "none"}, "v": {"B": {"z": 3}}, "k": [1, 3]}
+    assert difference(old, {**old, "v": old["v"][:1]}) == {"v": [{"name": "A", "z": 1}]}
+    assert np.all([difference(tree, tree) == {} for tree in (old, new)])
+
+
+def test_a_command_with_a_bad_output_computes_nothing(tmp_path, capsys):
+    file = write(tmp_path, free={"landmarks.T.depth": [300.0]})
+    for out, message in ((file, "is the input"), (tmp_path / "best.csv", "must end in .toml")):
+        with pytest.raises(SystemExit) as stop:
+            main(["plan", str(file), "--out", str(out), "--force"])
+        assert stop.value.code == 2
+        lines = capsys.readouterr().err.strip().splitlines()
+        assert len(lines) == 1
+        assert message in lines[0]
