@@ -1,7 +1,7 @@
 """
 A vehicle estimates its position on board: dead reckoning, ranges at a constant sound speed, and MantaRay's travel-time table.
 
-`python examples/on_board.py [FIGURE]` runs a mission of 40 minutes below warm surface water. Two beacons ping in turn. A `RangingService`
+`python examples/on_board.py [FIGURE]` runs a mission of 20 minutes below warm surface water. Two beacons ping in turn. A `RangingService`
 computes what the vehicle hears and when. The loop feeds three estimators with the same odometry, depths and travel times,
 prints their errors, and draws truth and estimates.
 """
@@ -16,7 +16,7 @@ from pymantaray.online import Beacon, OnlineEstimator, StartPose, build_table
 from pymantaray.service import RangingService
 from pymantaray.water import Water
 
-STEP, PING, DURATION = 0.1, 20.0, 2400.0  # s
+STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s
 START = StartPose((0.0, -600.0, 60.0), sigma=[0.001, 0.001, 0.01, 2.0, 2.0, 0.2])
 BEACONS = {"B1": Beacon((2500.0, 500.0, 90.0)), "B2": Beacon((-500.0, 2500.0, 90.0))}
 ODOMETRY_SIGMA = np.array([2e-5, 2e-5, 2e-4, 0.01, 0.01, 0.005])  # of a step; heading and speed drift besides

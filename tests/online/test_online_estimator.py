@@ -130,9 +130,9 @@ def test_ranges_reduce_the_error_of_dead_reckoning_and_the_covariance_covers_it(
     assert (np.abs(with_ranges.position() - truth[end]) < 4.0 * sigma).all()
 
 
-@pytest.mark.parametrize("delay", [2.0, 30.0])
+@pytest.mark.parametrize("delay", [2.0, 25.0])
 def test_the_order_of_arrival_does_not_change_a_digit(delay):
-    calls, _ = mission()
+    calls, _ = mission(35.0)
     rng = np.random.default_rng(5)
     arrival = [arguments[0] + delay * rng.random() for _, arguments, _ in calls]
     in_order, late = new(lag=40.0), new(lag=40.0)
@@ -141,7 +141,7 @@ def test_the_order_of_arrival_does_not_change_a_digit(delay):
     assert Outcome.TOO_LATE not in outcomes
     assert Outcome.WAITING in outcomes, "some measurements arrive before their odometry"
     assert late.counts() == in_order.counts()
-    for time in (25.0, 40.05, None):
+    for time in (12.0, 20.05, None):
         assert_same_pose(in_order.pose(time), late.pose(time))
 
 
@@ -156,9 +156,9 @@ def test_odometry_of_another_rate_gives_the_same_pose_within_its_noise():
 
 
 def test_a_restored_estimator_continues_with_the_same_digits(tmp_path):
-    calls, _ = mission(120.0)
+    calls, _ = mission(50.0)
     file = tmp_path / "state.json"
-    whole, first = new(lag=20.0), new(lag=20.0)
+    whole, first = new(lag=10.0), new(lag=10.0)
     half = len(calls) // 2 + 3
     feed(whole, calls)
     early = ("range", (calls[half][1][0] + 0.3, "north", 0.6, 2e-4), {})
@@ -173,16 +173,16 @@ def test_a_restored_estimator_continues_with_the_same_digits(tmp_path):
     third = OnlineEstimator.restore(file, SPEED)
     feed(third, calls[half:])
     assert_same_pose(third.pose(), whole.pose())
-    assert_same_pose(third.pose(110.033), whole.pose(110.033))
+    assert_same_pose(third.pose(45.033), whole.pose(45.033))
     assert third.counts() == whole.counts()
     assert [path.name for path in tmp_path.iterdir()] == ["state.json"]
 
 
 def test_memory_does_not_grow_with_the_mission(tmp_path):
-    calls, _ = mission(200.0)
+    calls, _ = mission(100.0)
     estimator, sizes = new(lag=5.0), []
-    for k in range(0, len(calls), 500):
-        feed(estimator, calls[k : k + 500])
+    for k in range(0, len(calls), 250):
+        feed(estimator, calls[k : k + 250])
         estimator.save(tmp_path / "state.json")
         sizes.append((tmp_path / "state.json").stat().st_size)
     assert max(sizes[1:]) < 1.2 * min(sizes[1:]), sizes

@@ -16,7 +16,7 @@ class Timeline:
     Kalman filter with a history of fixed length.
 
     The state depends only on the events, not on the order in which they arrive: events are sorted, and all events after a
-    late one are applied again.
+    late one are applied again when their result is needed.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ class Timeline:
         self.events: list[Event] = []
         self.waiting: list[Event] = []
         self.total: Counter[Outcome] = Counter()  # of measurements that are not in the history
-        self._states: list[State] = []
+        self._states: list[State] = []  # after each event; the first `_valid` ones are up to date
+        self._valid = 0
         self._outcomes: list[Outcome] = []
         self._steps: list[list[Step]] = [[] for _ in state.time]
 
@@ -58,7 +59,7 @@ class Timeline:
             return Outcome.WAITING
         else:
             at = self._insert(event)
-            self._apply_from(at)
+            self._apply_until(at + 1)
             return self._outcomes[at]
         if event.kind != Kind.ODOMETRY:
             self.total[outcome] += 1
@@ -71,15 +72,16 @@ class Timeline:
             if event.kind == Kind.ODOMETRY:
                 self._steps[event.members[0]].append(Step.of(event))
         self.waiting = list(waiting)
-        self._apply_from(0)
 
     def state_at(self, vehicle: int, time: float) -> State:
         """State after all events up to a time, with a vehicle moved to that time."""
         k = bisect_left(self.events, (math.nextafter(time, math.inf),))
+        self._apply_until(k)
         return self._moved(self._states[k - 1] if k else self.base, vehicle, time)
 
     def counts(self) -> dict[Outcome, int]:
         """Number of measurements with each outcome."""
+        self._apply_until(len(self.events))
         counts = self.total + Counter(
             outcome
             for event, outcome in zip(self.events, self._outcomes, strict=True)
@@ -103,15 +105,15 @@ class Timeline:
         begin = steps[k - 1].time if k else self.base.begin[vehicle]
         if self.base.time[vehicle] > begin or event.time <= begin:
             return Outcome.TOO_LATE  # a part of the step after it is in the base
-        first = self._insert(event)
+        self._insert(event)
         if k < len(steps):  # measurements since its begin have used the step after it
-            first = bisect_left(self.events, (math.nextafter(begin, math.inf),))
+            self._valid = min(self._valid, bisect_left(self.events, (math.nextafter(begin, math.inf),)))
         steps.insert(k, Step.of(event))
-        ready = [other for other in self.waiting if self._covers(other)]
-        if ready:
+        if self.waiting:
+            ready = [other for other in self.waiting if self._covers(other)]
             self.waiting = [other for other in self.waiting if not self._covers(other)]
-            first = min(first, *(self._insert(other) for other in ready))
-        self._apply_from(first)
+            for other in ready:
+                self._insert(other)
         self._forget()
         return Outcome.USED
 
@@ -120,14 +122,15 @@ class Timeline:
         self.events.insert(at, event)
         self._states.insert(at, self.base)
         self._outcomes.insert(at, Outcome.WAITING)
+        self._valid = min(self._valid, at)
         return at
 
-    def _apply_from(self, first: int) -> None:
-        """Apply all events from a number on."""
-        state = self._states[first - 1] if first else self.base
-        for k in range(first, len(self.events)):
-            state, self._outcomes[k] = self._applied(state, self.events[k])
-            self._states[k] = state
+    def _apply_until(self, count: int) -> None:
+        """Bring the states after the first events up to date."""
+        for k in range(self._valid, count):
+            state = self._states[k - 1] if k else self.base
+            self._states[k], self._outcomes[k] = self._applied(state, self.events[k])
+            self._valid = k + 1
 
     def _applied(self, state: State, event: Event) -> tuple[State, Outcome]:
         for vehicle in event.members:
@@ -155,7 +158,8 @@ class Timeline:
         k = bisect_left(self.events, (self.horizon,))
         if not k:
             return
-        self.base = self._states[k - 1]
+        self._apply_until(k)
+        self.base, self._valid = self._states[k - 1], self._valid - k
         for event, outcome in zip(self.events[:k], self._outcomes[:k], strict=True):
             if event.kind != Kind.ODOMETRY:
                 self.total[outcome] += 1
