@@ -20,7 +20,7 @@ from pymantaray.estimation import (
     dead_reckon,
 )
 from pymantaray.estimation.range_models import RangeLinks
-from pymantaray.geometry.se3 import matrix_from_quaternion, so3_exp, so3_log
+from pymantaray.geometry.se3 import matrix_from_quaternion, se3_exp, so3_exp, so3_log
 from pymantaray.online import Beacon, OnlineEstimator, Outcome, StartPose
 from pymantaray.online.range_model import TableModel
 
@@ -106,16 +106,15 @@ def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear():
         source, vehicle = (a, b) if b < 2 else (b, a)
         estimator.add_range(o.time[k], names[source], distance / SPEED, sigma / SPEED, vehicle=names[vehicle])
     assert estimator.counts()["used"] == o.depth.size + o.gnss_vehicle.size + o.range_sample.size
-    tangent = np.sqrt(np.einsum("eaiaj->eaij", batch.covariances.position))
     for v, name in enumerate(names[:2]):
-        sigma = np.diag(tangent[0, v])
+        sigma = np.sqrt(np.diag(batch.covariances.position[0, v, :, v]))
         off = estimator.position(vehicle=name) - batch.position[poses[0, v]]
         assert (np.abs(off) < 0.02 * sigma).all(), off / sigma
         np.testing.assert_allclose(
             estimator.covariance(vehicle=name),
             batch.covariances.position[0, v, :, v],
             rtol=0,
-            atol=2e-3 * sigma.max() ** 2,
+            atol=5e-3 * sigma.max() ** 2,
         )
 
 
@@ -145,14 +144,18 @@ def test_the_order_of_arrival_does_not_change_a_digit(delay):
         assert_same_pose(in_order.pose(time), late.pose(time))
 
 
-def test_odometry_of_another_rate_gives_the_same_pose_within_its_noise():
-    calls, _ = mission()
-    slow, _ = mission(period=1.0)
-    fine, coarse = new(gate=math.inf), new(gate=math.inf)
-    exact = {"odometry": ([1e-9] * 6,)}
-    feed(fine, [(n, (*a[:-1], *exact.get(n, a[-1:])), o) for n, a, o in calls if n != "depth"])
-    feed(coarse, [(n, (*a[:-1], *exact.get(n, a[-1:])), o) for n, a, o in slow if n != "depth"])
-    assert np.linalg.norm(fine.position() - coarse.position()) < 1.0
+def test_a_pose_within_a_step_is_that_of_two_half_steps():
+    twist, sigma = np.array([0.1, -0.2, 0.4, 1.5, 0.3, -0.2]), np.full(6, 1e-3)
+    whole, halves = new(), new()
+    for estimator, n in ((whole, 1), (halves, 2)):
+        turn, way = se3_exp(twist / n)
+        for k in range(n):
+            estimator.add_odometry((k + 1) / n, way, so3_log(turn), sigma / np.sqrt(n))
+        assert estimator.add_depth(0.5, 50.2, 0.1) == Outcome.USED
+    for time in (0.5, 1.0):
+        for one, other in zip(whole.pose(time), halves.pose(time), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+    assert not np.allclose(whole.position(0.25), whole.position(0.5))
 
 
 def test_a_restored_estimator_continues_with_the_same_digits(tmp_path):
@@ -248,9 +251,9 @@ def test_a_table_and_eigenrays_give_the_same_position_and_a_link_outside_is_not_
     calls, _ = mission()
     medium, _ = water.at_start
     assert isinstance(medium, Medium)
-    by_table, by_rays = (OnlineEstimator(START, BEACONS, ranges, gate=50.0) for ranges in (table, medium))
+    by_table, by_rays = (OnlineEstimator(START, BEACONS, ranges, gate=math.inf) for ranges in (table, medium))
     for estimator in (by_table, by_rays):
-        assert Outcome.GATED not in feed(estimator, calls[:200])
+        assert Outcome.NO_ARRIVAL not in feed(estimator, calls[:200])
     np.testing.assert_allclose(by_table.position(), by_rays.position(), rtol=0, atol=0.3)
     far = OnlineEstimator(START, {"far": Beacon((1e5, 0.0, 50.0))}, table)
     assert far.add_range(0.0, "far", 66.0, 1e-3) == Outcome.NO_ARRIVAL

@@ -187,9 +187,9 @@ class OnlineEstimator:
         time : float
             End of the step. [s]
         translation : array_like, shape (3,)
-            In the axes of the body at the begin of the step: forward, right, down. [m]
+            In the axes of the body at the start of the step: forward, right, down. [m]
         rotation : array_like, shape (3,)
-            Rotation vector from the body at the begin to the body at the end. [rad]
+            Rotation vector from the body at the start to the body at the end. [rad]
         sigma : array_like, shape (6,)
             Standard deviations of rotation [rad] and translation [m] of this step.
         vehicle : str, optional
