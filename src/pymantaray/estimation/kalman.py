@@ -200,21 +200,13 @@ class _State:
             self.range_nis, self.range_dimension = np.nan, residual.size
         if not residual.size:
             return True
-        weight = by_errors @ self.covariance
-        try:
-            root = cholesky(weight @ by_errors.T + variance, lower=True)
-        except (np.linalg.LinAlgError, ValueError):
+        after = corrected(self.rotation, self.position, self.covariance, residual, by_errors, variance)
+        if after is None:
             return False
-        white, gain = (solve_triangular(root, part, lower=True) for part in (residual, weight))
-        nis = float(white @ white)
+        self.rotation, self.position, self.covariance, nis = after
         self.cost += 0.5 * nis
         if ranges:
             self.range_nis = nis
-        error = -(gain.T @ white).reshape(-1, SIZE)
-        self.rotation = self.rotation @ so3_exp(error[:, :3])
-        self.position = self.position + error[:, 3:]
-        reduced = self.covariance - gain.T @ gain
-        self.covariance = 0.5 * (reduced + reduced.T)
         return True
 
 
@@ -233,6 +225,30 @@ def moved(rotation: Array, position: Array, turn: Array, step: Array) -> tuple[A
     by_pose[:, 3:, 3:] = by_step[:, :3, :3] = np.eye(3)
     by_step[:, 3:, 3:] = after
     return after, at, by_pose, by_step
+
+
+def corrected(
+    rotation: Array, position: Array, covariance: Array, residual: Array, by_errors: Array, variance: Array
+) -> tuple[Array, Array, Array, float] | None:
+    """
+    Poses and covariance after an update, as `_State.update`, and the squared normalized innovation.
+
+    None if the covariance of the innovations is not positive definite.
+    """
+    weight = by_errors @ covariance
+    try:
+        root = cholesky(weight @ by_errors.T + variance, lower=True)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    white, gain = (solve_triangular(root, part, lower=True) for part in (residual, weight))
+    error = -(gain.T @ white).reshape(-1, SIZE)
+    reduced = covariance - gain.T @ gain
+    return (
+        rotation @ so3_exp(error[:, :3]),
+        position + error[:, 3:],
+        0.5 * (reduced + reduced.T),
+        float(white @ white),
+    )
 
 
 def _first_state(graph: FactorGraph, timeline: _Timeline) -> _State:

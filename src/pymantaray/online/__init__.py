@@ -1,4 +1,4 @@
-"""Travel-time tables for use on board: range from two depths and a travel time, without an ocean or a ray solver."""
+"""Use on board: travel-time tables, and an estimator that is fed as measurements arrive."""
 
 from typing import TYPE_CHECKING
 
@@ -8,8 +8,13 @@ if TYPE_CHECKING:
     from pymantaray.online.cells import CellStatus as CellStatus
     from pymantaray.online.file import open_table as open_table
     from pymantaray.online.file import save_table as save_table
+    from pymantaray.online.filter import Outcome as Outcome
     from pymantaray.online.make import build_table as build_table
     from pymantaray.online.table import TableRanges as TableRanges
     from pymantaray.online.table import TravelTimeTable as TravelTimeTable
+    from pymantaray.online.vehicle import Beacon as Beacon
+    from pymantaray.online.vehicle import OnlineEstimator as OnlineEstimator
+    from pymantaray.online.vehicle import PoseEstimate as PoseEstimate
+    from pymantaray.online.vehicle import StartPose as StartPose
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -1,0 +1,125 @@
+"""
+A vehicle estimates its position on board: dead reckoning, ranges at a constant sound speed, and MantaRay's travel-time table.
+
+`python examples/on_board.py [FIGURE]` runs a mission of 20 minutes below warm surface water. Two beacons ping in turn. A `RangingService`
+computes what the vehicle hears and when. The loop feeds three estimators with the same odometry, depths and travel times,
+prints their errors, and draws truth and estimates.
+"""
+
+import sys
+
+import numpy as np
+
+from pymantaray.acoustics import Medium
+from pymantaray.geometry.se3 import so3_exp
+from pymantaray.online import Beacon, OnlineEstimator, StartPose, build_table
+from pymantaray.service import RangingService
+from pymantaray.water import Water
+
+STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s
+START = StartPose((0.0, -600.0, 60.0), sigma=[0.001, 0.001, 0.01, 2.0, 2.0, 0.2])
+BEACONS = {"B1": Beacon((2500.0, 500.0, 90.0)), "B2": Beacon((-500.0, 2500.0, 90.0))}
+ODOMETRY_SIGMA = np.array([2e-5, 2e-5, 2e-4, 0.01, 0.01, 0.005])  # of a step; heading and speed drift besides
+GYRO_BIAS, SCALE_ERROR = 2e-5, 0.01  # rad/s, 1
+TRAVEL_TIME_SIGMA = 3e-4  # s
+
+
+def water() -> Medium:
+    """Water with a warm surface layer, 300 m deep."""
+    depth = np.linspace(0.0, 300.0, 61)
+    return Medium.from_profile(
+        depth, 1465.0 + 25.0 / (1.0 + np.exp((depth - 35.0) / 8.0)) + 0.016 * depth, bottom_depth=300.0
+    )
+
+
+def estimators(medium: Medium) -> dict[str, OnlineEstimator]:
+    """Three estimators that differ in their ranges only."""
+    table = build_table(Water(medium), (80.0, 100.0), (40.0, 80.0), (50.0, 4500.0), tolerance=0.1)
+    wide = {"lag": 30.0, "gate": np.inf}
+    return {
+        "dead reckoning": OnlineEstimator(START, {}, 1500.0, **wide),
+        "1500 m/s": OnlineEstimator(START, BEACONS, 1500.0, **wide),
+        "MantaRay": OnlineEstimator(START, BEACONS, table, **wide),
+    }
+
+
+def main(figure: str | None = None) -> None:
+    """Run the mission, print the errors, and draw the tracks if there is a file for them."""
+    rng, medium = np.random.default_rng(2), water()
+    fleet = estimators(medium)
+    rotation, position = np.eye(3), np.array(START.position)
+    tracks: dict[str, list[np.ndarray]] = {"truth": [], **{name: [] for name in fleet}}
+    on_its_way: list[tuple[float, float, str, float]] = []
+    with RangingService(medium) as service:
+        for k in range(1, round(DURATION / STEP) + 1):
+            now = k * STEP
+            turn = np.array([0.0, 0.0, 0.004 * np.sin(2.0 * np.pi * now / 900.0) * STEP])
+            way = np.array([1.5 * STEP, 0.0, 0.0])
+            position, rotation = position + rotation @ way, rotation @ so3_exp(turn)
+            noise = ODOMETRY_SIGMA * rng.standard_normal(6)
+            odometry = (
+                (1.0 + SCALE_ERROR) * way + noise[3:],
+                turn + noise[:3] + [0.0, 0.0, GYRO_BIAS * STEP],
+                ODOMETRY_SIGMA,
+            )
+            depth = position[2] + 0.1 * rng.standard_normal()
+            for name, estimator in fleet.items():
+                estimator.add_odometry(now, *odometry)
+                if k % 10 == 0:
+                    estimator.add_depth(now, depth, 0.1)
+                if k % 100 == 0:
+                    tracks[name].append(estimator.position())
+            if k % 100 == 0:
+                tracks["truth"].append(position)
+            if k % round(PING / STEP) == 0:
+                beacon = list(BEACONS)[k // round(PING / STEP) % len(BEACONS)]
+                ping = service.ping(now, BEACONS[beacon].position, [position])
+                if np.isfinite(ping.arrival_time[0]):
+                    measured = float(ping.travel_time[0]) + TRAVEL_TIME_SIGMA * rng.standard_normal()
+                    on_its_way.append((float(ping.arrival_time[0]), now, beacon, measured))
+            # decoding takes a second; the service's travel time belongs to the vehicle's position at the ping
+            while on_its_way and on_its_way[0][0] + 1.0 <= now:
+                _, sent, beacon, measured = on_its_way.pop(0)
+                for estimator in fleet.values():
+                    if beacon in estimator.beacons:
+                        estimator.add_range(sent, beacon, measured, TRAVEL_TIME_SIGMA)
+    print_errors(fleet, tracks)
+    if figure is not None:
+        draw({name: np.array(track) for name, track in tracks.items()}, figure)
+
+
+def print_errors(fleet: dict[str, OnlineEstimator], tracks: dict[str, list[np.ndarray]]) -> None:
+    """Print the horizontal errors of each estimator."""
+    truth = np.array(tracks["truth"])
+    for name, estimator in fleet.items():
+        error = np.linalg.norm((np.array(tracks[name]) - truth)[:, :2], axis=1)
+        rms, used = np.sqrt(np.mean(error**2)), estimator.counts()["used"]
+        print(f"{name:15} error {rms:6.2f} m RMS, {error[-1]:6.2f} m at the end; {used} measurements used")  # noqa: T201
+
+
+def draw(tracks: dict[str, np.ndarray], figure: str) -> None:
+    """Draw the tracks and their horizontal errors."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    fig, (chart, errors) = plt.subplots(1, 2, figsize=(10.0, 4.5), layout="constrained")
+    time = 100 * STEP * np.arange(1, len(tracks["truth"]) + 1) / 60.0
+    for name, track in tracks.items():
+        line = chart.plot(track[:, 1], track[:, 0], label=name, color="k" if name == "truth" else None)
+        if name != "truth":
+            error = np.linalg.norm((track - tracks["truth"])[:, :2], axis=1)
+            errors.plot(time, error, label=name, color=line[0].get_color())
+    for name, beacon in BEACONS.items():
+        chart.plot(beacon.position[1], beacon.position[0], "k^")
+        chart.annotate(name, (beacon.position[1], beacon.position[0]))
+    chart.set(xlabel="east [m]", ylabel="north [m]", aspect="equal")
+    chart.legend()
+    errors.set(xlabel="time [min]", ylabel="horizontal error [m]")
+    errors.legend()
+    fig.savefig(figure)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])

@@ -1,0 +1,106 @@
+"""Range models on board: a travel-time table, eigenrays in a medium, or a constant sound speed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import OnlineError
+from pymantaray.estimation.range_models import (
+    ConstantSpeed,
+    Prediction,
+    RangeLinks,
+    RangeModel,
+    TravelTimeUncertainty,
+)
+from pymantaray.online.cells import HAS_RANGE
+from pymantaray.online.table import TableRanges, TravelTimeTable
+from pymantaray.study.range_models.eigenray_model import EigenrayModel
+
+Array = NDArray[np.float64]
+
+
+class TableModel:
+    """
+    Range model of a travel-time table; the source of the table is the transmitter.
+
+    A link without a range in the table (shadow, border, outside) has no arrival. The table's standard deviations over its
+    ensemble of oceans are the uncertainty of the travel times.
+
+    Parameters
+    ----------
+    table : TravelTimeTable
+    """
+
+    def __init__(self, table: TravelTimeTable) -> None:
+        self.table = table
+
+    def predict(self, links: RangeLinks) -> Prediction:
+        """
+        Predict travel times and their derivatives by both positions.
+
+        Parameters
+        ----------
+        links : RangeLinks
+
+        Returns
+        -------
+        Prediction
+        """
+        found = self._look_up(links)
+        step = links.receiver - links.transmitter
+        distance = np.hypot(step[:, 0], step[:, 1])
+        by_range = 1.0 / found.range_by_time
+        receiver = np.zeros_like(step)
+        receiver[:, :2] = by_range[:, None] * step[:, :2] / np.where(distance > 0.0, distance, 1.0)[:, None]
+        transmitter = -receiver
+        transmitter[:, 2] = -found.range_by_source_depth * by_range
+        receiver[:, 2] = -found.range_by_receiver_depth * by_range
+        possible = np.isin(found.status, HAS_RANGE) & np.isfinite(transmitter + receiver).all(axis=1)
+        bounces = np.asarray(found.surface_bounces + found.bottom_bounces, dtype=np.intp)
+        return Prediction(np.asarray(found.travel_time), transmitter, receiver, possible, bounces)
+
+    def covariances(self, links: RangeLinks, epoch: NDArray[np.intp]) -> list[Array]:
+        """
+        Variances of the travel times due to the ensemble of oceans; zero without one.
+
+        Parameters
+        ----------
+        links : RangeLinks
+        epoch : ndarray of int, shape (n,)
+            Number of the ping.
+
+        Returns
+        -------
+        list of ndarray
+            One diagonal matrix per ping. [s²]
+        """
+        found = self._look_up(links)
+        variance = np.nan_to_num((found.range_sigma / found.range_by_time) ** 2)
+        return [np.diag(variance[epoch == one]) for one in np.unique(epoch)]
+
+    def _look_up(self, links: RangeLinks) -> TableRanges:
+        a, b = links.transmitter, links.receiver
+        north, east = (b - a)[:, :2].T
+        return self.table.travel_time(a[:, 2], b[:, 2], np.hypot(north, east), np.arctan2(east, north))
+
+
+def range_model_of(
+    ranges: TravelTimeTable | Medium | RangeModel | float,
+) -> tuple[RangeModel, TravelTimeUncertainty | None]:
+    """Range model of a table, a medium, a sound speed [m/s] or a model itself, and its uncertainty."""
+    if isinstance(ranges, TravelTimeTable):
+        table = TableModel(ranges)
+        return table, table
+    if isinstance(ranges, Medium):
+        return EigenrayModel(ranges), None
+    if isinstance(ranges, int | float | np.number):
+        return ConstantSpeed(float(ranges)), None
+    if not callable(getattr(ranges, "predict", None)):
+        raise OnlineError(
+            f"ranges: found {type(ranges).__name__}; it must be a travel-time table, a medium, a range model or a sound"
+            " speed in m/s"
+        )
+    uncertain = callable(getattr(ranges, "covariances", None))
+    return ranges, ranges if uncertain else None  # type: ignore[return-value]

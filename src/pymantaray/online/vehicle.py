@@ -1,0 +1,543 @@
+"""Estimator for use on board: odometry, depths, fixes and ranges in any order, position and covariance at any time."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import GeometryError, OnlineError
+from pymantaray.estimation.kalman import SIZE
+from pymantaray.estimation.range_models import RangeModel, TransmitterSpeed
+from pymantaray.geometry.checks import check_number, checked_array
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
+from pymantaray.online.filter import Event, Kind, Outcome, Ranging, State
+from pymantaray.online.range_model import range_model_of
+from pymantaray.online.saved_state import read_state, write_state
+from pymantaray.online.table import TravelTimeTable
+from pymantaray.online.timeline import Timeline
+
+Array = NDArray[np.float64]
+Ranges = TravelTimeTable | Medium | RangeModel | float
+
+
+class StartPose(NamedTuple):
+    """
+    Pose of a vehicle at the start, with standard deviations.
+
+    Attributes
+    ----------
+    position : array_like, shape (3,)
+        North, east, down. [m]
+    quaternion : array_like, shape (4,)
+        Rotation from the body (forward, right, down) to the world (w, x, y, z). By default the vehicle points north.
+    sigma : array_like, shape (6,)
+        Rotations about the body's axes [rad], then position along them [m].
+    """
+
+    position: ArrayLike
+    quaternion: ArrayLike = (1.0, 0.0, 0.0, 0.0)
+    sigma: ArrayLike = (0.01, 0.01, 0.02, 5.0, 5.0, 1.0)
+
+
+class Beacon(NamedTuple):
+    """
+    Beacon at rest.
+
+    Attributes
+    ----------
+    position : array_like, shape (3,)
+        North, east, down. [m]
+    sigma : float
+        Standard deviation of each coordinate; if positive, the position is estimated, too. [m]
+    """
+
+    position: ArrayLike
+    sigma: float = 0.0
+
+
+class PoseEstimate(NamedTuple):
+    """
+    Estimate of a pose from all measurements up to its time.
+
+    Attributes
+    ----------
+    time : float
+        [s]
+    position : ndarray, shape (3,)
+        North, east, down. [m]
+    quaternion : ndarray, shape (4,)
+        Rotation from the body to the world (w, x, y, z).
+    covariance : ndarray, shape (6, 6)
+        Of rotation errors about the body's axes [rad] and of position errors along north, east and down [m].
+    """
+
+    time: float
+    position: Array
+    quaternion: Array
+    covariance: Array
+
+
+class OnlineEstimator:
+    """
+    Position of one vehicle or of a fleet, updated as measurements arrive.
+
+    An error-state Kalman filter with a history of the last ``lag`` seconds. A measurement within the lag is applied at its
+    own time, whenever it arrives: the filter goes back and repeats what follows. The result does not depend on the order of
+    arrival. Memory and work per sample do not grow with the duration of the mission.
+
+    Parameters
+    ----------
+    vehicles : StartPose or mapping of str to StartPose
+        Vehicles by name; a single pose is a vehicle named ``vehicle``.
+    beacons : mapping of str to Beacon
+    ranges : TravelTimeTable, Medium, RangeModel or float
+        Range model: a table; eigenrays in a medium; any model of `pymantaray.estimation`; or a sound speed [m/s]. The
+        table's standard deviation over its ensemble of oceans adds to that of each range.
+    start : float
+        Time of the start poses. [s]
+    lag : float
+        Longest delay of a measurement. [s]
+    gate : float
+        A range whose innovation exceeds this number of standard deviations is not used; ``inf`` uses all ranges.
+
+    Raises
+    ------
+    OnlineError
+        If a value is not finite or not allowed, or two members have the same name.
+
+    Examples
+    --------
+    >>> estimator = OnlineEstimator(StartPose((0.0, 0.0, 50.0)), {"B": Beacon((1000.0, 0.0, 50.0))}, 1500.0)
+    >>> for k in range(1, 101):
+    ...     step = estimator.add_odometry(0.1 * k, (0.15, 0.0, 0.0), (0.0, 0.0, 0.0), [1e-5] * 3 + [0.01] * 3)
+    >>> estimator.add_range(8.0, "B", 0.66, 0.001).name
+    'USED'
+    >>> print(estimator.position().round(1))
+    [13.2  0.  50. ]
+    """
+
+    def __init__(
+        self,
+        vehicles: StartPose | Mapping[str, StartPose],
+        beacons: Mapping[str, Beacon],
+        ranges: Ranges,
+        *,
+        start: float = 0.0,
+        lag: float = 60.0,
+        gate: float = 4.0,
+    ) -> None:
+        fleet = {"vehicle": vehicles} if isinstance(vehicles, StartPose) else dict(vehicles)
+        if not fleet:
+            raise OnlineError("vehicles: found none; at least one is needed")
+        for name in fleet:
+            if name in beacons:
+                raise OnlineError(f"{name}: the name of a vehicle and of a beacon; names must differ")
+        _check_time("start", start)
+        check_number(OnlineError, "lag", lag, "s", positive=True)
+        if not gate > 0.0:
+            raise OnlineError(f"gate is {gate:g} standard deviations; it must be positive")
+        for name, beacon in beacons.items():
+            check_number(OnlineError, f"sigma of beacon {name}", beacon.sigma, "m")
+        unknown = [name for name, beacon in beacons.items() if beacon.sigma > 0.0]
+        fixed = [name for name in beacons if name not in unknown]
+        places = [
+            checked_array(OnlineError, f"beacon {name}", beacons[name].position, (3,)) for name in fixed
+        ]
+        model, uncertainty = range_model_of(ranges)
+        self._vehicles, self._beacons = list(fleet), unknown + fixed
+        self._timeline = Timeline(
+            _start_state(fleet, {name: beacons[name] for name in unknown}, float(start)),
+            Ranging(model, uncertainty, np.array(places).reshape(-1, 3)),
+            lag=float(lag),
+            gate=float(gate),
+            horizon=float(start),
+        )
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        """Names of the vehicles."""
+        return tuple(self._vehicles)
+
+    @property
+    def beacons(self) -> tuple[str, ...]:
+        """Names of the beacons."""
+        return tuple(self._beacons)
+
+    def add_odometry(
+        self,
+        time: float,
+        translation: ArrayLike,
+        rotation: ArrayLike,
+        sigma: ArrayLike,
+        *,
+        vehicle: str | None = None,
+    ) -> Outcome:
+        """
+        Add the motion of a vehicle since its previous odometry.
+
+        Parameters
+        ----------
+        time : float
+            End of the step. [s]
+        translation : array_like, shape (3,)
+            In the axes of the body at the start of the step: forward, right, down. [m]
+        rotation : array_like, shape (3,)
+            Rotation vector from the body at the start to the body at the end. [rad]
+        sigma : array_like, shape (6,)
+            Standard deviations of rotation [rad] and translation [m] of this step.
+        vehicle : str, optional
+            May be omitted if there is one vehicle.
+
+        Returns
+        -------
+        Outcome
+            USED, TOO_LATE or DUPLICATE.
+
+        Raises
+        ------
+        OnlineError
+            If a value is not finite, or another step ends at this time.
+        """
+        who = self._vehicle(vehicle)
+        what = f"odometry of {self._vehicles[who]}"
+        _check_time(what, time)
+        values = (
+            checked_array(OnlineError, f"{what}: translation", translation, (3,)),
+            checked_array(OnlineError, f"{what}: rotation", rotation, (3,)),
+            _sigmas(f"{what}: sigma", sigma, 6, zero=True),
+        )
+        return self._add(time, Kind.ODOMETRY, (who,), np.concatenate(values).tolist())
+
+    def add_depth(self, time: float, depth: float, sigma: float, *, vehicle: str | None = None) -> Outcome:
+        """
+        Add a measured depth.
+
+        Parameters
+        ----------
+        time : float
+            [s]
+        depth : float
+            Positive down. [m]
+        sigma : float
+            Standard deviation. [m]
+        vehicle : str, optional
+            May be omitted if there is one vehicle.
+
+        Returns
+        -------
+        Outcome
+        """
+        who = self._vehicle(vehicle)
+        what = f"depth of {self._vehicles[who]}"
+        _check_time(what, time)
+        value = checked_array(OnlineError, what, depth, ())
+        sigmas = _sigmas(f"{what}: sigma", sigma, 1)
+        return self._add(time, Kind.DEPTH, (who,), [float(value), *sigmas.tolist()])
+
+    def add_fix(
+        self, time: float, position: ArrayLike, sigma: ArrayLike, *, vehicle: str | None = None
+    ) -> Outcome:
+        """
+        Add a position fix, such as GNSS at the surface.
+
+        Parameters
+        ----------
+        time : float
+            [s]
+        position : array_like, shape (3,)
+            North, east, down. [m]
+        sigma : array_like, shape (3,) or ()
+            Standard deviations. [m]
+        vehicle : str, optional
+            May be omitted if there is one vehicle.
+
+        Returns
+        -------
+        Outcome
+        """
+        who = self._vehicle(vehicle)
+        what = f"fix of {self._vehicles[who]}"
+        _check_time(what, time)
+        place = checked_array(OnlineError, what, position, (3,))
+        return self._add(
+            time, Kind.FIX, (who,), [*place.tolist(), *_sigmas(f"{what}: sigma", sigma, 3).tolist()]
+        )
+
+    def add_range(
+        self,
+        time: float,
+        source: str,
+        travel_time: float,
+        sigma: float,
+        *,
+        vehicle: str | None = None,
+        sound_speed: float | None = None,
+    ) -> Outcome:
+        """
+        Add a travel time from a beacon, or from another vehicle, to a vehicle.
+
+        Parameters
+        ----------
+        time : float
+            Time at which the vehicle hears the ping. A vehicle that pings is assumed to be at its position of that time. [s]
+        source : str
+            Beacon or vehicle that transmits.
+        travel_time : float
+            One way, or half of a round trip without the turn-around time. [s]
+        sigma : float
+            Standard deviation of the travel time. [s]
+        vehicle : str, optional
+            Vehicle that hears the ping. May be omitted if there is one vehicle.
+        sound_speed : float, optional
+            Measured at the source, for the range model ``TransmitterSpeed``. [m/s]
+
+        Returns
+        -------
+        Outcome
+
+        Raises
+        ------
+        OnlineError
+            If a name is unknown, or a value is not finite.
+        """
+        who = self._vehicle(vehicle)
+        members = self._vehicles + self._beacons
+        if source not in members or source == self._vehicles[who]:
+            allowed = [name for name in members if name != self._vehicles[who]]
+            raise OnlineError(f"source {source!r}: unknown; allowed: {', '.join(allowed) or 'none'}")
+        what = f"range from {source} to {self._vehicles[who]}"
+        _check_time(what, time)
+        check_number(OnlineError, f"{what}: travel time", travel_time, "s")
+        if sound_speed is not None:
+            check_number(OnlineError, f"{what}: sound speed", sound_speed, "m/s", positive=True)
+        elif isinstance(self._timeline.ranging.model, TransmitterSpeed):
+            raise OnlineError(f"{what}: no sound speed; the range model TransmitterSpeed needs one")
+        values = [
+            float(travel_time),
+            *_sigmas(f"{what}: sigma", sigma, 1).tolist(),
+            float(sound_speed or 0.0),
+        ]
+        return self._add(time, Kind.RANGE, (members.index(source), who), values)
+
+    def pose(self, time: float | None = None, *, vehicle: str | None = None) -> PoseEstimate:
+        """
+        Return the pose of a vehicle from all measurements up to a time.
+
+        Parameters
+        ----------
+        time : float, optional
+            Within the lag. By default the end of the vehicle's odometry. [s]
+        vehicle : str, optional
+            May be omitted if there is one vehicle.
+
+        Returns
+        -------
+        PoseEstimate
+
+        Raises
+        ------
+        OnlineError
+            If the time is before the lag or after the end of the odometry.
+        """
+        who = self._vehicle(vehicle)
+        front = self._timeline.front(who)
+        at = front if time is None else float(time)
+        _check_time("time", at)
+        if at > front:
+            raise OnlineError(
+                f"time {at:g} s: after the last odometry of {self._vehicles[who]} at {front:g} s"
+            )
+        if at < self._timeline.horizon:
+            raise OnlineError(
+                f"time {at:g} s: before the lag, which begins at {self._timeline.horizon:g} s; ask earlier or choose a"
+                f" longer lag than {self._timeline.lag:g} s"
+            )
+        state, own = self._timeline.state_at(who, at), slice(SIZE * who, SIZE * (who + 1))
+        return PoseEstimate(
+            at,
+            state.position[who].copy(),
+            quaternion_from_matrix(state.rotation[who]),
+            state.covariance[own, own].copy(),
+        )
+
+    def position(self, time: float | None = None, *, vehicle: str | None = None) -> Array:
+        """
+        Return the position of a vehicle: north, east, down. [m].
+
+        Parameters
+        ----------
+        time : float, optional
+            As in `pose`. [s]
+        vehicle : str, optional
+            May be omitted if there is one vehicle.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+        """
+        return self.pose(time, vehicle=vehicle).position
+
+    def covariance(self, time: float | None = None, *, vehicle: str | None = None) -> Array:
+        """
+        Return the covariance of the position of a vehicle. [m²].
+
+        Parameters
+        ----------
+        time : float, optional
+            As in `pose`. [s]
+        vehicle : str, optional
+            May be omitted if there is one vehicle.
+
+        Returns
+        -------
+        ndarray, shape (3, 3)
+        """
+        return self.pose(time, vehicle=vehicle).covariance[3:, 3:]
+
+    def counts(self) -> dict[str, int]:
+        """
+        Return the number of depths, fixes and ranges with each outcome.
+
+        Returns
+        -------
+        dict
+            Name of the outcome in lower case, and the number.
+        """
+        return {outcome.name.lower(): n for outcome, n in self._timeline.counts().items()}
+
+    def save(self, path: Path | str) -> None:
+        """
+        Save the state in one file, which is replaced atomically.
+
+        Parameters
+        ----------
+        path : pathlib.Path or str
+            The range model is not saved.
+        """
+        line = self._timeline
+        content = {
+            "vehicles": self._vehicles,
+            "beacons": self._beacons,
+            "model": type(line.ranging.model).__name__,
+            "lag": line.lag,
+            "gate": line.gate if math.isfinite(line.gate) else None,
+            "horizon": line.horizon,
+            "fixed": line.ranging.fixed.tolist(),
+            "base": {name: np.asarray(value).tolist() for name, value in line.base._asdict().items()},
+            "events": line.events,
+            "waiting": line.waiting,
+            "total": {outcome.name: n for outcome, n in line.total.items()},
+        }
+        write_state(content, path)
+
+    @classmethod
+    def restore(cls, path: Path | str, ranges: Ranges) -> Self:
+        """
+        Restore an estimator, which continues with the same numbers to the last digit.
+
+        Parameters
+        ----------
+        path : pathlib.Path or str
+            File from `save`.
+        ranges : TravelTimeTable, Medium, RangeModel or float
+            The same range model as before.
+
+        Returns
+        -------
+        OnlineEstimator
+
+        Raises
+        ------
+        OnlineError
+            If the file is missing, damaged, of another format, or the range model has another type.
+        """
+        content = read_state(path)
+        model, uncertainty = range_model_of(ranges)
+        if type(model).__name__ != content["model"]:
+            raise OnlineError(
+                f"{path}: saved with the range model {content['model']}; found {type(model).__name__}"
+            )
+        base = content["base"]
+        rotation, position, covariance = (
+            np.array(base[name]) for name in ("rotation", "position", "covariance")
+        )
+        self = cls.__new__(cls)
+        self._vehicles, self._beacons = content["vehicles"], content["beacons"]
+        self._timeline = Timeline(
+            State(rotation, position, covariance, tuple(base["time"]), tuple(base["begin"])),
+            Ranging(model, uncertainty, np.array(content["fixed"]).reshape(-1, 3)),
+            lag=content["lag"],
+            gate=math.inf if content["gate"] is None else content["gate"],
+            horizon=content["horizon"],
+        )
+        self._timeline.total = Counter({Outcome[name]: n for name, n in content["total"].items()})
+        self._timeline.load(_events(content["events"]), _events(content["waiting"]))
+        return self
+
+    def _add(self, time: float, kind: Kind, members: tuple[int, ...], values: list[float]) -> Outcome:
+        if kind != Kind.ODOMETRY:
+            line = self._timeline
+            newest = max(line.front(v) for v in range(len(self._vehicles)))
+            if time > newest + line.lag:
+                raise OnlineError(
+                    f"{kind.name.lower()} at {time:g} s: more than the lag of {line.lag:g} s after the last odometry at"
+                    f" {newest:g} s; check the clock"
+                )
+        return self._timeline.add(Event(float(time), kind, members, tuple(values)))
+
+    def _vehicle(self, name: str | None) -> int:
+        if name is None and len(self._vehicles) == 1:
+            return 0
+        if name not in self._vehicles:
+            found = "missing" if name is None else f"{name!r} is unknown"
+            raise OnlineError(f"vehicle: {found}; allowed: {', '.join(self._vehicles)}")
+        return self._vehicles.index(name)
+
+
+def _start_state(fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], start: float) -> State:
+    """State of the vehicles at their start poses and of the beacons with unknown positions."""
+    n, size = len(fleet), len(fleet) + len(unknown)
+    rotation, position = np.tile(np.eye(3), (size, 1, 1)), np.zeros((size, 3))
+    covariance = np.zeros((SIZE * size, SIZE * size))
+    for k, (name, pose) in enumerate(fleet.items()):
+        position[k] = checked_array(OnlineError, f"position of {name}", pose.position, (3,))
+        quaternion = checked_array(OnlineError, f"quaternion of {name}", pose.quaternion, (4,))
+        try:
+            rotation[k] = matrix_from_quaternion(quaternion)
+        except GeometryError as error:
+            raise OnlineError(f"{name}: {error}") from None
+        to_world = np.eye(SIZE)
+        to_world[3:, 3:] = rotation[k]
+        own = slice(SIZE * k, SIZE * (k + 1))
+        variance = _sigmas(f"sigma of {name}", pose.sigma, SIZE, zero=True) ** 2
+        covariance[own, own] = (to_world * variance) @ to_world.T
+    for k, (name, beacon) in enumerate(unknown.items(), start=n):
+        position[k] = checked_array(OnlineError, f"beacon {name}", beacon.position, (3,))
+        own = slice(SIZE * k + 3, SIZE * (k + 1))
+        covariance[own, own] = np.eye(3) * beacon.sigma**2
+    return State(rotation, position, covariance, (start,) * n, (start,) * n)
+
+
+def _events(rows: Sequence[Any]) -> list[Event]:
+    return [Event(time, Kind(kind), tuple(members), tuple(values)) for time, kind, members, values in rows]
+
+
+def _check_time(what: str, time: float) -> None:
+    if not math.isfinite(time):
+        raise OnlineError(f"{what}: time is {time}; it must be a finite number of seconds")
+
+
+def _sigmas(what: str, sigma: ArrayLike, size: int, *, zero: bool = False) -> Array:
+    """Standard deviations, one or one each; zero is allowed on request."""
+    given = np.asarray(sigma, dtype=float)
+    values = checked_array(OnlineError, what, np.full(size, given) if given.ndim == 0 else given, (size,))
+    if (values < 0.0).any() or (not zero and (values == 0.0).any()):
+        raise OnlineError(f"{what} is {values.min():g}; it must be {'zero or ' if zero else ''}positive")
+    return values

@@ -1,0 +1,324 @@
+"""The estimator on board against the batch solver, in any order of arrival, after a restart, and with invalid input."""
+
+import json
+import math
+from dataclasses import replace
+
+import factories
+import numpy as np
+import pytest
+from refusals import refused
+
+from pymantaray.acoustics import Medium
+from pymantaray.errors import OnlineError
+from pymantaray.estimation import (
+    GraphSolver,
+    MeanSlowness,
+    SolveOptions,
+    TransmitterSpeed,
+    build_graph,
+    dead_reckon,
+)
+from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.geometry.se3 import matrix_from_quaternion, se3_exp, so3_exp, so3_log
+from pymantaray.online import Beacon, OnlineEstimator, Outcome, StartPose
+from pymantaray.online.range_model import TableModel
+
+SPEED = 1500.0  # m/s
+START = StartPose((0.0, 0.0, 50.0), sigma=[0.001, 0.001, 0.01, 5.0, 5.0, 0.5])
+BEACONS = {"north": Beacon((900.0, 100.0, 20.0)), "east": Beacon((-100.0, 800.0, 30.0), 1.0)}
+STEP_SIGMA = [1e-4] * 3 + [0.005] * 3
+
+
+def feed(estimator, calls):
+    """Outcomes of calls ``(method, arguments, options)``."""
+    return [getattr(estimator, f"add_{name}")(*arguments, **options) for name, arguments, options in calls]
+
+
+def mission(seconds=60.0, *, period=0.1, seed=1):
+    """Calls of a vehicle that turns slowly, with depths each second and pings every 7.03 s, and its true positions by time."""
+    rng = np.random.default_rng(seed)
+    calls, truth, rotation, position = [], {}, np.eye(3), np.array([0.0, 0.0, 50.0])
+    way, turn = np.array([1.5, 0.0, 0.02]) * period, np.array([0.0, 0.0, 0.02]) * period
+    pings = np.arange(3.5, seconds - 1.0, 7.03)
+    for k in range(round(seconds / period)):
+        begin, end = k * period, (k + 1) * period
+        for ping in pings[(pings > begin) & (pings <= end)]:
+            here = position + (ping - begin) / period * rotation @ way
+            for name, beacon in BEACONS.items():
+                time = np.linalg.norm(here - beacon.position) / SPEED + 2e-4 * rng.standard_normal()
+                calls.append(("range", (float(ping), name, float(time), 2e-4), {}))
+        position, rotation = position + rotation @ way, rotation @ so3_exp(turn)
+        noise = np.array(STEP_SIGMA) * rng.standard_normal(6)
+        calls.append(("odometry", (end, way + noise[3:], turn + noise[:3], STEP_SIGMA), {}))
+        if k % 10 == 9:
+            calls.append(("depth", (end, position[2] + 0.05 * rng.standard_normal(), 0.05), {}))
+        truth[end] = position
+    return calls, truth
+
+
+def new(**options):
+    return OnlineEstimator(START, BEACONS, SPEED, **options)
+
+
+def assert_same_pose(one, other):
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear():
+    fleet = factories.make_fleet(seed=4, gnss_every=8, n_landmarks=2, n_vehicles=2)
+    o = fleet.noise_free
+    sigmas = ("odometry_sigma", "first_sigma", "depth_sigma", "gnss_sigma", "range_sigma", "landmark_sigma")
+    o = factories.add_noise(replace(o, **{name: 1e-3 * getattr(o, name) for name in sigmas}), 5)
+    poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, -1:].T
+    start = factories.values_at(o, *dead_reckon(o))
+    batch = GraphSolver(SolveOptions(step_tolerance=1e-9)).solve(
+        build_graph(o, "straight"), start, covariance_poses=poses
+    )
+    names = ["A", "B", "L1", "L2"]
+    vehicles = {
+        name: StartPose(*pose)
+        for name, pose in zip(
+            names, zip(o.first_position, o.first_quaternion, o.first_sigma, strict=True), strict=False
+        )
+    }
+    beacons = {
+        name: Beacon(*beacon)
+        for name, beacon in zip(
+            names[2:], zip(o.landmark_position, o.landmark_sigma, strict=True), strict=True
+        )
+    }
+    estimator = OnlineEstimator(vehicles, beacons, SPEED, lag=1e4, gate=math.inf)
+    rotation = so3_log(matrix_from_quaternion(o.odometry_rotation))
+    for v, name in enumerate(names[:2]):
+        for k, time in enumerate(o.time):
+            if k:
+                step = o.odometry_translation[v, k - 1], rotation[v, k - 1], o.odometry_sigma[v, k - 1]
+                estimator.add_odometry(time, *step, vehicle=name)
+            estimator.add_depth(time, o.depth[v, k], o.depth_sigma[v], vehicle=name)
+    for v, k, place, sigma in zip(o.gnss_vehicle, o.gnss_sample, o.gnss_position, o.gnss_sigma, strict=True):
+        estimator.add_fix(o.time[k], place, sigma, vehicle=names[v])
+    rows = zip(
+        o.range_transmitter, o.range_receiver, o.range_sample, o.straight_range, o.range_sigma, strict=True
+    )
+    for a, b, k, distance, sigma in rows:
+        source, vehicle = (a, b) if b < 2 else (b, a)
+        estimator.add_range(o.time[k], names[source], distance / SPEED, sigma / SPEED, vehicle=names[vehicle])
+    assert estimator.counts()["used"] == o.depth.size + o.gnss_vehicle.size + o.range_sample.size
+    for v, name in enumerate(names[:2]):
+        sigma = np.sqrt(np.diag(batch.covariances.position[0, v, :, v]))
+        off = estimator.position(vehicle=name) - batch.position[poses[0, v]]
+        assert (np.abs(off) < 0.02 * sigma).all(), off / sigma
+        np.testing.assert_allclose(
+            estimator.covariance(vehicle=name),
+            batch.covariances.position[0, v, :, v],
+            rtol=0,
+            atol=5e-3 * sigma.max() ** 2,
+        )
+
+
+def test_ranges_reduce_the_error_of_dead_reckoning_and_the_covariance_covers_it():
+    calls, truth = mission()
+    with_ranges, without = new(gate=math.inf), new(gate=math.inf)
+    feed(with_ranges, calls)
+    feed(without, [call for call in calls if call[0] != "range"])
+    end = max(truth)
+    sigma = np.sqrt(np.diag(with_ranges.covariance()))
+    assert np.linalg.norm(sigma) < 0.5 * np.sqrt(np.trace(without.covariance()))
+    assert (np.abs(with_ranges.position() - truth[end]) < 4.0 * sigma).all()
+
+
+@pytest.mark.parametrize("delay", [2.0, 25.0])
+def test_the_order_of_arrival_does_not_change_a_digit(delay):
+    calls, _ = mission(35.0)
+    rng = np.random.default_rng(5)
+    arrival = [arguments[0] + delay * rng.random() for _, arguments, _ in calls]
+    in_order, late = new(lag=40.0), new(lag=40.0)
+    feed(in_order, calls)
+    outcomes = feed(late, [calls[k] for k in np.argsort(arrival)])
+    assert Outcome.TOO_LATE not in outcomes
+    assert Outcome.WAITING in outcomes, "some measurements arrive before their odometry"
+    assert late.counts() == in_order.counts()
+    for time in (12.0, 20.05, None):
+        assert_same_pose(in_order.pose(time), late.pose(time))
+
+
+def test_a_pose_within_a_step_is_that_of_two_half_steps():
+    twist, sigma = np.array([0.1, -0.2, 0.4, 1.5, 0.3, -0.2]), np.full(6, 1e-3)
+    whole, halves = new(), new()
+    for estimator, n in ((whole, 1), (halves, 2)):
+        turn, way = se3_exp(twist / n)
+        for k in range(n):
+            estimator.add_odometry((k + 1) / n, way, so3_log(turn), sigma / np.sqrt(n))
+        assert estimator.add_depth(0.5, 50.2, 0.1) == Outcome.USED
+    for time in (0.5, 1.0):
+        for one, other in zip(whole.pose(time), halves.pose(time), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+    assert not np.allclose(whole.position(0.25), whole.position(0.5))
+
+
+def test_a_restored_estimator_continues_with_the_same_digits(tmp_path):
+    calls, _ = mission(50.0)
+    file = tmp_path / "state.json"
+    whole, first = new(lag=10.0), new(lag=10.0)
+    half = len(calls) // 2 + 3
+    feed(whole, calls)
+    early = ("range", (calls[half][1][0] + 0.3, "north", 0.6, 2e-4), {})
+    feed(first, calls[:half])
+    first.save(file)
+    second = OnlineEstimator.restore(file, SPEED)
+    assert_same_pose(first.pose(), second.pose())
+    assert second.counts() == first.counts()
+    for estimator in (first, second):
+        feed(estimator, [early, *calls[half:]])
+    assert_same_pose(first.pose(), second.pose())
+    third = OnlineEstimator.restore(file, SPEED)
+    feed(third, calls[half:])
+    assert_same_pose(third.pose(), whole.pose())
+    assert_same_pose(third.pose(45.033), whole.pose(45.033))
+    assert third.counts() == whole.counts()
+    assert [path.name for path in tmp_path.iterdir()] == ["state.json"]
+
+
+def test_memory_does_not_grow_with_the_mission(tmp_path):
+    calls, _ = mission(100.0)
+    estimator, sizes = new(lag=5.0), []
+    for k in range(0, len(calls), 250):
+        feed(estimator, calls[k : k + 250])
+        estimator.save(tmp_path / "state.json")
+        sizes.append((tmp_path / "state.json").stat().st_size)
+    assert max(sizes[1:]) < 1.2 * min(sizes[1:]), sizes
+    with_history = vars(estimator._timeline)
+    assert all(len(with_history[name]) < 80 for name in ("events", "waiting", "_states"))
+
+
+def test_a_later_arrival_is_gated_and_leaves_the_pose_as_it_is():
+    calls, _ = mission()
+    plain, gated = new(), new()
+    feed(plain, calls)
+    feed(gated, calls)
+    found = gated.add_range(59.0, "north", 0.75, 2e-4)
+    assert found == Outcome.GATED
+    np.testing.assert_allclose(gated.position(), plain.position(), rtol=0, atol=1e-6)
+    assert gated.counts()["gated"] == plain.counts()["gated"] + 1
+    wide = new(gate=math.inf)
+    feed(wide, calls)
+    assert wide.add_range(59.0, "north", 0.75, 2e-4) == Outcome.USED
+
+
+def test_measurements_wait_for_odometry_repeat_or_are_too_late():
+    estimator = new(lag=10.0)
+    step = ((1.5, 0.0, 0.0), (0.0, 0.0, 0.0), STEP_SIGMA)
+    assert estimator.add_depth(0.5, 50.0, 0.1) == Outcome.WAITING
+    assert estimator.add_depth(0.5, 50.0, 0.1) == Outcome.DUPLICATE
+    assert estimator.add_odometry(1.0, *step) == Outcome.USED
+    assert estimator.counts()["used"] == 1
+    assert estimator.add_odometry(1.0, *step) == Outcome.DUPLICATE
+    for k in range(2, 31):
+        estimator.add_odometry(float(k), *step)
+    assert estimator.add_depth(19.9, 50.0, 0.1) == Outcome.TOO_LATE
+    assert estimator.add_odometry(5.5, *step) == Outcome.TOO_LATE
+    assert estimator.add_depth(20.0, 50.0, 0.1) == Outcome.USED
+    counts = estimator.counts()
+    assert (counts["too_late"], counts["duplicate"], counts["waiting"]) == (1, 1, 0)
+
+
+def test_a_table_predicts_travel_times_with_the_derivatives_of_finite_differences(table):
+    model = TableModel(table)
+    transmitter = np.array([[0.0, 0.0, 60.0], [100.0, -50.0, 20.0]])
+    receiver = np.array([[900.0, 400.0, 150.0], [-600.0, 500.0, 90.0]])
+    links = RangeLinks(np.zeros(2), transmitter, receiver, np.zeros(2))
+    prediction = model.predict(links)
+    assert prediction.possible.all()
+    for name, gradient in (
+        ("transmitter", prediction.transmitter_gradient),
+        ("receiver", prediction.receiver_gradient),
+    ):
+        for axis in range(3):
+            push = np.zeros(3)
+            push[axis] = 0.01
+            ahead, back = (
+                model.predict(links._replace(**{name: getattr(links, name) + sign * push})).travel_time
+                for sign in (1.0, -1.0)
+            )
+            np.testing.assert_allclose(gradient[:, axis], (ahead - back) / 0.02, rtol=0, atol=2e-7)
+    far = links._replace(receiver=receiver + np.array([1e5, 0.0, 0.0]))
+    assert not model.predict(far).possible.any()
+
+
+def test_a_table_and_eigenrays_give_the_same_position_and_a_link_outside_is_not_used(table, water):
+    calls, _ = mission()
+    medium, _ = water.at_start
+    assert isinstance(medium, Medium)
+    by_table, by_rays = (OnlineEstimator(START, BEACONS, ranges, gate=math.inf) for ranges in (table, medium))
+    for estimator in (by_table, by_rays):
+        assert Outcome.NO_ARRIVAL not in feed(estimator, calls[:200])
+    np.testing.assert_allclose(by_table.position(), by_rays.position(), rtol=0, atol=0.3)
+    far = OnlineEstimator(START, {"far": Beacon((1e5, 0.0, 50.0))}, table)
+    assert far.add_range(0.0, "far", 66.0, 1e-3) == Outcome.NO_ARRIVAL
+
+
+def test_invalid_input_gives_one_line():
+    estimator = new(lag=10.0)
+    feed(estimator, mission(30.0)[0])
+    refused(OnlineError, "before the lag, which begins at 20 s", estimator.position, 5.0)
+    refused(OnlineError, "after the last odometry of vehicle at 30 s", estimator.position, 31.0)
+    refused(
+        OnlineError,
+        "'west': unknown; allowed: north, east|'west': unknown; allowed: east, north",
+        estimator.add_range,
+        29.0,
+        "west",
+        0.5,
+        1e-3,
+    )
+    refused(OnlineError, "'X' is unknown; allowed: vehicle", estimator.add_depth, 29.0, 5.0, 0.1, vehicle="X")
+    refused(OnlineError, "depth of vehicle", estimator.add_depth, 29.0, math.nan, 0.1)
+    refused(OnlineError, "time is nan", estimator.add_depth, math.nan, 5.0, 0.1)
+    refused(OnlineError, "sigma is 0; it must be positive", estimator.add_depth, 29.0, 5.0, 0.0)
+    refused(OnlineError, "travel time is nan s", estimator.add_range, 29.0, "east", math.nan, 1e-3)
+    refused(OnlineError, "more than the lag", estimator.add_depth, 1e9, 5.0, 0.1)
+    refused(
+        OnlineError,
+        "another step ends at 30 s",
+        estimator.add_odometry,
+        30.0,
+        [1, 0, 0],
+        [0, 0, 0],
+        STEP_SIGMA,
+    )
+    refused(
+        OnlineError,
+        "translation: 1 of 3",
+        estimator.add_odometry,
+        31.0,
+        [math.nan, 0, 0],
+        [0, 0, 0],
+        STEP_SIGMA,
+    )
+    refused(OnlineError, "lag is 0 s", new, lag=0.0)
+    refused(OnlineError, "gate is 0", new, gate=0.0)
+    refused(OnlineError, "names must differ", OnlineEstimator, {"north": START}, BEACONS, SPEED)
+    refused(
+        OnlineError, "missing; allowed: A, B", OnlineEstimator({"A": START, "B": START}, {}, SPEED).position
+    )
+    by_transmitter = OnlineEstimator(START, BEACONS, TransmitterSpeed())
+    refused(OnlineError, "needs one", by_transmitter.add_range, 0.0, "east", 0.5, 1e-3)
+    refused(OnlineError, "found str; it must be", OnlineEstimator, START, BEACONS, "1500")
+
+
+def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
+    file = tmp_path / "state.json"
+    estimator = new()
+    estimator.save(file)
+    refused(OnlineError, "cannot be read", OnlineEstimator.restore, tmp_path / "none.json", SPEED)
+    profile = MeanSlowness([0.0, 100.0], [1500.0, 1501.0])
+    refused(OnlineError, "saved with the range model ConstantSpeed", OnlineEstimator.restore, file, profile)
+    head, content = file.read_text().splitlines()
+    file.write_text(f"{head}\n{content.replace('50.0', '51.0', 1)}\n")
+    refused(OnlineError, "checksum", OnlineEstimator.restore, file, SPEED)
+    file.write_text(json.dumps({**json.loads(head), "format": 9}) + f"\n{content}\n")
+    refused(OnlineError, "format 9; this version of pymantaray reads", OnlineEstimator.restore, file, SPEED)
+    file.write_text("hello")
+    refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
