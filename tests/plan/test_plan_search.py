@@ -105,7 +105,7 @@ def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
         tmp_path,
         free={"landmarks.T.depth": [300.0], "mission.ping_interval_h": [2.0, 1.0]},
         objectives=["error", "lost"],
-        oceans=[{}, {"source": "synthetic:fram"}],
+        oceans=[{}, {"source": "synthetic:fram", "centre_lat": 78.0, "centre_lon": 0.0}],
         lost_of="T",
     )
     (tmp_path / "out").mkdir()

@@ -49,11 +49,11 @@ def plan(
     written = {}
     if files.out is not None:
         results.write_best(files.out, replace=files.force)
-        written["best"] = files.out
+        written["study"] = files.out
     if files.table is not None:
         with whole_file(files.table, replace=files.force) as temporary:
             temporary.write_text(results.table.to_csv(), encoding="utf-8")
-        written["table"] = files.table
+        written["csv"] = files.table
     with printing.printer() as printed:
         printed.table(results.table)
         for sentence in results.sentences:

@@ -69,8 +69,9 @@ def search_designs(
         else:
             evaluations.scores([plan.lists_at(number) for number in range(plan.size)])
     base, *rest = evaluations.all
-    if all(scores[0].failure for _, scores in rest):
-        raise PlanError(f"{plan.source}: all designs fail; the first one: {rest[0][1][0].failure}")
+    failures = [next((one.failure for one in scores if one.failure), "") for _, scores in rest]
+    if all(failures):
+        raise PlanError(f"{plan.source}: all designs fail; the first one: {failures[0]}")
     return PlanResults(plan, [design for design, _ in rest], [scores for _, scores in rest], base[1])
 
 
@@ -98,7 +99,7 @@ class _Evaluations:
     def _report(self, results: dict[str, list[Scores]]) -> None:
         if self._progress is not None:
             every = [*results.values(), *(scores for _, scores in self._by_key.values())]
-            failed = sum(bool(scores[0].failure) for scores in every)
+            failed = sum(any(one.failure for one in scores) for scores in every)
             self._progress(len(every) - failed, failed, max(self._most, len(every)))
 
 
