@@ -278,6 +278,10 @@ static inline void mantaray_look_up(
     double by_source = straight * gradient[0] * MANTARAY_SLOWNESS - slowness * down / straight;
     double by_receiver = straight * gradient[1] * MANTARAY_SLOWNESS + slowness * down / straight;
     double interpolated = straight * slowness;
+    if (time != NULL && !(fabs(interpolated - *time) <= 1e-9 * *time)) { /* the search met places without an arrival */
+        r->status = MANTARAY_BORDER;
+        return;
+    }
     r->surface_bounces = t->surface_bounces[cell.number];
     r->bottom_bounces = t->bottom_bounces[cell.number];
     r->horizontal_range = distance;
@@ -297,29 +301,34 @@ static inline void mantaray_travel_time(
     mantaray_look_up(t, mantaray_sector(t, bearing), place, NULL, result);
 }
 
+#define MANTARAY_GUESSES 7
+
+/* Horizontal range at a travel time and a difference of depth with one of the mean slownesses to begin with. */
+static inline double mantaray_first_range(double travel_time, double down, int attempt) {
+    static const double guesses[MANTARAY_GUESSES] = {0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024};
+    double straight = travel_time / ((1.0 + guesses[attempt]) * MANTARAY_SLOWNESS);
+    double square = straight * straight - down * down;
+    return sqrt(square > 0.0 ? square : 0.0);
+}
+
 /* Horizontal range at a travel time. */
 static inline void mantaray_horizontal_range(
     const mantaray_table *t, double source_depth, double receiver_depth, double travel_time, double bearing,
     mantaray_result *result) {
-    static const double guesses[7] = {0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024};
     double place[3] = {source_depth, receiver_depth, 0.0}, gradient[3];
-    double down = receiver_depth - source_depth, range = 0.0;
+    double down = receiver_depth - source_depth, range = mantaray_first_range(travel_time, down, 0);
     uint32_t sector = mantaray_sector(t, bearing);
     mantaray_cell cell;
-    int began = 0;
-    for (int n = 0; n < 7 + 4; n++) { /* Newton's method on the square of time as a function of the square of range */
-        if (!began) {
-            double first = travel_time / ((1.0 + (n < 7 ? guesses[n] : 0.0)) * MANTARAY_SLOWNESS);
-            double square = first * first - down * down;
-            range = sqrt(square > 0.0 ? square : 0.0);
-        }
+    int attempt = 0;
+    for (int n = 0; n < 16; n++) { /* Newton's method on the square of time as a function of the square of range */
         place[2] = range < t->lower[2] ? t->lower[2] : range > t->upper[2] ? t->upper[2] : range;
         mantaray_find(t, sector, place, &cell);
         if (cell.number < 0) {
-            if (began) break; /* no later step would move the range */
+            attempt++;
+            if (attempt >= MANTARAY_GUESSES) break;
+            range = mantaray_first_range(travel_time, down, attempt);
             continue;
         }
-        began = 1;
         double slowness = (1.0 + mantaray_mean(t, &cell, gradient, NULL)) * MANTARAY_SLOWNESS;
         double inside = place[2], straight = sqrt(inside * inside + down * down);
         double by_range = straight * gradient[2] * MANTARAY_SLOWNESS + slowness * inside / straight;

@@ -15,16 +15,11 @@ from pymantaray.online.interpolation import REFERENCE_SLOWNESS
 from pymantaray.records.base import Column, Record, column
 
 Array = NDArray[np.float64]
-_FIRST_GUESSES = (
-    0.0,
-    0.006,
-    -0.006,
-    0.012,
-    -0.012,
-    0.024,
-    -0.024,
+_GUESSES = np.array(
+    [0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024]
 )  # relative difference of the mean slowness from 1/1500 s/m
-_ITERATIONS = 4  # of Newton's method after the last guess
+_ITERATIONS = 16  # of Newton's method, those of all guesses together
+_CONVERGED = 1e-9  # relative difference between the travel times at the found range and the given one
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,22 +135,21 @@ class TravelTimeTable:
         Notes
         -----
         Newton's method on the square of the travel time as a function of the square of the range, which is almost linear. It
-        begins with a mean speed of 1500 m/s, or with a slightly different speed if there is no arrival at that range.
+        begins with a mean speed of 1500 m/s, and again with a slightly different one where it meets a place without an arrival.
         """
         places, sector = self._places(source_depth, receiver_depth, travel_time, bearing)
         time, down = places[:, 2].copy(), places[:, 1] - places[:, 0]
-        began, distance = np.zeros(time.size, dtype=np.bool_), np.zeros(time.size)
-        for first in (*_FIRST_GUESSES, *(0.0,) * _ITERATIONS):
-            straight = time / ((1.0 + first) * REFERENCE_SLOWNESS)
-            guess = np.sqrt(np.maximum(straight * straight - down * down, 0.0))
-            distance = np.where(began, distance, guess)
+        attempt = np.zeros(time.size, dtype=np.intp)
+        distance = _first_range(time, down, attempt)
+        for _ in range(_ITERATIONS):
             inside = places[:, 2] = np.clip(distance, self.lower[2], self.upper[2])
             at, by_range = self._slope(places, sector)
             has = np.isfinite(at)
-            began |= has
             with np.errstate(divide="ignore", invalid="ignore"):
                 square = inside * inside + (time * time - at * at) * inside / (at * by_range)
-            distance = np.where(has, np.sqrt(np.maximum(square, 0.0)), distance)
+            attempt = attempt + ~has
+            other = np.where(attempt < len(_GUESSES), _first_range(time, down, attempt), distance)
+            distance = np.where(has, np.sqrt(np.maximum(square, 0.0)), other)
         places[:, 2] = distance
         return self._look_up(places, sector, time)
 
@@ -218,20 +212,30 @@ class TravelTimeTable:
             by_source = gradient[:, 0] - slowness * down / straight
             by_receiver = gradient[:, 1] + slowness * down / straight
             found = straight * slowness
-        has = cell.number >= 0
+        has, status = cell.number >= 0, cell.status
+        if time is not None:
+            lost = has & ~(np.abs(found - time) <= _CONVERGED * time)
+            has, status = has & ~lost, np.where(lost, int(CellStatus.BORDER), status)
         number = np.maximum(cell.number, 0)
         return TableRanges(
-            status=cell.status.astype(np.int8),
+            status=status.astype(np.int8),
             horizontal_range=np.where(has, distance, np.nan),
             travel_time=np.where(has, found if time is None else time, np.nan),
-            range_by_time=1.0 / by_range,
-            range_by_source_depth=-by_source / by_range,
-            range_by_receiver_depth=-by_receiver / by_range,
-            range_by_scale=found / by_range,
-            range_sigma=found * mean.sigma / (1.0 + mean.value) / by_range,
+            range_by_time=np.where(has, 1.0 / by_range, np.nan),
+            range_by_source_depth=np.where(has, -by_source / by_range, np.nan),
+            range_by_receiver_depth=np.where(has, -by_receiver / by_range, np.nan),
+            range_by_scale=np.where(has, found / by_range, np.nan),
+            range_sigma=np.where(has, found * mean.sigma / (1.0 + mean.value) / by_range, np.nan),
             surface_bounces=np.where(has, _of_cells(self.tree.surface_bounces, number), 0),
             bottom_bounces=np.where(has, _of_cells(self.tree.bottom_bounces, number), 0),
         )
+
+
+def _first_range(time: Array, down: Array, attempt: NDArray[np.intp]) -> Array:
+    """Horizontal range at a travel time [s] and a difference of depth [m] with one of the mean slownesses to begin with."""
+    guess = _GUESSES[np.minimum(attempt, len(_GUESSES) - 1)]
+    straight = time / ((1.0 + guess) * REFERENCE_SLOWNESS)
+    return np.asarray(np.sqrt(np.maximum(straight * straight - down * down, 0.0)))
 
 
 def _of_cells(values: NDArray[np.uint8], number: NDArray[np.int64]) -> NDArray[np.int64]:
