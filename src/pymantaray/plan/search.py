@@ -140,10 +140,11 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
         values = [loss_of(objective, scores) for scores in evaluations.scores(designs)]
         return np.asarray(np.nan_to_num(np.array(values), nan=np.inf))
 
+    bounds: Any = [(limits.low, limits.high) for limits in plan.ranges.values()]
     for objective in plan.section.objectives:
         differential_evolution(
             partial(losses, objective),
-            [(limits.low, limits.high) for limits in plan.ranges.values()],
+            bounds,
             maxiter=max(generations, 1),
             popsize=population,
             rng=np.random.default_rng(plan.base.study.seed),

@@ -1,6 +1,7 @@
 """Events without the clock errors and the wrong positions that a replay of them found."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -36,13 +37,14 @@ def correct_events(events: Events, replay: Replay) -> Events:
     values = [name for name in ("offset_s", "drift") if name in clocks]
     known = clocks.assign(**{name: clocks[name].fillna(0.0) for name in values})
     wrong = clock_errors(pd.DataFrame(ends), known)
-    changes = {"travel_time": events.travel_time - np.nan_to_num(wrong)}
-    suspect = replay.nodes[replay.nodes["suspect"]].set_index("node")
+    changes: dict[str, Any] = {"travel_time": events.travel_time - np.nan_to_num(wrong)}
+    suspect = replay.nodes[replay.nodes["suspect"]]
+    offsets = suspect[["node", "north_m", "east_m"]].to_numpy(dtype=object)
     for end in ("source", "receiver"):
         name, position = getattr(events, end), getattr(events, f"{end}_position").copy()
-        for row in suspect.itertuples():
-            own = name == row.Index
-            position[own] = _moved(position[own], float(row.north_m), float(row.east_m), events.geographic)
+        for node, north, east in offsets.tolist():
+            own = name == node
+            position[own] = _moved(position[own], north, east, events.geographic)
         changes[f"{end}_position"] = position
     return replace(events, **changes)
 
@@ -50,7 +52,7 @@ def correct_events(events: Events, replay: Replay) -> Events:
 def _moved(position: Array, north: float, east: float, geographic: bool) -> Array:
     """Positions that are moved horizontally. [m]"""
     if not geographic:
-        return position + np.array([north, east, 0.0])
+        return np.asarray(position + np.array([north, east, 0.0]))
     azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(north, east)
     n = len(position)
     lon, lat, _ = _ELLIPSOID.fwd(position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance))
