@@ -54,6 +54,7 @@ typedef struct {
     uint32_t sectors, branches, cells, corners, sigmas;
     double lower[3], upper[3]; /* source depth, receiver depth, horizontal range */
     double tolerance;          /* bound of the error of an interpolated range */
+    double typical;            /* mean slowness at the first corner, with which searches begin */
 } mantaray_table;
 
 typedef struct {
@@ -154,6 +155,7 @@ static inline int mantaray_table_open(mantaray_table *t, const void *bytes, size
     t->status = t->sigma + 4 * (size_t)t->sigmas;
     t->surface_bounces = t->status + t->cells;
     t->bottom_bounces = t->surface_bounces + t->cells;
+    t->typical = (1.0 + (t->corners ? mantaray_f32(t->value) : 0.0)) * (1.0 / 1500.0);
     return mantaray_check(t);
 }
 
@@ -304,9 +306,9 @@ static inline void mantaray_travel_time(
 #define MANTARAY_GUESSES 7
 
 /* Horizontal range at a travel time and a difference of depth with one of the mean slownesses to begin with. */
-static inline double mantaray_first_range(double travel_time, double down, int attempt) {
+static inline double mantaray_first_range(double travel_time, double down, int attempt, double typical) {
     static const double guesses[MANTARAY_GUESSES] = {0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024};
-    double straight = travel_time / ((1.0 + guesses[attempt]) * MANTARAY_SLOWNESS);
+    double straight = travel_time / ((1.0 + guesses[attempt]) * typical);
     double square = straight * straight - down * down;
     return sqrt(square > 0.0 ? square : 0.0);
 }
@@ -316,7 +318,7 @@ static inline void mantaray_horizontal_range(
     const mantaray_table *t, double source_depth, double receiver_depth, double travel_time, double bearing,
     mantaray_result *result) {
     double place[3] = {source_depth, receiver_depth, 0.0}, gradient[3];
-    double down = receiver_depth - source_depth, range = mantaray_first_range(travel_time, down, 0);
+    double down = receiver_depth - source_depth, range = mantaray_first_range(travel_time, down, 0, t->typical);
     uint32_t sector = mantaray_sector(t, bearing);
     mantaray_cell cell;
     int attempt = 0;
@@ -326,7 +328,7 @@ static inline void mantaray_horizontal_range(
         if (cell.number < 0) {
             attempt++;
             if (attempt >= MANTARAY_GUESSES) break;
-            range = mantaray_first_range(travel_time, down, attempt);
+            range = mantaray_first_range(travel_time, down, attempt, t->typical);
             continue;
         }
         double slowness = (1.0 + mantaray_mean(t, &cell, gradient, NULL)) * MANTARAY_SLOWNESS;

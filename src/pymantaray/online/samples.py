@@ -14,9 +14,9 @@ from pymantaray.records import RayStatus
 Array = NDArray[np.float64]
 NO_ARRIVAL, OUTSIDE = -1, -2
 """Families of places without an arrival, and outside the water."""
-_SEVERAL = (
+_PER_ARRIVAL = (
     1 << 20
-)  # added to the number of a family if there are other arrivals: a fold bounds places with several
+)  # added to the number of a family for each of several arrivals: a fold separates different numbers
 
 
 class Samples(NamedTuple):
@@ -34,8 +34,8 @@ class Samples(NamedTuple):
     slowness : ndarray, shape (n,)
         Horizontal component of the slowness at the receiver, the derivative of travel time by range. [s/m]
     family : ndarray of int, shape (n,)
-        Number that is equal for arrivals with equal numbers of reflections and caustics, and with or without other arrivals with these
-        numbers of reflections; negative without an arrival.
+        Number that is equal for arrivals with equal numbers of reflections and caustics, and as many
+        arrivals with these numbers of reflections; negative without an arrival.
     bounces : ndarray of int, shape (n, 2)
         Reflections at the surface and at the bottom.
     several : ndarray of bool, shape (n,)
@@ -111,8 +111,9 @@ class Radial:
         alike = (arrivals.surface_bounces == bounces[arrivals.link, 0]) & (
             arrivals.bottom_bounces == bounces[arrivals.link, 1]
         )
-        several = np.bincount(arrivals.link[alike], minlength=len(places)) > 1
-        family = np.where(several, family + _SEVERAL, family)
+        count = np.bincount(arrivals.link[alike], minlength=len(places))
+        several = count > 1
+        family = np.where(several, family + count * _PER_ARRIVAL, family)
         return Samples(*_mean_slowness(places, time, by_place), by_place[:, 2], family, bounces, several)
 
 

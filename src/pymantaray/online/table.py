@@ -17,7 +17,7 @@ from pymantaray.records.base import Column, Record, column
 Array = NDArray[np.float64]
 _GUESSES = np.array(
     [0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024]
-)  # relative difference of the mean slowness from 1/1500 s/m
+)  # relative differences from the mean slowness at the first corner
 _ITERATIONS = 16  # of Newton's method, those of all guesses together
 _CONVERGED = 1e-9  # relative difference between the travel times at the found range and the given one
 
@@ -135,12 +135,14 @@ class TravelTimeTable:
         Notes
         -----
         Newton's method on the square of the travel time as a function of the square of the range, which is almost linear. It
-        begins with a mean speed of 1500 m/s, and again with a slightly different one where it meets a place without an arrival.
+        begins with the mean slowness at the first corner of the table, and again with a slightly different one where it meets a
+        place without an arrival.
         """
         places, sector = self._places(source_depth, receiver_depth, travel_time, bearing)
         time, down = places[:, 2].copy(), places[:, 1] - places[:, 0]
-        attempt = np.zeros(time.size, dtype=np.intp)
-        distance = _first_range(time, down, attempt)
+        attempt, value = np.zeros(time.size, dtype=np.intp), self.tree.value
+        typical = (1.0 + (float(value[0, 0]) if value.size else 0.0)) * REFERENCE_SLOWNESS
+        distance = _first_range(time, down, attempt, typical)
         for _ in range(_ITERATIONS):
             inside = places[:, 2] = np.clip(distance, self.lower[2], self.upper[2])
             at, by_range = self._slope(places, sector)
@@ -148,7 +150,7 @@ class TravelTimeTable:
             with np.errstate(divide="ignore", invalid="ignore"):
                 square = inside * inside + (time * time - at * at) * inside / (at * by_range)
             attempt = attempt + ~has
-            other = np.where(attempt < len(_GUESSES), _first_range(time, down, attempt), distance)
+            other = np.where(attempt < len(_GUESSES), _first_range(time, down, attempt, typical), distance)
             distance = np.where(has, np.sqrt(np.maximum(square, 0.0)), other)
         places[:, 2] = distance
         return self._look_up(places, sector, time)
@@ -231,10 +233,10 @@ class TravelTimeTable:
         )
 
 
-def _first_range(time: Array, down: Array, attempt: NDArray[np.intp]) -> Array:
+def _first_range(time: Array, down: Array, attempt: NDArray[np.intp], typical: float) -> Array:
     """Horizontal range at a travel time [s] and a difference of depth [m] with one of the mean slownesses to begin with."""
     guess = _GUESSES[np.minimum(attempt, len(_GUESSES) - 1)]
-    straight = time / ((1.0 + guess) * REFERENCE_SLOWNESS)
+    straight = time / ((1.0 + guess) * typical)
     return np.asarray(np.sqrt(np.maximum(straight * straight - down * down, 0.0)))
 
 
