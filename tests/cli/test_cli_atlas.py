@@ -72,7 +72,7 @@ def test_what_cannot_be_is_one_line(mantaray, ocean_file, tmp_path, words, line)
 def test_who_leaves_out_run_is_told_of_it(mantaray, group):
     ran = mantaray(group, "ocean.nc", "--out", "atlas.nc")
     assert ran.code == 2
-    assert "No such command 'ocean.nc'; there are" in ran.err
+    assert "No such command 'ocean.nc'; allowed: " in ran.err
     assert f"mantaray {group} run ocean.nc" in ran.err
 
 

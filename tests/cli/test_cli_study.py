@@ -198,7 +198,7 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
     assert done.code == 130
     assert all(list(announced) == list(stages) for announced in stages.values())
     command = f"mantaray study report {run}"
-    assert done.err.splitlines()[-1] == f"the data are complete; for their report: {command}"
+    assert done.err.splitlines()[-1] == f"the data are complete; write their report with: {command}"
     monkeypatch.setattr(
         "pymantaray.report.write.run_figure_specs", lambda _: []
     )  # other tests look at figures

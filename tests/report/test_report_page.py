@@ -316,8 +316,8 @@ def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, r
     assert all(f"Position error, {name}" in many for name in conditions)
     assert few.count('class="card"') == len(headlines(RunResults(run))) <= 8
     assert "Refracted ranges: same graph" in few
-    assert "NEES: Squared position error" in reported.text
-    assert "NEES: Squared position error" not in few, "it has no covariances"
+    assert "NEES: Normalized estimation error squared" in reported.text
+    assert "NEES: Normalized estimation error squared" not in few, "it has no covariances"
     assert "water of 2014-07-15 12:00 UTC, seed 20140715" in few
     assert "Repeat with: mantaray study run config.toml" in few
 

@@ -236,7 +236,7 @@ A = (0.0, 0.0, 50.0)
     ("error", "line", "arguments", "options"),
     [
         (ServiceError, "time is nan; it must be a finite number", (np.nan, A, [A]), {}),
-        (AcousticsError, r"source: shape \(1, 2\); needs", (0.0, A[:2], [A]), {}),
+        (AcousticsError, r"source has shape \(1, 2\); it must be", (0.0, A[:2], [A]), {}),
         (AcousticsError, "receivers: 1 coordinates are not finite", (0.0, A, [(0.0, np.inf, 5.0)]), {}),
         (ServiceError, "source: 2 positions; a ping has one source", (0.0, [A, A], [A]), {}),
         (ServiceError, "velocity: one-way timing", (0.0, A, [A]), {"source_velocity": A}),

@@ -415,7 +415,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     run = measure(table, "synthetic:beaufort", 1800.0)
     centre = (run.ocean.attrs["centre_latitude_deg"], run.ocean.attrs["centre_longitude_deg"])
     (line,) = [record.getMessage() for record in caplog.records]
-    assert line.startswith(f"{table}: positions are local and no file names the centre of their frame")
+    assert line.startswith(f"{table}: positions are local and no file gives the centre of their frame")
     for part in centre:
         assert f"{abs(round(part, 3)):g} {'N' if part > 0 else 'W'}" in line
     assert "--centre" in line

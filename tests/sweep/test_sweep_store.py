@@ -112,7 +112,7 @@ def test_a_damaged_result_is_open_and_computed_again(here, noises, summaries, tm
     assert f"{key}.json: damaged or of another point; run the sweep again to replace it" in caplog.text
     assert damaged.table()["status"].tolist()[0] == "open"
     again = run_sweep(noises(2), tmp_path / "out")
-    assert f"{key}.json: damaged or of another point; it is removed and computed again" in caplog.text
+    assert f"{key}.json: damaged or of another point; removed and computed again" in caplog.text
     assert summaries(again) == summaries(results)
 
 
@@ -173,8 +173,8 @@ def test_points_of_other_code_are_computed_again_and_said_to_be(here, noises, tm
     assert open_sweep(out).status() == (2, 2, 0, {})  # what older code found can be read
     caplog.clear()
     results = run_sweep(sweep, out)
-    assert "2 points were computed by pymantaray 0.0.9+old, this is pymantaray" in caplog.text
-    assert "computed again; the old files stay" in caplog.text
+    assert "2 points were computed by pymantaray 0.0.9+old, but this is pymantaray" in caplog.text
+    assert "computed again, and the old files stay" in caplog.text
     assert {content["version"] for content in results.contents} == {code_version()}
     assert len(list(out.glob("points/*/*.json"))) == 4
     caplog.clear()

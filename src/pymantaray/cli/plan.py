@@ -32,7 +32,7 @@ class PlanFiles:
 
 @with_options
 def plan(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A study file with a section [plan].")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A study file with a section plan.")],
     files: PlanFiles,
     printing: TableOptions,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes of this machine.")] = None,
