@@ -16,7 +16,7 @@ def sizes(replay):
     return size.fillna(np.inf).to_numpy()
 
 
-@pytest.mark.filterwarnings("ignore:.* have more eigenrays than are kept")
+@pytest.mark.filterwarnings("ignore:.* have more eigenrays than are")
 def test_draws_and_persistence_predict_a_campaign_under_ice_of_its_own(tmp_path):
     write_campaign(tmp_path, events=500, epochs=1)
     events = read_events(tmp_path / "events.csv")

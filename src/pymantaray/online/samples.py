@@ -1,5 +1,6 @@
 """Mean slowness of the selected arrival between two depths at a horizontal range, with its derivatives."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,9 +15,6 @@ from pymantaray.records import RayStatus
 Array = NDArray[np.float64]
 NO_ARRIVAL, OUTSIDE = -1, -2
 """Families of places without an arrival, and outside the water."""
-_PER_ARRIVAL = (
-    1 << 20
-)  # added to the number of a family for each of several arrivals: a fold separates different numbers
 
 
 class Samples(NamedTuple):
@@ -34,8 +32,7 @@ class Samples(NamedTuple):
     slowness : ndarray, shape (n,)
         Horizontal component of the slowness at the receiver, the derivative of travel time by range. [s/m]
     family : ndarray of int, shape (n,)
-        Number that is equal for arrivals with equal numbers of reflections and caustics, and as many
-        arrivals with these numbers of reflections; negative without an arrival.
+        Number that is equal for arrivals with equal numbers of reflections and caustics; negative without an arrival.
     bounces : ndarray of int, shape (n, 2)
         Reflections at the surface and at the bottom.
     several : ndarray of bool, shape (n,)
@@ -93,9 +90,12 @@ class Radial:
             [np.full(len(places), self.north), np.full(len(places), self.east), source_depth]
         )
         receiver = np.column_stack([source[:, :2] + distance[:, None] * along, receiver_depth])
-        arrivals = find_eigenrays(
-            self.medium, source, receiver, self.max_surface_bounces, self.max_bottom_bounces, self.cutoff_db
-        )
+        bounces_and_cutoff = self.max_surface_bounces, self.max_bottom_bounces, self.cutoff_db
+        with (
+            warnings.catch_warnings()
+        ):  # of more arrivals than are stored, of which the selected one is not omitted
+            warnings.simplefilter("ignore", RuntimeWarning)
+            arrivals = find_eigenrays(self.medium, source, receiver, *bounces_and_cutoff)
         link, row = choose_arrivals(arrivals, self.rule)
         time = np.full(len(places), np.nan)
         by_place = np.full((len(places), 3), np.nan)
@@ -111,9 +111,7 @@ class Radial:
         alike = (arrivals.surface_bounces == bounces[arrivals.link, 0]) & (
             arrivals.bottom_bounces == bounces[arrivals.link, 1]
         )
-        count = np.bincount(arrivals.link[alike], minlength=len(places))
-        several = count > 1
-        family = np.where(several, family + count * _PER_ARRIVAL, family)
+        several = np.bincount(arrivals.link[alike], minlength=len(places)) > 1
         return Samples(*_mean_slowness(places, time, by_place), by_place[:, 2], family, bounces, several)
 
 
