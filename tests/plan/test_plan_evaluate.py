@@ -142,4 +142,4 @@ def test_designs_have_the_order_of_full_studies(condition, tmp_path):
         full.append(float(table.loc[condition, "rmse_m"]))
     planned = results.frame["rmse_m"].to_numpy()
     assert kendalltau(planned, full).statistic >= 0.8
-    np.testing.assert_allclose(planned, full, rtol=0.35)  # the bound of straight ranges is not reached
+    np.testing.assert_allclose(planned, full, rtol=0.35)
