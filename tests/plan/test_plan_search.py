@@ -66,7 +66,7 @@ def test_a_study_is_the_same_with_and_without_a_plan(tmp_path):
         ),
         ({"free": {"landmarks.T.depth": [1.0]}, "lost_of": "Z"}, "plan.lost_of: found 'Z'; allowed: .*T"),
         ({"free": {"landmarks.T.depth": [1.0]}, "objectives": ["speed"]}, "objectives"),
-        ({"free": {"landmarks.T.depth": [1.0]}, "oceans": [{"sorce": "x"}]}, "sorce"),
+        ({"free": {"landmarks.T.depth": [1.0]}, "oceans": [{"sourcex": "x"}]}, "sourcex"),
     ],
 )
 def test_a_plan_that_does_not_fit_is_refused_in_one_line(plan, message, tmp_path):
