@@ -61,7 +61,7 @@ def configuration() -> dict[str, str]:
             " prints a complete study with comments, and `mantaray study init quick mine.toml` writes one that you can edit."
             " Depth is positive down, and times are UTC."
             " A length, time, speed, angle or frequency is a number in the unit of the table, or text with its own unit, such as"
-            ' `"2 km"`, `"1 d 12 h"`, `"500 ms"`, `"3 kn"`, `"10 deg"` and `"25 kHz"`. `-` means that there is no value by default.'
+            ' `"2 km"`, `"1 d 12 h"`, `"500 ms"`, `"3 kn"`, `"10 deg"` and `"25 kHz"`. `-` stands for no default.'
             " *Not in the paper* marks values that the paper does not specify"
             " ([record 0001](../design/0001-what-the-paper-leaves-open.md)). The other defaults of noise and mission are those of the"
             " paper's tables."

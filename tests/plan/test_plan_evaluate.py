@@ -123,7 +123,10 @@ def test_the_front_is_the_set_of_designs_that_no_other_dominates():
 
 FREE = {
     "straight": {"mission.ping_interval_h": [1.5, 3.0, 6.0], "noise.range_sigma": [1.0, 10.0, 50.0]},
-    "refracted": {"mission.ping_interval_h": [1.5, 3.0, 6.0], "landmarks.T.depth": [1.0, 150.0, 400.0]},
+    "refracted": {
+        "mission.ping_interval_h": [1.0, 1.5, 3.0, 6.0],
+        "landmarks.T.depth": [1.0, 50.0, 150.0, 250.0, 400.0],
+    },
 }
 """Free keys that change the errors of a condition by more than the standard error of 8 realizations."""
 
@@ -132,7 +135,7 @@ FREE = {
 @pytest.mark.parametrize("condition", ["straight", "refracted"])
 def test_designs_have_the_order_of_full_studies(condition, tmp_path):
     """Errors of vehicles under water at the pings over realizations, from the records of full studies."""
-    base = load_study("quick", realizations=8, landmarks=[{**MARK, "sigma": 2.0}])
+    base = load_study("quick", realizations=25, landmarks=[{**MARK, "sigma": 2.0}])
     free = FREE[condition]
     results = search_designs(plan_of(base, free=free, condition=condition), workers=1)
     full = []
@@ -141,5 +144,5 @@ def test_designs_have_the_order_of_full_studies(condition, tmp_path):
         table = run.tables["ping_error"].frame.set_index("condition")
         full.append(float(table.loc[condition, "rmse_m"]))
     planned = results.frame["rmse_m"].to_numpy()
-    assert kendalltau(planned, full).statistic >= 0.8
-    np.testing.assert_allclose(planned, full, rtol=0.35)
+    assert kendalltau(planned, full).statistic >= 0.9
+    np.testing.assert_allclose(planned, full, rtol=0.15)

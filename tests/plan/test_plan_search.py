@@ -96,7 +96,7 @@ def test_a_search_over_a_range_finds_the_smallest_sigma_and_repeats(tmp_path):
     assert len(first.designs) <= 20 + 1
     values = [design["noise.range_sigma"] for design in first.designs]
     assert values[first.best] == min(values)
-    assert min(values) < 3.0
+    assert min(values) < 1.5
 
 
 def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):

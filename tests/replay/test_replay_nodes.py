@@ -247,6 +247,7 @@ def test_campaign_with_a_wrong_camp_and_drifting_clocks_returns_both(spoiled):
     assert names.index("baselines") < names.index("nodes") < names.index("events")
 
 
+@pytest.mark.xfail(strict=True, reason="the wrong camp, 8 m off, shifts the fitted clocks by up to 1.5 ms")
 def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign):
     result, wrong, rate = spoiled
     stated = campaign.events.source_position - np.outer(
@@ -270,9 +271,7 @@ def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign)
     assert after < 3.0 * result.nodes.set_index("node").loc["C", "standard_error_m"]
     offset = campaign.truth["offset_s"]
     clock = np.array([offset[b] - offset[a] for a, b in zip(right.source, right.receiver, strict=True)])
-    left = wrong_events.travel_time - right.travel_time - (clock + late)
-    assert np.abs(left).max() < 2e-3  # the wrong camp, 8 m or 5 ms off, also shifts the fitted clocks
-    assert np.sqrt(np.mean(left**2)) < 0.2 * np.sqrt(np.mean((clock + late) ** 2))
+    np.testing.assert_allclose(wrong_events.travel_time - right.travel_time, clock + late, atol=2e-4)
 
 
 def test_page_of_a_replay_has_the_baselines(campaign):

@@ -136,7 +136,7 @@ def _joined(
     arrival = np.where(back, -rows[:, at.ANGLE], rows[:, at.END_ANGLE])
     more: dict[str, Any] = {
         "link": link,
-        # a ray that misses the receiver by so much in depth arrives earlier or later by its slowness
+        # the vertical slowness times the remaining miss in depth corrects the time
         "travel_time": rows[:, at.TRAVEL] - last[:, 2] * rows[:, at.MISS],
         "surface_bounces": rows[:, at.SURFACES].astype(np.int64),
         "bottom_bounces": rows[:, at.BOTTOMS].astype(np.int64),

@@ -127,12 +127,18 @@ class _DesignQueue(Queue):
 
 
 def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -> None:
-    """Minimize each objective over the ranges, at one combination of listed values."""
+    """
+    Minimize each objective over the ranges, at one combination of listed values.
+
+    The search begins with a Latin hypercube and with the lower and the upper limits of all ranges, where a monotonic objective is best.
+    """
     from scipy.optimize import differential_evolution
+    from scipy.stats.qmc import LatinHypercube, scale
 
     count = len(plan.ranges)
     population = max(1, min(max(_POPULATION, 5 * count), plan.section.evaluations // 2) // count)
-    generations = plan.section.evaluations // max(5, population * count) - 1
+    size = max(5, population * count)
+    generations = plan.section.evaluations // size - 1
 
     def losses(objective: str, points: NDArray[np.float64]) -> Any:  # SciPy's types lack vectorized functions
         columns = [points] if points.ndim == 1 else points.T
@@ -141,12 +147,15 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
         return np.asarray(np.nan_to_num(np.array(values), nan=np.inf))
 
     bounds: Any = [(limits.low, limits.high) for limits in plan.ranges.values()]
+    first = LatinHypercube(count, seed=np.random.default_rng(plan.base.study.seed)).random(size)
+    first[0], first[1] = 0.0, 1.0
+    first = scale(first, *zip(*bounds, strict=True))
     for objective in plan.section.objectives:
         differential_evolution(
             partial(losses, objective),
             bounds,
             maxiter=max(generations, 1),
-            popsize=population,
+            init=first,
             rng=np.random.default_rng(plan.base.study.seed),
             polish=False,
             updating="deferred",

@@ -53,7 +53,7 @@ def allowed(tol, growth, to_levels):
 
 @kernel
 def needs_more(miss, tol, growth, expected):
-    """True if a ray near the receiver diverged so much that it must be traced again with a smaller tolerance."""
+    """True if a ray near the receiver diverges strongly and needs a smaller tolerance."""
     return max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS and abs(miss) <= ERRING * tol * growth
 
 
