@@ -334,6 +334,8 @@ IMPOSSIBLE = {
         {**TINY, "fleet": {**TINY["fleet"], "trajectories": "m.csv"}}),
     "mission.schedule.kind: found 'often'; allowed: 'slots', 'pings'": lambda _: parse_study(
         {**TINY, "mission": {"schedule": {"kind": "often"}}}),
+    "no ranges: B is the only vehicle and there is no landmark; add the trajectory of another vehicle": lambda table: (
+        measure(pd.read_csv(table).query("vehicle == 'B'"), OCEAN, 600.0)),
     "SlotSchedule: slot is 0 s": lambda _: SlotSchedule(("A",), 0.0),
     "PingList: 1 transmitter of 2 pings": lambda _: PingList((0.0, 1.0), ("A",)),
 }  # fmt: skip

@@ -11,7 +11,7 @@ import xarray as xr
 
 from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.config.sections import StudyConfig
-from pymantaray.errors import MantaRayError
+from pymantaray.errors import MantaRayError, StudyError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
 from pymantaray.fleet import simulate
@@ -77,7 +77,7 @@ def simulate_mission(
 
     ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the configuration if they are in memory.
     """
-    _check_names(config, tracks, schedule)
+    _check_participants(config, tracks, schedule)
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
         ocean = mission_ocean(config, data)
@@ -117,13 +117,17 @@ def earth_note(config: StudyConfig, truth: RangingTruth) -> str | None:
     return flat_earth_note(float(np.nanmax(truth.distance)))
 
 
-def _check_names(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
-    """Raise an error for a schedule with unknown names before the simulation."""
-    if schedule is None and config.mission.schedule is None:
-        return
-    fleet, plan = config.fleet, schedule or build_schedule(config)
+def _check_participants(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
+    """Raise an error for ranges without a pair, and for a schedule with unknown names, before the simulation."""
+    fleet, landmarks = config.fleet, [mark.name for mark in config.landmarks]
     names = (tracks or read_fleet(fleet)).names if fleet.trajectories else [v.name for v in fleet.vehicles]
-    plan.check_names(names, [mark.name for mark in config.landmarks])
+    if not config.conditions and len(names) + len(landmarks) < 2:
+        raise StudyError(
+            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the trajectory of another vehicle, or a"
+            " landmark: --set 'landmarks=[{name=\"L\", north=0, east=0, depth=30}]' (in Python landmarks=[...])"
+        )
+    if schedule is not None or config.mission.schedule is not None:
+        (schedule or build_schedule(config)).check_names(names, landmarks)
 
 
 def simulate_fleet(
