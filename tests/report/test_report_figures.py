@@ -61,6 +61,8 @@ def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(loo
             low, high = sorted(axes.get_xlim())
             drawn += [axes.xaxis.label, axes.yaxis.label, *axes.texts]
             drawn += [t for t in axes.get_xticklabels() if low <= t.get_position()[0] <= high]
+        for axes in (axes for axes in figure.axes if axes.name == "3d"):
+            drawn += [axis.label for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
         for axes in figure.axes:
             labels += [axes.get_xlabel(), axes.get_ylabel()]
         assert any(labels) or not any(axes.axison for axes in figure.axes)  # a diagram has none

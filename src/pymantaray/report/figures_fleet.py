@@ -61,7 +61,7 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
     """Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges."""
     colours = style.vehicle_colours(truth.name.size)
     figure, place = _figure_with_key(style.COLUMN, 3.1, header, _key(truth, measurements, colours))
-    axes = figure.add_axes(place(-0.03, 0.08, 0.96, 0.88), projection="3d")
+    axes = figure.add_axes(place(-0.045, 0.1, 0.93, 0.83), projection="3d")
     assert isinstance(axes, Axes3D)
     received = np.isin(measurements.range_status, ARRIVES)
     edges = np.stack(range_ends(truth, measurements), axis=1)[received]
