@@ -40,7 +40,7 @@ def empty(tmp_path_factory):
 
 def tracked():
     """Files of the package that belong into the archives."""
-    suffixes = {".py", ".toml", ".html", ".js", ".css", ".mplstyle", ".typed"}
+    suffixes = {".py", ".h", ".toml", ".html", ".js", ".css", ".mplstyle", ".typed"}
     files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
     assert {path.suffix or path.name for path in files} <= {*suffixes, "py.typed"}
     return {f"pymantaray/{path.relative_to(PACKAGE).as_posix()}" for path in files}

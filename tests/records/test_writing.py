@@ -196,3 +196,40 @@ def test_missing_file_is_one_line(tmp_path):
         RecordError, match=r"absent\.nc: not a readable NetCDF file: No such file or directory$"
     ):
         read_netcdf(tmp_path / "absent.nc")
+
+
+STOPPED_WITHIN_A_LOCK = """
+import os, signal, sys
+import numpy as np, xarray as xr
+from xarray.backends.locks import CombinedLock
+from pymantaray.cli.main import _stop
+from pymantaray.records import read_netcdf, write_netcdf
+
+signal.signal(signal.SIGTERM, _stop)
+write_netcdf(xr.Dataset({"a": ("x", np.arange(3.0))}), "first.nc")
+acquire = CombinedLock.acquire
+
+def acquire_and_stop(lock, *options, **more):
+    got = acquire(lock, *options, **more)
+    CombinedLock.acquire = acquire  # once
+    os.kill(os.getpid(), signal.SIGTERM)
+    return got
+
+CombinedLock.acquire = acquire_and_stop
+try:
+    if sys.argv[1] == "write":
+        write_netcdf(xr.Dataset({"a": ("x", np.arange(3.0))}), "second.nc")
+    else:
+        read_netcdf("first.nc")
+except SystemExit as stop:
+    assert not [name for name in os.listdir() if name.endswith(".part")]
+    assert float(read_netcdf("first.nc")["a"][2]) == 2.0  # no lock is left
+    print("stopped with", stop.code)
+"""
+
+
+@pytest.mark.parametrize("work", ["write", "read"])
+def test_a_stop_request_while_a_library_takes_its_lock_leaves_no_lock_and_no_file(work, tmp_path):
+    done = python(STOPPED_WITHIN_A_LOCK, work, cwd=tmp_path, timeout=120)
+    assert done.stdout.strip() == "stopped with 143", done.stderr
+    assert not (tmp_path / "second.nc").exists()

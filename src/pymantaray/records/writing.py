@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import RecordError, WriteError
+from pymantaray.records.stops import deferred_stops
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -111,7 +112,7 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
     dataset.attrs = {"Conventions": "CF-1.11", **about, **dataset.attrs}
     for name in dataset.indexes:
         dataset[name].encoding["_FillValue"] = None
-    with whole_file(path, replace=replace) as temporary, NETCDF_LOCK:
+    with whole_file(path, replace=replace) as temporary, deferred_stops(), NETCDF_LOCK:
         check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
@@ -121,7 +122,7 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
 
 def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
     """Content of a NetCDF file with unencoded groups, followed by a checksum."""
-    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
+    with deferred_stops(), NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         path = Path(folder, "groups.nc")
         for name, dataset in groups.items():
             dataset.drop_encoding().to_netcdf(path, mode="a", group=name, engine="netcdf4")
@@ -136,7 +137,7 @@ def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
     size = hashlib.sha256().digest_size
     if hashlib.sha256(content[:-size]).digest() != content[-size:]:
         raise RecordError("damaged: its content does not have its checksum")
-    with NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
+    with deferred_stops(), NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         path = Path(folder, "groups.nc")
         path.write_bytes(content[:-size])
         groups = xr.open_groups(path, engine="netcdf4", decode_times=False)
@@ -183,7 +184,7 @@ def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
     import xarray as xr
 
     try:
-        with NETCDF_LOCK, xr.open_dataset(path, engine="netcdf4", **options) as dataset:
+        with deferred_stops(), NETCDF_LOCK, xr.open_dataset(path, engine="netcdf4", **options) as dataset:
             return dataset.load()
     except (OSError, ValueError, RuntimeError) as error:  # netCDF4 reports damaged data as RuntimeError
         reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]

@@ -1,0 +1,37 @@
+"""Requests to stop (Ctrl-C, SIGTERM) that wait until a library has released its locks."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+@contextmanager
+def deferred_stops() -> Iterator[None]:
+    """
+    Handle the first Ctrl-C or SIGTERM after the block; handle a second one at once.
+
+    A handler that raises while xarray takes its lock of the HDF5 library leaves the lock taken, and the file's close waits forever.
+    Other threads than the main thread handle no signals; there the block is an ordinary one.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    waiting: list[int] = []
+
+    def wait(number: int, frame: object) -> None:
+        waiting.append(number)
+        if len(waiting) > 1:
+            handlers[number](number, frame)  # type: ignore[operator,misc,arg-type]
+
+    changed = [number for number, handler in handlers.items() if callable(handler)]  # others do not raise
+    for number in changed:
+        signal.signal(number, wait)
+    try:
+        yield
+    finally:
+        for number in changed:
+            signal.signal(number, handlers[number])
+        if len(waiting) == 1:
+            signal.raise_signal(waiting[0])
