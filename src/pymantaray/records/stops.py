@@ -4,6 +4,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 
 @contextmanager
@@ -17,21 +18,21 @@ def deferred_stops() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    stops = ((number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM))
+    handlers = {number: handler for number, handler in stops if callable(handler)}  # others do not raise
     waiting: list[int] = []
 
-    def wait(number: int, frame: object) -> None:
+    def wait(number: int, frame: FrameType | None) -> None:
         waiting.append(number)
         if len(waiting) > 1:
-            handlers[number](number, frame)  # type: ignore[operator,misc,arg-type]
+            handlers[signal.Signals(number)](number, frame)
 
-    changed = [number for number, handler in handlers.items() if callable(handler)]  # others do not raise
-    for number in changed:
+    for number in handlers:
         signal.signal(number, wait)
     try:
         yield
     finally:
-        for number in changed:
-            signal.signal(number, handlers[number])
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
         if len(waiting) == 1:
             signal.raise_signal(waiting[0])
