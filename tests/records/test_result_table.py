@@ -94,6 +94,28 @@ def test_headings_have_units_in_brackets():
     ]  # fmt: skip
 
 
+def test_a_table_for_print_has_short_lines():
+    """Settings have their meaning instead of a key and no zeros; long texts and heads wrap; powers of ten are typeset."""
+    words = "Error of the rotation as a fraction of its angle."
+    frame = pd.DataFrame(
+        {
+            "key": ["noise.a", "noise.b"],
+            "Fram": [1e-6, 0.1],
+            "Beaufort": [1e-6, 0.25],
+            "meaning": [words, "b"],
+        }
+    )
+    latex = ResultTable("noise", frame, by_row=True).to_latex()
+    assert r"{p{0.5\linewidth}rr}" in latex
+    assert rf"{words} & 1.000$\times 10^{{-6}}$ & 1.000$\times 10^{{-6}}$ \\" in latex
+    assert r"b & 0.1 & 0.25 \\" in latex
+    long = pd.DataFrame({"condition": ["a"], "rmse_standard_error_m": [0.25]})
+    assert (
+        r"condition & \shortstack[r]{standard \\{} error of \\{} RMSE [m]} \\"
+        in ResultTable("t", long).to_latex()
+    )
+
+
 def test_every_form_has_the_same_cells():
     frame = pd.DataFrame({"condition": ["a_b", "50 %"], "rmse_m": [-1.25, 12.3456], "n": [1200, 3]})
     table = ResultTable("errors", frame, "Errors & more", brief=("condition", "rmse_m"))
@@ -101,7 +123,7 @@ def test_every_form_has_the_same_cells():
     assert table.rows == cells
     body = table.to_latex().partition("\\midrule\n")[2].partition("\\bottomrule")[0]
     latex = [line.removesuffix(" \\\\").split(" & ") for line in body.splitlines()]
-    assert latex == [["a\\_b", "$-$1.25", "1,200"], ["50 \\%", "12.35", "3"]]
+    assert latex == [["a\\_b", "$-$1.25"], ["50 \\%", "12.35"]]
     assert "\\caption{Errors \\& more}" in table.to_latex()
     assert "\\label{tab:errors}" in table.to_latex()
     assert "\\toprule" in table.to_latex()

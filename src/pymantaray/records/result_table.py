@@ -1,9 +1,11 @@
 """A table of results: all digits for programs, and one look for readers in the terminal, notebooks, pages and LaTeX."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from textwrap import wrap
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,6 +16,7 @@ from pymantaray.records.digits import (
     measured_numbers,
     number_format,
     plain_signs,
+    show,
     show_alike,
     show_row,
 )
@@ -51,8 +54,12 @@ _HEADS = {
     "percent_beyond_3_sigma": "> 3 sigma [%]",
 }
 _FORMATS = dict.fromkeys(("lat", "lon", "latitude", "longitude"), ".6f")  # a metre is 1e-5 degrees
+_KEY, _MEANING = "key", "meaning"  # columns of settings
 _QUANTITY = "quantity"  # a column with names of columns of other tables
 _NOTEBOOK_ROWS = 24  # more than a record has columns
+_HEAD_LETTERS = 12  # of a line of a head in LaTeX
+_WRAPPED = 30  # letters; a column with longer texts wraps in LaTeX
+_POWER_OF_TEN = re.compile(r"(?<=\d)e(\$-\$|-|\+)0*(\d+)\b")
 _LATEX_SIGNS = {
     "−": "$-$",
     "–": "--",
@@ -87,7 +94,7 @@ class ResultTable:
     columns : sequence of str
         Columns that people see, by default all.
     brief : sequence of str
-        Columns where there is less room, in the terminal and in notebooks, by default `columns`.
+        Columns where there is less room, in the terminal, in notebooks and in LaTeX, by default `columns`.
     words : mapping of str to str
         Heads of columns that mean something else than in other tables.
     by_row : bool
@@ -141,7 +148,8 @@ class ResultTable:
             frame[_QUANTITY] = frame[_QUANTITY].map(heading)
         cells = frame.to_numpy()
         if self.by_row:
-            return [show_row(row) for row in cells.tolist()]
+            settings = _MEANING in frame  # exact numbers
+            return [[*map(show, row)] if settings else show_row(row) for row in cells.tolist()]
         forms = _formats(self.shown)
         columns = [show_alike(column, form) for column, form in zip(cells.T.tolist(), forms, strict=True)]
         return [list(row) for row in zip(*columns, strict=True)]
@@ -186,26 +194,47 @@ class ResultTable:
 
     def to_latex(self) -> str:
         """
-        Return the columns that people see as a LaTeX table for the package booktabs, with caption and label.
+        Return the table for LaTeX and its package booktabs, with caption and label.
 
         Returns
         -------
         str
-            Special characters are escaped; the label is ``tab:NAME``.
+            The columns of `brief`; settings have their meaning instead of their key. Special characters are escaped, long
+            texts wrap, and the label is ``tab:NAME``.
         """
         import pandas as pd
 
+        printed = self._printed()
+        if printed != [str(name) for name in self.shown.columns]:
+            return replace(self, columns=printed).to_latex()
         texts = pd.DataFrame(self.rows, columns=range(len(self.heads)), dtype=object).map(_latex)
-        texts.columns = pd.Index([_latex(head.text) for head in self.heads])
+        texts.columns = pd.Index([_latex_head(head) for head in self.heads])
         content = texts.to_latex(
             index=False,
             escape=False,
-            column_format="".join("r" if head.numbers else "l" for head in self.heads),
+            column_format="".join(self._latex_columns()),
             caption=_latex(self.caption),
             label=f"tab:{self.name}",
             position="tb",
         )
         return str(content)
+
+    def _printed(self) -> list[str]:
+        """Columns in LaTeX, where room is small: settings have their meaning first and no key."""
+        names = [str(name) for name in self.brief or self.shown.columns]
+        if {_KEY, _MEANING} <= set(names):
+            names = [_MEANING, *(name for name in names if name not in (_KEY, _MEANING))]
+        return names
+
+    def _latex_columns(self) -> list[str]:
+        """Types of the columns in LaTeX: numbers to the right; columns of sentences share half of the line and wrap."""
+        longest = [max(map(len, column), default=0) for column in zip(*self.rows, strict=True)]
+        sentences = [not head.numbers and n > _WRAPPED for head, n in zip(self.heads, longest, strict=True)]
+        wrapped = f"p{{{0.5 / max(sum(sentences), 1):.2g}\\linewidth}}"
+        return [
+            "r" if head.numbers else wrapped if wraps else "l"
+            for head, wraps in zip(self.heads, sentences, strict=True)
+        ]
 
     def __str__(self) -> str:
         """Heads and cells in columns, as a terminal shows them."""
@@ -275,8 +304,19 @@ def _formats(table: "pd.DataFrame") -> list[str]:
     ]
 
 
+def _latex_head(head: Head) -> str:
+    """Head of a column in LaTeX; a long head of numbers has several lines, none of which begins with the bracket of an option."""
+    lines = wrap(head.text, _HEAD_LETTERS, break_long_words=False, break_on_hyphens=False)
+    if len(lines) < 2 or not head.numbers:
+        return _latex(head.text)
+    return r"\shortstack[r]{" + r" \\{} ".join(map(_latex, lines)) + "}"
+
+
 def _latex(text: str) -> str:
     """Text with escaped special characters of LaTeX."""
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     special |= {sign: f"\\{sign}" for sign in "&%$#_{}"} | {"<": "$<$", ">": "$>$", "\n": " "} | _LATEX_SIGNS
-    return "".join(special.get(letter, letter) for letter in text)
+    escaped = "".join(special.get(letter, letter) for letter in text)
+    return _POWER_OF_TEN.sub(
+        lambda found: rf"$\times 10^{{{'-' if found[1] != '+' else ''}{found[2]}}}$", escaped
+    )
