@@ -7,6 +7,7 @@ from dataclasses import replace
 import factories
 import numpy as np
 import pytest
+from onboard import BEACONS, SPEED, START, STEP_SIGMA, feed, fleet_calls, fleet_estimator, mission
 from refusals import refused
 
 from pymantaray.acoustics import Medium
@@ -20,41 +21,9 @@ from pymantaray.estimation import (
     dead_reckon,
 )
 from pymantaray.estimation.range_models import RangeLinks
-from pymantaray.geometry.se3 import matrix_from_quaternion, se3_exp, so3_exp, so3_log
-from pymantaray.online import Beacon, OnlineEstimator, Outcome, StartPose
+from pymantaray.geometry.se3 import se3_exp, so3_log
+from pymantaray.online import Beacon, OnlineEstimator, Outcome
 from pymantaray.online.range_model import TableModel
-
-SPEED = 1500.0  # m/s
-START = StartPose((0.0, 0.0, 50.0), sigma=[0.001, 0.001, 0.01, 5.0, 5.0, 0.5])
-BEACONS = {"north": Beacon((900.0, 100.0, 20.0)), "east": Beacon((-100.0, 800.0, 30.0), 1.0)}
-STEP_SIGMA = [1e-4] * 3 + [0.005] * 3
-
-
-def feed(estimator, calls):
-    """Outcomes of calls ``(method, arguments, options)``."""
-    return [getattr(estimator, f"add_{name}")(*arguments, **options) for name, arguments, options in calls]
-
-
-def mission(seconds=60.0, *, period=0.1, seed=1):
-    """Calls of a vehicle that turns slowly, with depths each second and pings every 7.03 s, and its true positions by time."""
-    rng = np.random.default_rng(seed)
-    calls, truth, rotation, position = [], {}, np.eye(3), np.array([0.0, 0.0, 50.0])
-    way, turn = np.array([1.5, 0.0, 0.02]) * period, np.array([0.0, 0.0, 0.02]) * period
-    pings = np.arange(3.5, seconds - 1.0, 7.03)
-    for k in range(round(seconds / period)):
-        begin, end = k * period, (k + 1) * period
-        for ping in pings[(pings > begin) & (pings <= end)]:
-            here = position + (ping - begin) / period * rotation @ way
-            for name, beacon in BEACONS.items():
-                time = np.linalg.norm(here - beacon.position) / SPEED + 2e-4 * rng.standard_normal()
-                calls.append(("range", (float(ping), name, float(time), 2e-4), {}))
-        position, rotation = position + rotation @ way, rotation @ so3_exp(turn)
-        noise = np.array(STEP_SIGMA) * rng.standard_normal(6)
-        calls.append(("odometry", (end, way + noise[3:], turn + noise[:3], STEP_SIGMA), {}))
-        if k % 10 == 9:
-            calls.append(("depth", (end, position[2] + 0.05 * rng.standard_normal(), 0.05), {}))
-        truth[end] = position
-    return calls, truth
 
 
 def new(**options):
@@ -76,37 +45,10 @@ def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear():
     batch = GraphSolver(SolveOptions(step_tolerance=1e-9)).solve(
         build_graph(o, "straight"), start, covariance_poses=poses
     )
-    names = ["A", "B", "L1", "L2"]
-    vehicles = {
-        name: StartPose(*pose)
-        for name, pose in zip(
-            names, zip(o.first_position, o.first_quaternion, o.first_sigma, strict=True), strict=False
-        )
-    }
-    beacons = {
-        name: Beacon(*beacon)
-        for name, beacon in zip(
-            names[2:], zip(o.landmark_position, o.landmark_sigma, strict=True), strict=True
-        )
-    }
-    estimator = OnlineEstimator(vehicles, beacons, SPEED, lag=1e4, gate=math.inf)
-    rotation = so3_log(matrix_from_quaternion(o.odometry_rotation))
-    for v, name in enumerate(names[:2]):
-        for k, time in enumerate(o.time):
-            if k:
-                step = o.odometry_translation[v, k - 1], rotation[v, k - 1], o.odometry_sigma[v, k - 1]
-                estimator.add_odometry(time, *step, vehicle=name)
-            estimator.add_depth(time, o.depth[v, k], o.depth_sigma[v], vehicle=name)
-    for v, k, place, sigma in zip(o.gnss_vehicle, o.gnss_sample, o.gnss_position, o.gnss_sigma, strict=True):
-        estimator.add_fix(o.time[k], place, sigma, vehicle=names[v])
-    rows = zip(
-        o.range_transmitter, o.range_receiver, o.range_sample, o.straight_range, o.range_sigma, strict=True
-    )
-    for a, b, k, distance, sigma in rows:
-        source, vehicle = (a, b) if b < 2 else (b, a)
-        estimator.add_range(o.time[k], names[source], distance / SPEED, sigma / SPEED, vehicle=names[vehicle])
+    estimator = fleet_estimator(o, TransmitterSpeed(), lag=1e4, gate=math.inf)
+    feed(estimator, fleet_calls(o, "straight_range"))
     assert estimator.counts()["used"] == o.depth.size + o.gnss_vehicle.size + o.range_sample.size
-    for v, name in enumerate(names[:2]):
+    for v, name in enumerate(estimator.vehicles):
         sigma = np.sqrt(np.diag(batch.covariances.position[0, v, :, v]))
         off = estimator.position(vehicle=name) - batch.position[poses[0, v]]
         assert (np.abs(off) < 0.02 * sigma).all(), off / sigma

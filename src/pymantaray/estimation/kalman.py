@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky
+from scipy.linalg.blas import dtrsm
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
@@ -240,7 +241,8 @@ def corrected(
         root = cholesky(weight @ by_errors.T + variance, lower=True)
     except (np.linalg.LinAlgError, ValueError):
         return None
-    white, gain = (solve_triangular(root, part, lower=True) for part in (residual, weight))
+    # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a busy machine
+    white, gain = dtrsm(1.0, root, residual[:, None], lower=1)[:, 0], dtrsm(1.0, root, weight, lower=1)
     error = -(gain.T @ white).reshape(-1, SIZE)
     reduced = covariance - gain.T @ gain
     return (

@@ -199,6 +199,9 @@ def _fault(table: TravelTimeTable) -> str:
         len(column) != len(tree.corner) for column in (tree.status, tree.surface_bounces, tree.bottom_bounces)
     ):
         return "cells without a status"
+    if np.any(tree.status > CellStatus.AMBIGUOUS):
+        return "a cell with a range and a status without one"
     if tree.sigma.size not in (0, len(tree.value)):
         return "corners without a standard deviation"
-    return "values that are not finite" if not np.all(np.isfinite(tree.value)) else ""
+    finite = np.all(np.isfinite(tree.value)) and np.all(np.isfinite(tree.sigma))
+    return "" if finite else "values that are not finite"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,18 +16,23 @@ from pymantaray.estimation.range_models import (
     RangeModel,
     TravelTimeUncertainty,
 )
-from pymantaray.online.cells import HAS_RANGE
+from pymantaray.online.cells import HAS_RANGE, CellStatus
 from pymantaray.online.table import TableRanges, TravelTimeTable
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
 Array = NDArray[np.float64]
+_OTHER_END = {
+    "range_by_source_depth": "range_by_receiver_depth",
+    "range_by_receiver_depth": "range_by_source_depth",
+}
 
 
 class TableModel:
     """
     Range model of a travel-time table; the source of the table is the transmitter.
 
-    A link without a range in the table (shadow, border, outside) has no arrival. The table's standard deviations over its
+    A table with one sector holds in both directions: if the transmitter's depth is outside the table's source depths, the
+    receiver becomes the source. A link without a range in the table (shadow, border, outside) has no arrival. The table's standard deviations over its
     ensemble of oceans are the uncertainty of the travel times.
 
     Parameters
@@ -83,7 +90,16 @@ class TableModel:
     def _look_up(self, links: RangeLinks) -> TableRanges:
         a, b = links.transmitter, links.receiver
         north, east = (b - a)[:, :2].T
-        return self.table.travel_time(a[:, 2], b[:, 2], np.hypot(north, east), np.arctan2(east, north))
+        distance = np.hypot(north, east)
+        found = self.table.travel_time(a[:, 2], b[:, 2], distance, np.arctan2(east, north))
+        outside = found.status == CellStatus.OUTSIDE
+        if self.table.sectors > 1 or not outside.any():
+            return found
+        back = self.table.travel_time(b[outside, 2], a[outside, 2], distance[outside])
+        columns = {field.name: np.array(getattr(found, field.name)) for field in fields(found)}
+        for name, values in columns.items():
+            values[outside] = getattr(back, _OTHER_END.get(name, name))
+        return TableRanges(**columns)
 
 
 def range_model_of(

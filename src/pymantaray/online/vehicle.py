@@ -346,20 +346,8 @@ class OnlineEstimator:
         OnlineError
             If the time is before the lag or after the end of the odometry.
         """
-        who = self._vehicle(vehicle)
-        front = self._timeline.front(who)
-        at = front if time is None else float(time)
-        _check_time("time", at)
-        if at > front:
-            raise OnlineError(
-                f"time {at:g} s: after the last odometry of {self._vehicles[who]} at {front:g} s"
-            )
-        if at < self._timeline.horizon:
-            raise OnlineError(
-                f"time {at:g} s: before the lag, which begins at {self._timeline.horizon:g} s; ask earlier or choose a"
-                f" longer lag than {self._timeline.lag:g} s"
-            )
-        state, own = self._timeline.state_at(who, at), slice(SIZE * who, SIZE * (who + 1))
+        who, at, state = self._state(time, vehicle)
+        own = slice(SIZE * who, SIZE * (who + 1))
         return PoseEstimate(
             at,
             state.position[who].copy(),
@@ -382,7 +370,8 @@ class OnlineEstimator:
         -------
         ndarray, shape (3,)
         """
-        return self.pose(time, vehicle=vehicle).position
+        who, _, state = self._state(time, vehicle)
+        return state.position[who].copy()
 
     def covariance(self, time: float | None = None, *, vehicle: str | None = None) -> Array:
         """
@@ -399,7 +388,9 @@ class OnlineEstimator:
         -------
         ndarray, shape (3, 3)
         """
-        return self.pose(time, vehicle=vehicle).covariance[3:, 3:]
+        who, _, state = self._state(time, vehicle)
+        own = slice(SIZE * who + 3, SIZE * (who + 1))
+        return state.covariance[own, own].copy()
 
     def counts(self) -> dict[str, int]:
         """
@@ -491,6 +482,23 @@ class OnlineEstimator:
                     f" {newest:g} s; check the clock"
                 )
         return self._timeline.add(Event(float(time), kind, members, tuple(values)))
+
+    def _state(self, time: float | None, vehicle: str | None) -> tuple[int, float, State]:
+        """Number of a vehicle, time, and the state at this time; an error outside the lag."""
+        who = self._vehicle(vehicle)
+        front = self._timeline.front(who)
+        at = front if time is None else float(time)
+        _check_time("time", at)
+        if at > front:
+            raise OnlineError(
+                f"time {at:g} s: after the last odometry of {self._vehicles[who]} at {front:g} s"
+            )
+        if at < self._timeline.horizon:
+            raise OnlineError(
+                f"time {at:g} s: before the lag, which begins at {self._timeline.horizon:g} s; ask earlier or choose a"
+                f" longer lag than {self._timeline.lag:g} s"
+            )
+        return who, at, self._timeline.state_at(who, at)
 
     def _vehicle(self, name: str | None) -> int:
         if name is None and len(self._vehicles) == 1:
