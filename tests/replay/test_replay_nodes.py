@@ -247,7 +247,6 @@ def test_campaign_with_a_wrong_camp_and_drifting_clocks_returns_both(spoiled):
     assert names.index("baselines") < names.index("nodes") < names.index("events")
 
 
-@pytest.mark.xfail(strict=True, reason="the wrong camp, 8 m off, shifts the fitted clocks by up to 1.5 ms")
 def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign):
     result, wrong, rate = spoiled
     stated = campaign.events.source_position - np.outer(

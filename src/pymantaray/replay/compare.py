@@ -24,13 +24,13 @@ from pymantaray.replay.clocks import (
     reciprocity_table,
     unknown_clocks_note,
 )
-from pymantaray.replay.consistency import node_note, node_table
+from pymantaray.replay.consistency import fit_clocks_and_nodes, node_note
 from pymantaray.replay.draws import bounce_hint, choice_of, predict_draws, with_median_candidate
 from pymantaray.replay.events import Events
 from pymantaray.replay.mixture import DEFAULT_OPTIONS, PredictionOptions, coverage_table, predict_mixture
 from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule
 from pymantaray.replay.summary import summary_table
-from pymantaray.replay.switching import fit_clocks, switching_table
+from pymantaray.replay.switching import switching_table
 from pymantaray.replay.water import choose_water, ends_of, instants_in
 from pymantaray.sensing import Detector, find_receptions
 from pymantaray.sensing.receptions import values_at
@@ -118,8 +118,10 @@ class Replay:
         return summary_table(self.events, seed=self.seed)
 
     @cached_property
-    def _fit(self) -> tuple[pd.DataFrame, pd.DataFrame]:
-        return fit_clocks(self.events, self.candidates, reference=self.reference, drift=self.clock_drift)
+    def _fit(self) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+        return fit_clocks_and_nodes(
+            self.events, self.candidates, reference=self.reference, drift=self.clock_drift
+        )
 
     @property
     def clocks(self) -> pd.DataFrame:
@@ -131,10 +133,10 @@ class Replay:
         """Candidate nearest to each event after the clock correction; one row per event, NaN without a candidate."""
         return self._fit[1]
 
-    @cached_property
+    @property
     def nodes(self) -> pd.DataFrame:
-        """Horizontal offset of each node that the ranges of its pairs suggest."""
-        return node_table(self.events, self.taken)
+        """Horizontal offset of each node that the ranges of its pairs suggest; that of suspect nodes does not shift the clocks."""
+        return self._fit[2]
 
     @cached_property
     def baselines(self) -> pd.DataFrame:

@@ -1,16 +1,66 @@
-"""Consistency of each node's position with the ranges of all its pairs."""
+"""Consistency of each node's position with the ranges of all its pairs, and clocks without the effect of wrong positions."""
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.replay.clocks import gross_of
+from pymantaray.replay.switching import fit_clocks
 
 Array = NDArray[np.float64]
 _MIN_PAIRS = 3  # of a node whose offset, two numbers, leaves something to check
 _SUSPECT_SIGMAS, _SUSPECT_OFFSET = 4.0, 2.0  # standard errors, m; of the offset of a suspect node
 _SUSPECT_SHARE = 0.5  # of the squared residuals of its pairs, which its offset must explain
 _NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
+_MAX_ITERATIONS = 20  # of clocks and positions
+_SETTLED = 1e-3  # m; change of the ranges after which they are final
+
+
+def fit_clocks_and_nodes(
+    events: pd.DataFrame, candidates: pd.DataFrame, *, reference: str | None = None, drift: bool = False
+) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """
+    Fit clocks with candidates and offsets of nodes in turn, until the offsets of suspect nodes do not change.
+
+    A wrong position changes the candidates that appear to be nearest, differently in both directions, and shifts the clocks by
+    milliseconds. The clocks are therefore fitted to residuals without the effect of suspect positions.
+
+    Parameters
+    ----------
+    events, candidates : pandas.DataFrame
+        Tables of a `Replay`.
+    reference, drift
+        As in `clock_table`.
+
+    Returns
+    -------
+    clocks, taken : pandas.DataFrame
+        As from `fit_clocks`; the residuals of ``taken`` contain the effect of the positions.
+    nodes : pandas.DataFrame
+        As from `node_table`.
+    """
+    late = np.zeros(len(events))
+    for _ in range(_MAX_ITERATIONS):
+        right = events.assign(measured_s=events["measured_s"] - late, residual_s=events["residual_s"] - late)
+        clocks, taken = fit_clocks(right, candidates, reference=reference, drift=drift)
+        taken = taken.assign(
+            taken_residual_s=taken["taken_residual_s"] + late, taken_time_s=taken["taken_time_s"] + late
+        )
+        nodes = node_table(events, taken)
+        before, late = late, position_errors(events, nodes)
+        if np.nanmax(np.abs(late - before) * _speed(events), initial=0.0) < _SETTLED:
+            break
+    return clocks, taken, nodes
+
+
+def position_errors(events: pd.DataFrame, nodes: pd.DataFrame) -> Array:
+    """Part of each measured travel time that is due to the offsets of suspect nodes. [s]"""
+    bearing = np.radians(events["bearing_deg"].to_numpy())
+    table, longer = nodes[nodes["suspect"]].set_index("node"), np.zeros(len(events))
+    for end, sign in (("receiver", 1.0), ("source", -1.0)):
+        north, east = (events[end].map(table[name]).fillna(0.0).to_numpy() for name in ("north_m", "east_m"))
+        longer += sign * (np.cos(bearing) * north + np.sin(bearing) * east)
+    return np.asarray(np.where(longer == 0.0, 0.0, longer / _speed(events)))
 
 
 def node_table(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
@@ -77,8 +127,12 @@ def node_note(nodes: pd.DataFrame) -> str | None:
 
 def _residuals_m(events: pd.DataFrame, taken: pd.DataFrame) -> "pd.Series[float]":
     """Residuals of the candidates that events took, after the clock correction, as lengths; NaN if unknown or gross. [m]"""
-    speed = events["distance_m"] / events["chord_s"]
-    return (taken["taken_residual_s"] * speed).where(~gross_of(events))
+    return (taken["taken_residual_s"] * _speed(events)).where(~gross_of(events))
+
+
+def _speed(events: pd.DataFrame) -> "pd.Series[float]":
+    """Mean sound speed along the straight line of each event, NaN outside the water. [m/s]"""
+    return events["distance_m"] / events["chord_s"]
 
 
 def _pair_residuals(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
