@@ -280,7 +280,19 @@ class Medium:
         )
 
     def straight_distance(self, source: ArrayLike, receiver: ArrayLike) -> Array:
-        """Straight distance between positions (n, 3): in the frame, or through the Earth if it is a sphere. [m]"""
+        """
+        Straight distance between positions: in the frame, or through the Earth if it is a sphere.
+
+        Parameters
+        ----------
+        source, receiver : array_like, shape (n, 3) or one position
+            North, east, down. They broadcast. [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distance. [m]
+        """
         a, b = (np.asarray(x, dtype=float) for x in (source, receiver))
         if self.earth is None:
             return np.asarray(np.linalg.norm(b - a, axis=-1))
