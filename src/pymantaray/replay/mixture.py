@@ -20,8 +20,8 @@ _MATCH = 1e-3  # s; candidates of successive events are the same arrival if thei
 _OTHER_BOUNCES = 0.1  # weight of a match with other bounces
 _UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error that nothing explains
 _COVERED = 0.95  # of the events of even hours, by their intervals
-_FEW = 40  # events; with fewer, intervals are those of the mixture
-_WIDEST = 0.9998
+_MIN_EVENTS = 40  # events; with fewer, intervals are those of the mixture
+_MAX_QUANTILE = 0.9998
 _NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 _SEED = 20140715  # of the bootstrap
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
@@ -251,7 +251,7 @@ def _intervals(
 
     with np.errstate(invalid="ignore"):
         far = np.abs(2.0 * below(measured) - 1.0)[has & even]
-        width = _COVERED if far.size < _FEW else min(float(np.quantile(far, _COVERED)), _WIDEST)
+        width = _COVERED if far.size < _MIN_EVENTS else min(float(np.quantile(far, _COVERED)), _MAX_QUANTILE)
         columns = {
             "sigma_s": np.where(has, np.sqrt(spread), np.nan),
             "low_s": quantile(0.5 - 0.5 * width),
