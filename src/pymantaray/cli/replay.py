@@ -98,6 +98,7 @@ def replay(
     ],
     folder: FolderOptions,
     printing: TableOptions,
+    *,
     changes: Set = None,
 ) -> None:
     """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
