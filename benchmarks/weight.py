@@ -1,6 +1,7 @@
 """Size of package and tests: lines, lines of code proper, modules, functions too long or with too many arguments.
 
-Code proper has no docstrings, imports, comments and blank lines.
+Code proper has no docstrings, imports, comments and blank lines. Keyword-only options with a default do not count as
+arguments of a public function.
 
 python benchmarks/weight.py [ROOT]
 """
@@ -22,10 +23,11 @@ def functions(path: Path):
             body = node.body[1:] if ast.get_docstring(node) else node.body
             lines = body[-1].end_lineno - body[0].lineno + 1 if body else 0
             a = node.args
-            arguments = len(
-                [n for n in (*a.posonlyargs, *a.args, *a.kwonlyargs) if n.arg not in {"self", "cls"}]
-            )
-            yield node.name, lines, arguments
+            private = node.name.startswith("_")
+            options = zip(a.kwonlyargs, a.kw_defaults, strict=True)
+            counted = [n for n, default in options if private or default is None]
+            arguments = [n for n in (*a.posonlyargs, *a.args, *counted) if n.arg not in {"self", "cls"}]
+            yield node.name, lines, len(arguments)
 
 
 def code_proper(path: Path) -> int:

@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import pkgutil
+import types
 
 import pytest
 
@@ -32,15 +33,33 @@ def public(folder):
             )
 
 
+def public_routines(folder):
+    """Public functions of a folder, and methods of its classes and their bases, each with its texts: its own and inherited."""
+    module = importlib.import_module(folder)
+    for name in getattr(module, "__all__", []):
+        thing = getattr(module, name)
+        if inspect.isfunction(thing):
+            yield name, thing, [inspect.getdoc(thing)]
+        kinds = (
+            [kind for kind in thing.__mro__ if kind.__module__.startswith("pymantaray.")]
+            if inspect.isclass(thing)
+            else []
+        )
+        kept = types.FunctionType | classmethod | staticmethod
+        keys = {key for kind in kinds for key, member in vars(kind).items() if isinstance(member, kept)}
+        for key in sorted(key for key in keys if not key.startswith("_")):
+            texts = [inspect.getdoc(getattr(kind, key)) for kind in kinds if hasattr(kind, key)]
+            yield f"{name}.{key}", getattr(thing, key), texts
+
+
 @pytest.mark.parametrize("folder", ["pymantaray", *FOLDERS])
-def test_every_public_function_describes_its_parameters(folder):
+def test_every_public_function_and_method_describes_its_parameters(folder):
+    """A method that overrides another may leave this to the other."""
     bare = [
         name
-        for name, thing in public(folder)
-        if inspect.isfunction(thing)
-        and "." not in name
-        and inspect.signature(thing).parameters
-        and "Parameters\n----------\n" not in (inspect.getdoc(thing) or "")
+        for name, routine, texts in public_routines(folder)
+        if set(inspect.signature(routine).parameters) - {"self", "cls"}
+        and not any("Parameters\n----------\n" in (text or "") for text in texts)
     ]
     assert not bare
 

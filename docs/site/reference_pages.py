@@ -235,8 +235,8 @@ def command_tree() -> list[tuple[tuple[str, ...], Any]]:
 
 _WATER_COMMANDS = (
     "rays times", "rays eigen", "rays trace", "rays plot", "rays compare-bellhop", "rays write-bellhop", "ranges", "replay",
-    "locate survey", "locate plan", "serve", "table", "atlas run", "study run", "sweep run", "ocean check", "ocean show", "ocean plot",
-    "ocean correct", "ocean perturb",
+    "locate survey", "locate plan", "serve", "table", "atlas run", "study run", "sweep run", "plan", "ocean check", "ocean show",
+    "ocean plot", "ocean correct", "ocean perturb",
 )  # fmt: skip
 _WATER_OPTIONS = {
     "sea floor": ("--sea-floor",),
@@ -252,6 +252,7 @@ _WATER_OPTIONS = {
     "bounces, cut-off": ("--max-surface-bounces", "--max-bottom-bounces", "--cutoff-db"),
 }
 _WITHOUT_RAYS = "no rays"
+_FROM_STUDY_FILES = ("sweep run", "plan")  # commands whose file contains or names a study
 
 
 def water_table() -> str:
@@ -262,7 +263,7 @@ def water_table() -> str:
         options = {option for p in commands[name].params for option in (*p.opts, *p.secondary_opts)}
         sources = [f"`{option}`" for option in ("--ocean", "--profile", "--run") if option in options]
         if not {"--ocean", "--profile"} & options:
-            sources = ["`--set ocean.source=...`" if name == "sweep run" else "argument"]
+            sources = ["`--set ocean.source=...`" if name in _FROM_STUDY_FILES else "argument"]
         cells = []
         for needed in _WATER_OPTIONS.values():
             if set(needed) <= options:

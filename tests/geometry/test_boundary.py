@@ -62,7 +62,7 @@ def test_a_data_set_gives_a_boundary_on_its_axes_on_the_oceans_or_of_one_depth()
 
 
 def test_a_boundary_that_ends_inside_the_water_is_refused(slope):
-    check = partial(slope.check_extent, name="bed", error=FleetError)
+    check = partial(slope.check_extent, name="bed", exception=FleetError)
     check(NORTH, EAST)
     says = "bed: east -2000 to 5000 m; it must extend over the water, -2000 to 6000 m"
     refused(FleetError, says, check, NORTH, np.array([-2e3, 6e3]))

@@ -9,14 +9,14 @@ from scipy.stats import chi2, multivariate_normal
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
-from pymantaray.locate import Direction, LeverArm, LocateOptions, Node, PlatformError, Survey, locate
+from pymantaray.locate import LeverArm, LocateOptions, Node, PlatformError, Survey, TravelDirection, locate
 from pymantaray.locate.checks import check_survey
 from pymantaray.locate.evidence import posterior
 from pymantaray.locate.linear import Linearization
 from pymantaray.locate.noise import Correlation
 from pymantaray.locate.sound_speed import SpeedPrior, sound_speed_terms
 from pymantaray.locate.travel_times import predict
-from pymantaray.locate.unknowns import Unknowns
+from pymantaray.locate.unknowns import SurveyUnknowns
 from pymantaray.ocean.modes import VerticalModes
 
 TIME = LocateOptions(speed_model="time", correlation="none")
@@ -104,7 +104,7 @@ def test_derivatives_are_those_of_the_predicted_times(campaign, medium):
         campaign, turn_around_sigma=1e-3, lever=LeverArm(campaign.lever[0], (0.1, 0.1, 0.1))
     ).rows(few)
     speed = sound_speed_terms(survey, campaign.prior, "gradient", SpeedPrior())
-    unknowns = Unknowns(survey, speed, "rigid")
+    unknowns = SurveyUnknowns(survey, speed, "rigid")
     rng = np.random.default_rng(0)
     values = unknowns.prior_mean
     values[unknowns.slices["speed"]] = 1e-4 * rng.normal(size=speed.size)
@@ -141,7 +141,7 @@ def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medi
     platform = PlatformError(0.3, 0.2, 400.0)
     correlation = Correlation(0.7, 100.0, 0.3)
     speed = sound_speed_terms(survey, campaign.prior, "scale", SpeedPrior())
-    unknowns = Unknowns(survey, speed)
+    unknowns = SurveyUnknowns(survey, speed)
     values = unknowns.prior_mean
     legs = predict(survey, medium, unknowns.positions(values), unknowns.lever(values))
     weight = np.random.default_rng(1).uniform(0.5, 2.0, 90)
@@ -261,7 +261,7 @@ def test_one_way_times_give_clocks_and_positions(campaign, medium):
         transmit_attitude=[],
         receive_attitude=[],
         lever=LeverArm(),
-        direction=np.full(n, Direction.FROM_NODE),
+        direction=np.full(n, TravelDirection.FROM_NODE),
     )
     found = locate(survey, medium, LocateOptions(speed_model="known", correlation="none"))
     assert nees(found, truth) < chi2.ppf(0.999, 9)

@@ -109,7 +109,9 @@ def find_eigenrays(
     """
     a, b = as_positions("source", source), as_positions("receiver", receiver)
     if a.shape != b.shape:
-        raise AcousticsError(f"source has shape {a.shape}, receiver {b.shape}; they must be equal")
+        raise AcousticsError(
+            f"source has shape {a.shape}, receiver {b.shape}; they must be equal: repeat a single position for every link"
+        )
     if not (tolerance > 0.0 and math.isfinite(tolerance)):
         raise AcousticsError(f"tolerance is {tolerance}; it must be a positive length in metres")
     from pymantaray.acoustics._kernels.layout import MOST_BOUNCES

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; other values have a wrong unit
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
-_MOST_ADDED_LEVELS = 100  # above the first level
+_MAX_ADDED_LEVELS = 100  # above the first level
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
 
 
@@ -280,7 +280,19 @@ class Medium:
         )
 
     def straight_distance(self, source: ArrayLike, receiver: ArrayLike) -> Array:
-        """Straight distance between positions (n, 3): in the frame, or through the Earth if it is a sphere. [m]"""
+        """
+        Straight distance between positions: in the frame, or through the Earth if it is a sphere.
+
+        Parameters
+        ----------
+        source, receiver : array_like, shape (n, 3) or one position
+            North, east, down. They broadcast. [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distance. [m]
+        """
         a, b = (np.asarray(x, dtype=float) for x in (source, receiver))
         if self.earth is None:
             return np.asarray(np.linalg.norm(b - a, axis=-1))
@@ -382,7 +394,7 @@ def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
     """
     if not depth[0] > 0.0:
         return depth, sound_speed
-    n = min(math.ceil(depth[0] / (depth[1] - depth[0])), _MOST_ADDED_LEVELS)
+    n = min(math.ceil(depth[0] / (depth[1] - depth[0])), _MAX_ADDED_LEVELS)
     held = np.repeat(sound_speed[..., :1], n, axis=-1)
     levels = np.linspace(0.0, depth[0], n, endpoint=False)
     return np.concatenate([levels, depth]), np.concatenate([held, sound_speed], axis=-1)

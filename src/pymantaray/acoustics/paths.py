@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _STEEPEST = 1.5  # rad; maximum launch angle of a ray of a fan
-_LONGEST_PATHS = 4  # paths with the maximum number of nodes in the memory of a thread
+_FULL_PATHS_PER_THREAD = 4  # paths with the maximum number of nodes in the memory of a thread
 _GAUSS_NODES, _GAUSS_WEIGHTS = (
     0.5 * (v + shift) for v, shift in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True)
 )
@@ -193,7 +193,7 @@ def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
     from pymantaray.acoustics._kernels.layout import N_NODE, workspace
 
     work = workspace(medium.depth.size)
-    return work, np.empty((_LONGEST_PATHS * len(work.path), N_NODE))
+    return work, np.empty((_FULL_PATHS_PER_THREAD * len(work.path), N_NODE))
 
 
 def _as_paths(table: Array, counts: NDArray[np.int64], medium: Medium) -> RayPaths:

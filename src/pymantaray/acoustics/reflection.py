@@ -52,12 +52,21 @@ _SEDIMENTS = {  # sound speed [m/s], density [kg/m3], attenuation [dB per wavele
 }
 
 
-class _PlaneWave:
-    """Reflection with a complex coefficient of pressure."""
+class _FluidHalfSpace(Reflection):
+    """Reflection at a fluid half-space with an index of refraction and a ratio of densities."""
+
+    @property
+    def density_ratio(self) -> float:
+        """Density over that of the water."""
+        raise NotImplementedError
+
+    def _index(self, sound_speed: Array) -> NDArray[np.complex128]:
+        """Complex index of refraction, by the sound speed of the water at the boundary [m/s]."""
+        raise NotImplementedError
 
     def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
         """
-        Return the reflection coefficient of plane waves, with time as exp(-i omega t).
+        Return Rayleigh's reflection coefficient of plane waves, see `rayleigh_coefficient`.
 
         Parameters
         ----------
@@ -69,21 +78,22 @@ class _PlaneWave:
         Returns
         -------
         ndarray of complex, shape (n,)
-            Coefficients. [-]
+            Coefficients, with time as exp(-i omega t). [-]
         """
-        raise NotImplementedError
+        index = self._index(np.asarray(sound_speed, dtype=float))
+        return rayleigh_coefficient(grazing_angle, index, self.density_ratio)
 
     def loss_and_phase(
         self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
     ) -> tuple[Array, Array]:
-        """Loss [dB] and phase [rad] of each reflection, see `pymantaray.geometry.boundary.Reflection`."""
+        """Loss [dB] and phase [rad] of each reflection; parameters as in `Reflection.loss_and_phase`."""
         del frequency_hz
         r = self.coefficient(grazing_angle, sound_speed=sound_speed)
         with np.errstate(divide="ignore"):  # there is no reflection at the angle of intromission
             return -20.0 * np.log10(np.abs(r)), np.angle(r)
 
 
-class _Scattering:
+class _Scattering(Reflection):
     """Reflection at the surface, with phase pi and a loss."""
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
@@ -109,13 +119,13 @@ class _Scattering:
     def loss_and_phase(
         self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
     ) -> tuple[Array, Array]:
-        """Loss [dB] and phase [rad] of each reflection, see `pymantaray.geometry.boundary.Reflection`."""
+        """Loss [dB] and phase [rad] of each reflection; parameters as in `Reflection.loss_and_phase`."""
         loss = self.loss_db(grazing_angle, frequency_hz, sound_speed=sound_speed)
         return loss, np.full(np.shape(loss), np.pi)
 
 
 @dataclass(frozen=True)
-class FluidBottom(_PlaneWave):
+class FluidBottom(_FluidHalfSpace):
     """
     Sea bed as a homogeneous fluid half space.
 
@@ -159,25 +169,15 @@ class FluidBottom(_PlaneWave):
             raise AcousticsError(f"sediment {name!r} is unknown; allowed: {', '.join(_SEDIMENTS)}")
         return cls(*_SEDIMENTS[name])
 
-    def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
-        """
-        Rayleigh reflection coefficient, see `rayleigh_coefficient`.
+    @property
+    def density_ratio(self) -> float:
+        """Density over that of the water."""
+        return self.density / _WATER_DENSITY
 
-        Parameters
-        ----------
-        grazing_angle : array_like, shape (n,)
-            Grazing angles. [rad]
-        sound_speed : array_like, shape (n,)
-            Sound speed of the water at the boundary. [m/s]
-
-        Returns
-        -------
-        ndarray of complex, shape (n,)
-            Coefficients. [-]
-        """
+    def _index(self, sound_speed: Array) -> NDArray[np.complex128]:
+        """Complex index of refraction, by the sound speed of the water at the boundary [m/s]."""
         loss_tangent = math.log(10.0) * self.attenuation_db_per_wavelength / (40.0 * math.pi)
-        index = np.asarray(sound_speed, dtype=float) / self.sound_speed * (1.0 + 1j * loss_tangent)
-        return rayleigh_coefficient(grazing_angle, index, self.density / _WATER_DENSITY)
+        return np.asarray(sound_speed / self.sound_speed * (1.0 + 1j * loss_tangent), dtype=np.complex128)
 
 
 @dataclass(frozen=True)
@@ -202,23 +202,7 @@ class SeaSurface(_Scattering):
             raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed: 'bubbles' and 'coherent'")
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
-        """
-        Loss of each reflection.
-
-        Parameters
-        ----------
-        grazing_angle : array_like, shape (n,)
-            Grazing angles. [rad]
-        frequency_hz : float
-            Frequency. [Hz]
-        sound_speed : array_like, shape (n,)
-            Sound speed of the water at the boundary. [m/s]
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Loss of each reflection. [dB]
-        """
+        """Loss of each reflection [dB]; parameters as in `loss_and_phase`."""
         if self.model == "bubbles":
             return bubble_loss_db(grazing_angle, frequency_hz, wind_speed=self.wind_speed)
         return coherent_surface_loss_db(
@@ -251,28 +235,12 @@ class IceCover(_Scattering):
         check_fields(AcousticsError, self, "dB", "db_per_bounce")
 
     def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:  # noqa: ARG002
-        """
-        Return the loss of each reflection, which is constant.
-
-        Parameters
-        ----------
-        grazing_angle : array_like, shape (n,)
-            Grazing angles. [rad]
-        frequency_hz : float
-            Frequency. [Hz]
-        sound_speed : array_like, shape (n,)
-            Sound speed of the water at the boundary. [m/s]
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Loss of each reflection. [dB]
-        """
+        """Loss of each reflection [dB], which is constant; parameters as in `loss_and_phase`."""
         return np.full(np.shape(grazing_angle), self.db_per_bounce)
 
 
 @dataclass(frozen=True)
-class GrainSizeBottom(_PlaneWave):
+class GrainSizeBottom(_FluidHalfSpace):
     """
     Sea bed as a fluid half-space with the properties of a sediment of a mean grain size, for 10 to 100 kHz.
 
@@ -338,24 +306,9 @@ class GrainSizeBottom(_PlaneWave):
     def _polynomial(self, *coefficients: float) -> float:
         return float(np.polynomial.polynomial.polyval(self.grain_size, coefficients))
 
-    def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
-        """
-        Rayleigh reflection coefficient, see `rayleigh_coefficient`.
-
-        Parameters
-        ----------
-        grazing_angle : array_like, shape (n,)
-            Grazing angles. [rad]
-        sound_speed : array_like, shape (n,)
-            Sound speed of the water, without effect. [m/s]
-
-        Returns
-        -------
-        ndarray of complex, shape (n,)
-            Coefficients. [-]
-        """
-        index = np.full(np.shape(sound_speed), (1.0 + 1j * self.loss_tangent) / self.sound_speed_ratio)
-        return rayleigh_coefficient(grazing_angle, index, self.density_ratio)
+    def _index(self, sound_speed: Array) -> NDArray[np.complex128]:
+        """Complex index of refraction, the same at each sound speed of the water."""
+        return np.full(np.shape(sound_speed), (1.0 + 1j * self.loss_tangent) / self.sound_speed_ratio)
 
 
 _GRAIN_SIZES = {  # phi units

@@ -52,14 +52,14 @@ Files = Annotated[
     ),
 ]
 Ocean = Annotated[str, typer.Argument(metavar="OCEAN", help="As in mantaray ocean show.")]
-Cast = Annotated[
+CastFile = Annotated[
     Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo profiles or CF profiles.")
 ]
-Casts = Annotated[
+CastFiles = Annotated[
     list[Path],
     typer.Argument(metavar="CASTS...", help="Tables, instruments' files, Argo profiles or CF profiles."),
 ]
-Out = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
+NewOcean = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ class UniformOptions:
 @app.command()
 @with_options
 def from_cast(
-    cast: Cast, out: Out, which: CastOptions, uniform: UniformOptions, force: Force = False
+    cast: CastFile, out: NewOcean, which: CastOptions, uniform: UniformOptions, force: Force = False
 ) -> None:
     """Make a horizontally uniform ocean at rest from one cast."""
     check_output(out, [".nc"], inputs=[cast], force=force)
@@ -281,7 +281,7 @@ def from_cast(
 @app.command("convert-cast")
 @with_options
 def convert_cast(
-    cast: Cast,
+    cast: CastFile,
     out: Annotated[
         Path, typer.Argument(metavar="OUT", help="A Kongsberg .asvp, or a CF data set of profiles (.nc).")
     ],
@@ -357,7 +357,12 @@ class CorrectionOptions:
 @app.command()
 @with_options
 def correct(
-    ocean: Ocean, casts: Casts, out: Out, water: WaterOptions, scales: CorrectionOptions, force: Force = False
+    ocean: Ocean,
+    casts: CastFiles,
+    out: NewOcean,
+    water: WaterOptions,
+    scales: CorrectionOptions,
+    force: Force = False,
 ) -> None:
     """Correct a gridded ocean with casts (optimal interpolation)."""
     check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
@@ -431,7 +436,7 @@ class PerturbationOptions:
 @app.command()
 @with_options
 def perturb(
-    ocean: Ocean, out: Out, water: WaterOptions, error: PerturbationOptions, force: Force = False
+    ocean: Ocean, out: NewOcean, water: WaterOptions, error: PerturbationOptions, force: Force = False
 ) -> None:
     """Write a perturbed ocean for an estimator."""
     check_output(out, [".nc"], inputs=[Path(ocean), *(error.mode_cast or [])], force=force)

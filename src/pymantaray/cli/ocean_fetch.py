@@ -9,7 +9,7 @@ import typer
 from pymantaray.cli.groups import Fields, quantities, with_options
 from pymantaray.cli.options import Commands, Force, Quiet
 from pymantaray.cli.printing import LOG
-from pymantaray.ocean.fetch.limits import Limits
+from pymantaray.ocean.fetch.limits import FetchLimits
 
 if TYPE_CHECKING:
     from pymantaray.ocean.fetch import FetchResult
@@ -47,7 +47,7 @@ class WindowOptions:
 @with_options
 def hycom(
     window: WindowOptions,
-    limits: Annotated[Limits, Fields("attempts", total_s="--time-limit")],
+    limits: Annotated[FetchLimits, Fields("attempts", total_s="--time-limit")],
     nearest: Annotated[
         bool,
         typer.Option("--nearest", help="Use the nearest time step if the requested one does not exist."),

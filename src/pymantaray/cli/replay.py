@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.groups import quantity, with_options
+from pymantaray.cli.groups import Fields, quantity, with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     FolderOptions,
@@ -19,6 +19,7 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.printing import Printer
+from pymantaray.replay.options import PredictionOptions
 from pymantaray.replay.rules import DEFAULT_RULE
 
 if TYPE_CHECKING:
@@ -77,40 +78,6 @@ class ComparisonOptions:
     ] = False
 
 
-@dataclass(frozen=True)
-class ErrorOptions:
-    """Draws of rough ice, and errors of predictions."""
-
-    draws: Annotated[
-        int,
-        typer.Option(metavar="N", min=1, help="Number of draws of rough ice, whose arrivals are merged."),
-    ] = 1
-    position_sigma: Annotated[
-        float,
-        typer.Option(
-            parser=quantity("m"),
-            metavar="M",
-            help="Standard deviation of the position of each node, for the error of predictions.",
-        ),
-    ] = 0.0
-    sound_speed_sigma: Annotated[
-        float,
-        typer.Option(
-            parser=quantity("m/s"),
-            metavar="M/S",
-            help="Standard deviation of the mean sound speed, for the error of predictions.",
-        ),
-    ] = 0.0
-    wind: Annotated[
-        float,
-        typer.Option(
-            parser=quantity("m/s"),
-            metavar="M/S",
-            help="Wind over open water, whose waves spread the times of surface reflections, for the error of predictions.",
-        ),
-    ] = 0.0
-
-
 @with_options
 def replay(
     events: Annotated[
@@ -126,9 +93,12 @@ def replay(
     water: WaterOptions,
     search: ArrivalOptions,
     comparing: ComparisonOptions,
-    errors: ErrorOptions,
+    prediction: Annotated[
+        PredictionOptions, Fields("draws", "position_sigma", "sound_speed_sigma", wind_speed="--wind")
+    ],
     folder: FolderOptions,
     printing: TableOptions,
+    *,
     changes: Set = None,
 ) -> None:
     """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
@@ -136,11 +106,10 @@ def replay(
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import load_waters, search_record, water_notes
     from pymantaray.config.load import sound_sections
-    from pymantaray.replay import DetectionRule, PredictionOptions, read_events, replay_events
+    from pymantaray.replay import DetectionRule, read_events, replay_events
     from pymantaray.replay import smooth_positions as smooth
     from pymantaray.report import write_replay
 
-    options = PredictionOptions(errors.draws, errors.position_sigma, errors.sound_speed_sigma, errors.wind)
     window_s = parse_duration("--window", comparing.window, positive=False)
     measured, kind = read_events(events, comparing.nodes), DetectionRule.parse(comparing.rule)
     smoothed = None
@@ -155,7 +124,7 @@ def replay(
             measured,
             waters,
             kind,
-            options=options,
+            options=prediction,
             window=window_s,
             reference=comparing.reference,
             progress=None if report is None else lambda done, total: report("events", done, total),
@@ -166,7 +135,7 @@ def replay(
         record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),
-            "prediction": asdict(options),
+            "prediction": asdict(prediction),
             "detection": None if comparing.detection is None else str(comparing.detection),
             "smooth_positions_m": comparing.smooth_positions,
             "clock_drift": comparing.clock_drift,

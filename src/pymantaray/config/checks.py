@@ -15,7 +15,7 @@ from pymantaray.config.renamed import with_new_names
 from pymantaray.errors import StudyError
 
 Model = TypeVar("Model", bound=BaseModel)
-_LONGEST_KEY = 100  # characters; a message shortens longer keys
+_MAX_KEY_LENGTH = 100  # characters; a message shortens longer keys
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = 100
 _ALLOWED = {
@@ -85,7 +85,7 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
     model, where, options = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
     if kind == "extra_forbidden":
         key = str(location[-1])
-        if len(key) > _LONGEST_KEY or not key.isprintable():
+        if len(key) > _MAX_KEY_LENGTH or not key.isprintable():
             key = _REPR.repr(key)
         return _unknown(key, model, where, root)
     if kind == "missing":

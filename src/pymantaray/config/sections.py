@@ -439,7 +439,18 @@ class SoundConfig(Section):
         return None if self.detection is None else self.detection.build_sonar()
 
     def build_reception(self, absorption: "Absorption | None") -> "ReceptionOptions":
-        """Build search, losses and detection of arrivals, with the absorption of the water."""
+        """
+        Build search, losses and detection of arrivals.
+
+        Parameters
+        ----------
+        absorption : Absorption or None
+            Absorption of the water; None if it is not modelled.
+
+        Returns
+        -------
+        ReceptionOptions
+        """
         from pymantaray.acoustics.reflection import bed_reflection
         from pymantaray.sensing import Detector, ReceptionOptions
 

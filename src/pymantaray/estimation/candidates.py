@@ -49,6 +49,25 @@ class Candidates(NamedTuple):
         Arrivals of one family have the same bounces and the same rank in time among the arrivals with these bounces. With as many
         bounces at the surface as at the bottom, they also have the same first boundary. If all weights of a range are zero its
         arrivals have equal ones.
+
+        Parameters
+        ----------
+        row : ndarray of int, shape (n,)
+            Range of each arrival.
+        travel_time : ndarray, shape (n,)
+            Travel times. [s]
+        gradients : tuple of two ndarrays, shape (n, 3)
+            Derivatives of the travel time by the positions of transmitter and receiver. [s/m]
+        weight : ndarray, shape (n,)
+            Weights, not negative.
+        sigma : ndarray, shape (n,)
+            Standard deviations of the travel times. [s]
+        bounces : tuple of two ndarrays of int, shape (n,)
+            Reflections at the surface and at the bottom.
+
+        Returns
+        -------
+        Candidates
         """
         order = np.lexsort((travel_time, row))
         row, weight = row[order], np.asarray(weight, dtype=float)[order]
@@ -143,5 +162,17 @@ class CandidateModel(RangeModel, Protocol):
     mixture: Mixture
 
     def candidates(self, links: RangeLinks) -> Candidates:
-        """Candidates of all links; a link without one has no rows."""
+        """
+        Predict the arrivals of all links of a graph.
+
+        Parameters
+        ----------
+        links : RangeLinks
+            Positions of both ends, times and measured sound speeds of the links.
+
+        Returns
+        -------
+        Candidates
+            Arrivals; a link without one has no rows.
+        """
         ...

@@ -158,8 +158,14 @@ class GraphResult:
         Write graph, start, estimate and truth as NetCDF, and the summary as JSON.
 
         ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc``, ``alternative.nc`` and ``truth.nc`` are `GraphValues` with
-        vehicle, number and time of each pose. There is no estimate without a usable solution. The
-        summary includes the entries of ``more``; numbers that are not finite are null. The folder must exist.
+        vehicle, number and time of each pose. There is no estimate without a usable solution.
+
+        Parameters
+        ----------
+        folder : pathlib.Path
+            Existing folder.
+        more : mapping, optional
+            Additional entries of the summary; numbers that are not finite are written as null.
         """
         self.graph.save(folder / "graph.nc")
         names = ["vehicle_name", "landmark_name", "pose_vehicle", "pose_number", "pose_time"]

@@ -63,7 +63,19 @@ class RangeModel(Protocol):
     """Predicts the travel times of links."""
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Predict the travel times of all links of a graph."""
+        """
+        Predict the travel times of all links of a graph.
+
+        Parameters
+        ----------
+        links : RangeLinks
+            Positions of both ends, times and measured sound speeds of the links.
+
+        Returns
+        -------
+        Prediction
+            Travel times and their gradients.
+        """
         ...
 
 
@@ -74,11 +86,34 @@ class AdjustableModel(RangeModel, Protocol):
     amplitude_sigma: Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m/s]
 
     def adjusted(self, amplitudes: Array) -> AdjustableModel:
-        """Copy of the model with these amplitudes relative to the initially assumed ocean. [m/s]."""
+        """
+        Return a copy of the model with other amplitudes of its modes.
+
+        Parameters
+        ----------
+        amplitudes : ndarray, shape (n_modes,)
+            Amplitudes relative to the initially assumed ocean. [m/s]
+
+        Returns
+        -------
+        AdjustableModel
+        """
         ...
 
     def sensitivity(self, links: RangeLinks) -> Array:
-        """Derivative of the travel times by the amplitudes, shape (n, n_modes); zero without an arrival. [s²/m]."""
+        """
+        Derivatives of the travel times by the amplitudes.
+
+        Parameters
+        ----------
+        links : RangeLinks
+            Links, as in `predict`.
+
+        Returns
+        -------
+        ndarray, shape (n, n_modes)
+            Zero for a link without an arrival. [s²/m]
+        """
         ...
 
 
@@ -90,7 +125,7 @@ class TravelTimeUncertainty(Protocol):
         ...
 
 
-class ConstantSpeed:
+class ConstantSpeed(RangeModel):
     """One positive finite sound speed for all water. [m/s]."""
 
     def __init__(self, sound_speed: float) -> None:
@@ -101,27 +136,51 @@ class ConstantSpeed:
         self.sound_speed = float(sound_speed)
 
     def speed(self, measured: Array) -> Array:
-        """Sound speed along each link; the measured sound speeds are ignored. [m/s]."""
+        """
+        Sound speed along each link.
+
+        Parameters
+        ----------
+        measured : ndarray, shape (n,)
+            Sound speeds at the transmitters, without effect. [m/s]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The constant. [m/s]
+        """
         return np.full(np.shape(measured), self.sound_speed)
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Predict the distance divided by the sound speed."""
+        """Predict the distance divided by the sound speed; parameters as in `RangeModel.predict`."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
-class TransmitterSpeed:
+class TransmitterSpeed(RangeModel):
     """The sound speed measured at the transmitter for the whole link: the paper's c_i."""
 
     def speed(self, measured: Array) -> Array:
-        """Measured sound speed of each link. [m/s]."""
+        """
+        Sound speed along each link.
+
+        Parameters
+        ----------
+        measured : ndarray, shape (n,)
+            Sound speeds at the transmitters. [m/s]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The same sound speeds. [m/s]
+        """
         return np.asarray(measured, dtype=float)
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Predict the distance divided by the transmitter's sound speed."""
+        """Predict the distance divided by the transmitter's sound speed; parameters as in `RangeModel.predict`."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
-class MeanSlowness:
+class MeanSlowness(RangeModel):
     r"""
     The mean slowness of a profile over the straight chord.
 
@@ -159,7 +218,11 @@ class MeanSlowness:
         self._sum = np.concatenate([[0.0], np.cumsum(np.diff(z) * _mean_inverse(c[:-1], c[1:]))])
 
     def predict(self, links: RangeLinks) -> Prediction:
-        """Predict the distance times the mean slowness between the ends' depths; gradients include both factors."""
+        """
+        Predict the distance times the mean slowness between the ends' depths; parameters as in `RangeModel.predict`.
+
+        The gradients include both factors.
+        """
         a, b = links.transmitter[:, 2], links.receiver[:, 2]
         slow_a, slow_b = self._slowness(a), self._slowness(b)
         level = np.abs(b - a) < _LEVEL_DIFFERENCE

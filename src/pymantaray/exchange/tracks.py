@@ -20,7 +20,7 @@ SAME_TIME = 1e-6
 """Times that differ by less count as one. [s]"""
 _ABOVE_SURFACE = 5.0  # m; up to this an error of a depth sensor, beyond it an axis that points up
 _MIN_STEP = 1e-3  # m; shorter steps do not define a course
-_LONGEST_NAME = 64
+_MAX_NAME_LENGTH = 64
 
 
 class Poses(NamedTuple):
@@ -234,7 +234,7 @@ def level(heading: ArrayLike, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> 
 def _clean(p: Poses, notes: list[str]) -> Poses:
     """Check poses, sort them by time and drop repeated times; changes are appended to the notes."""
     who = f"{p.file}: {p.name}"
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", p.name).strip("_")[:_LONGEST_NAME] or "vehicle"
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", p.name).strip("_")[:_MAX_NAME_LENGTH] or "vehicle"
     if name != p.name:
         notes.append(f"{who}: renamed to {name}")
     order = np.argsort(p.time, kind="stable")

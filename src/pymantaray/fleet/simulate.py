@@ -234,7 +234,7 @@ def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
         BoundarySurface.from_dataset(ocean, name, FleetError) if name in ocean else BoundarySurface(0.0)
         for name in ("sea_floor_depth", "sea_ice_draft")
     )
-    bed.check_extent(north, east, name="ocean: sea_floor_depth", error=FleetError)
+    bed.check_extent(north, east, name="ocean: sea_floor_depth", exception=FleetError)
     dims = _DIMS if time.size == 1 else ("time", *_DIMS)
     current_north, current_east = (
         _variable(ocean, name, dims).reshape(time.size, north.size, east.size, depth.size)

@@ -32,9 +32,23 @@ class Reflection(Protocol):
         self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
     ) -> tuple[Array, Array]:
         """
-        Loss [dB] and phase [rad] of each reflection, time as exp(-i omega t).
+        Loss and phase of each reflection, with time as exp(-i omega t).
 
-        By grazing angle (n,) [rad], frequency [Hz] and sound speed of the water at the boundary (n,) [m/s].
+        Parameters
+        ----------
+        grazing_angle : array_like, shape (n,)
+            Grazing angles. [rad]
+        frequency_hz : float
+            Frequency. [Hz]
+        sound_speed : array_like, shape (n,)
+            Sound speed of the water at the boundary. [m/s]
+
+        Returns
+        -------
+        loss : ndarray, shape (n,)
+            Loss. [dB]
+        phase : ndarray, shape (n,)
+            Phase. [rad]
         """
         ...
 
@@ -93,39 +107,76 @@ class BoundarySurface:
         return f"<BoundarySurface {size}, {self.depth.min():g} to {self.depth.max():g} m{rough}{loss}>"
 
     @classmethod
-    def from_dataset(cls, ocean: xr.Dataset, name: str, error: Error = GeometryError) -> Self:
-        """Make a boundary from a variable of a local ocean, on (floor_north, floor_east), on (north, east) or with one value."""
+    def from_dataset(cls, ocean: xr.Dataset, name: str, exception: Error = GeometryError) -> Self:
+        """
+        Make a boundary from a variable of a local ocean.
+
+        Parameters
+        ----------
+        ocean : xarray.Dataset
+            Ocean on a local grid.
+        name : str
+            Variable on (floor_north, floor_east) or (north, east), or with one value. [m]
+        exception : type of exception
+            Class of the error for a variable that is not allowed.
+
+        Returns
+        -------
+        BoundarySurface
+        """
         variable = ocean[name]
         if variable.ndim == 0:
             return cls(variable.item())
         dims = next((pair for pair in _AXES if set(variable.dims) == set(pair)), None)
         if dims is None:
-            raise error(
+            raise exception(
                 f"ocean: {name} has dimensions {variable.dims}; it needs (north, east), or axes of its own,"
                 " (floor_north, floor_east)"
             )
         depth = np.asarray(variable.transpose(*dims).values, dtype=float)
         if missing := np.count_nonzero(~np.isfinite(depth)):
-            raise error(
+            raise exception(
                 f"ocean: {name} has {missing} missing values; none are allowed: fill it with pymantaray.ocean.to_local"
             )
         north, east = (
-            checked_array(error, f"ocean: axis {dim!r}", ocean[dim].values, (None,), rising=True)
+            checked_array(exception, f"ocean: axis {dim!r}", ocean[dim].values, (None,), rising=True)
             for dim in dims
         )
         return cls(depth, north, east)
 
     def with_roughness(self, roughness: Roughness | None) -> Self:
-        """Return the same boundary with another roughness; None makes it smooth."""
+        """
+        Return the same boundary with another roughness.
+
+        Parameters
+        ----------
+        roughness : Roughness or None
+            Random elevation about the depth; None for a smooth boundary.
+
+        Returns
+        -------
+        BoundarySurface
+        """
         return type(self)(self.depth, self.north, self.east, self.reflection, roughness)
 
-    def check_extent(self, north: Array, east: Array, *, name: str, error: Error) -> None:
-        """Raise an error if the boundary does not extend over water with these axes [m]."""
+    def check_extent(self, north: Array, east: Array, *, name: str, exception: Error) -> None:
+        """
+        Raise an error if the boundary does not extend over water.
+
+        Parameters
+        ----------
+        north, east : ndarray, shape (n,)
+            Axes of the water. [m]
+        name : str
+            Name of the boundary for the message.
+        exception : type of exception
+            Class of the error.
+        """
         for along, own, water in (("north", self.north, north), ("east", self.east, east)):
             slack = _SLACK * max(np.ptp(water), 1.0)
             if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
                 first, last, low, high = distinct_digits(own[0], own[-1], water[0], water[-1])
-                raise error(
+                raise exception(
                     f"{name}: {along} {first} to {last} m; it must extend over the water, {low} to {high} m"
                 )
 
@@ -171,7 +222,7 @@ def as_boundary(
     Name and error are for refusals.
     """
     if isinstance(depth, BoundarySurface):
-        depth.check_extent(north, east, name=name, error=error)
+        depth.check_extent(north, east, name=name, exception=error)
         return depth
     if np.ndim(depth) == 0:
         return BoundarySurface(checked_array(error, name, np.full((1, 1), depth), (1, 1)))

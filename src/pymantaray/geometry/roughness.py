@@ -14,7 +14,7 @@ from pymantaray.geometry.streams import stream
 Array = NDArray[np.float64]
 _POINTS = 512  # along each side of the periodic tile
 _POINTS_PER_LENGTH = 6.0
-MOST_DEVIATIONS = 4.0
+MAX_DEVIATIONS = 4.0
 """Elevations are limited to this number of standard deviations."""
 
 
@@ -66,7 +66,7 @@ class Roughness:
     @property
     def reach(self) -> float:
         """Largest elevation. [m]"""
-        return MOST_DEVIATIONS * self.height
+        return MAX_DEVIATIONS * self.height
 
     def with_draw(self, draw: int) -> Self:
         """Return the same roughness with another draw."""
@@ -106,4 +106,4 @@ class Roughness:
         shape = places.shape[1:]
         index = places.reshape(2, -1) * (_POINTS_PER_LENGTH / self.length)
         unit = map_coordinates(self._coefficients, index, order=3, mode="grid-wrap", prefilter=False)
-        return np.asarray(self.height * np.clip(unit, -MOST_DEVIATIONS, MOST_DEVIATIONS)).reshape(shape)
+        return np.asarray(self.height * np.clip(unit, -MAX_DEVIATIONS, MAX_DEVIATIONS)).reshape(shape)

@@ -75,20 +75,67 @@ class EarthSphere:
 
     @classmethod
     def at_latitude(cls, latitude_deg: float) -> Self:
-        """Sphere with the Gaussian radius of curvature of WGS 84 at a latitude [degrees]."""
+        """
+        Return the sphere with the Gaussian radius of curvature of WGS 84 at a latitude.
+
+        Parameters
+        ----------
+        latitude_deg : float
+            Latitude. [degrees]
+
+        Returns
+        -------
+        EarthSphere
+        """
         w = 1.0 - _SQUARED_ECCENTRICITY * math.sin(math.radians(latitude_deg)) ** 2
         return cls(_EQUATOR * math.sqrt(1.0 - _SQUARED_ECCENTRICITY) / w)
 
     def flattened_depth(self, depth: ArrayLike) -> Array:
-        """Depth in flattened water of a depth below the surface. [m]"""
+        """
+        Convert depths below the surface to depths in flattened water.
+
+        Parameters
+        ----------
+        depth : array_like, shape (...)
+            Depths below the surface. [m]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Depths in flattened water. [m]
+        """
         return np.asarray(-self.radius * np.log1p(-np.asarray(depth, dtype=float) / self.radius))
 
     def true_depth(self, flattened: ArrayLike) -> Array:
-        """Depth below the surface of a depth in flattened water. [m]"""
+        """
+        Convert depths in flattened water to depths below the surface.
+
+        Parameters
+        ----------
+        flattened : array_like, shape (...)
+            Depths in flattened water. [m]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Depths below the surface. [m]
+        """
         return np.asarray(-self.radius * np.expm1(-np.asarray(flattened, dtype=float) / self.radius))
 
     def stretch(self, depth: ArrayLike) -> Array:
-        """Flattened metres per metre at a depth [m], along any direction."""
+        """
+        Length in flattened water over true length at a depth, the same in all directions.
+
+        Parameters
+        ----------
+        depth : array_like, shape (...)
+            Depths below the surface. [m]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Ratio, 1 at the surface. [-]
+        """
         return np.asarray(self.radius / (self.radius - np.asarray(depth, dtype=float)))
 
     def surface_distance(self, source: Array, receiver: Array) -> Array:
@@ -116,11 +163,35 @@ class EarthSphere:
         return np.asarray(2.0 * self.radius * np.arcsin(half))
 
     def frame_distance(self, surface_distance: ArrayLike) -> Array:
-        """Distance from the frame's centre, in the frame, of a point at a distance along the surface. [m]"""
+        """
+        Convert distances along the surface from the frame's centre to distances in the frame.
+
+        Parameters
+        ----------
+        surface_distance : array_like, shape (...)
+            Distances along the surface. [m]
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Distances in the frame. [m]
+        """
         return np.asarray(2.0 * self.radius * np.tan(np.asarray(surface_distance) / (2.0 * self.radius)))
 
     def straight_distance(self, source: Array, receiver: Array) -> Array:
-        """Length of the straight line through the Earth between positions (n, 3) in the local frame. [m]"""
+        """
+        Length of the straight line through the Earth between positions in the local frame.
+
+        Parameters
+        ----------
+        source, receiver : ndarray, shape (n, 3)
+            North, east, down. [m]
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Distance. [m]
+        """
         angle = self.surface_distance(source, receiver) / self.radius
         a, b = self.radius - source[:, 2], self.radius - receiver[:, 2]
         return np.asarray(np.hypot(b - a, 2.0 * np.sqrt(a * b) * np.sin(0.5 * angle)))

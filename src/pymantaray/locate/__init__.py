@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from pymantaray.locate.options import PlanOptions as PlanOptions
     from pymantaray.locate.options import SpeedPrior as SpeedPrior
     from pymantaray.locate.plan import Pattern as Pattern
-    from pymantaray.locate.plan import Plan as Plan
+    from pymantaray.locate.plan import SurveyPlan as SurveyPlan
     from pymantaray.locate.plan import plan_survey as plan_survey
     from pymantaray.locate.read import read_survey as read_survey
     from pymantaray.locate.read_options import ReadOptions as ReadOptions
-    from pymantaray.locate.survey import Direction as Direction
     from pymantaray.locate.survey import LeverArm as LeverArm
     from pymantaray.locate.survey import Node as Node
     from pymantaray.locate.survey import PlatformError as PlatformError
     from pymantaray.locate.survey import Survey as Survey
+    from pymantaray.locate.survey import TravelDirection as TravelDirection
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

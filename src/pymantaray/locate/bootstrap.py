@@ -10,14 +10,14 @@ from threadpoolctl import threadpool_limits
 
 from pymantaray.errors import LocateError
 from pymantaray.geometry import stream
-from pymantaray.locate.solve import Solution
+from pymantaray.locate.solve import SurveySolution
 
 Array = NDArray[np.float64]
 _MAX_DRAWS = 1_000_000
 
 
 def bootstrap_positions(
-    solution: Solution,
+    solution: SurveySolution,
     draws: int,
     *,
     seed: int,

@@ -5,7 +5,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.locate.evidence import posterior
-from pymantaray.locate.solve import Solution
+from pymantaray.locate.solve import SurveySolution
 from pymantaray.locate.survey import PlatformError
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ _PRIORS = {
 }
 
 
-def error_budget(solution: Solution) -> pd.DataFrame:
+def error_budget(solution: SurveySolution) -> pd.DataFrame:
     r"""
     Contributions to the standard deviations of each node's position.
 
@@ -51,7 +51,7 @@ def error_budget(solution: Solution) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def _noise_alone(solution: Solution, by_position: Array, inverse: Array) -> Array:
+def _noise_alone(solution: SurveySolution, by_position: Array, inverse: Array) -> Array:
     """Variances if only positions were unknown."""
     at = solution.unknowns.slices
     columns = np.concatenate([np.arange(at[kind].start, at[kind].stop) for kind in ("position", "array")])
@@ -66,7 +66,7 @@ def _noise_alone(solution: Solution, by_position: Array, inverse: Array) -> Arra
     return np.asarray(np.einsum("ij,jk,ik->i", spread, information, spread))
 
 
-def _platform(solution: Solution, by_position: Array, total: Array) -> Array:
+def _platform(solution: SurveySolution, by_position: Array, total: Array) -> Array:
     """Contribution of errors of the platform's positions to the variances."""
     survey, fit = solution.unknowns.survey, solution.posterior
     if survey.platform_error.horizontal == survey.platform_error.vertical == 0.0:

@@ -9,9 +9,9 @@ from pymantaray.acoustics import Medium
 from pymantaray.errors import LocateError
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.locate.evidence import posterior
-from pymantaray.locate.solve import Solution
+from pymantaray.locate.solve import SurveySolution
 from pymantaray.locate.starts import mean_speed
-from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def check_survey(survey: Survey, medium: Medium) -> None:
             )
 
 
-def check_solution(solution: Solution, medium: Medium) -> None:
+def check_solution(solution: SurveySolution, medium: Medium) -> None:
     """Raise an error for a profile that ends above a node, or a lever arm with a wrong sign, after the solve."""
     for name, place in zip(solution.unknowns.survey.names, solution.positions, strict=True):
         if place[2] > _deepest(medium, place[2]):
@@ -97,7 +97,7 @@ def _check_times(survey: Survey) -> None:
 
 def _check_turn_around(survey: Survey) -> None:
     delay = np.array([node.turn_around for node in survey.nodes])[survey.node]
-    long = (survey.direction == Direction.TWO_WAY) & (delay >= np.median(survey.travel_time))
+    long = (survey.direction == TravelDirection.TWO_WAY) & (delay >= np.median(survey.travel_time))
     if long.any():
         row = int(np.argmax(long))
         raise LocateError(
@@ -137,7 +137,7 @@ def _check_units(survey: Survey, medium: Medium) -> None:
         return
     distance = np.linalg.norm(near - nodes[survey.node], axis=1)[alone]
     speed = mean_speed(medium, 0.0, float(nodes[:, 2].max()))
-    two_way = survey.direction[alone] == Direction.TWO_WAY
+    two_way = survey.direction[alone] == TravelDirection.TWO_WAY
     expected = distance / speed * np.where(two_way, 2.0, 1.0)
     ratio = float(np.median(survey.travel_time[alone] / np.maximum(expected, 1e-6)))
     if _MILLISECONDS[0] < ratio < _MILLISECONDS[1] and np.median(survey.travel_time) > 5.0:
@@ -147,7 +147,7 @@ def _check_units(survey: Survey, medium: Medium) -> None:
         )
 
 
-def _check_lever(solution: Solution) -> None:
+def _check_lever(solution: SurveySolution) -> None:
     """Raise an error if another sign of a known lever arm explains the residuals much better."""
     unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices["lever"]
     lever = solution.values[at]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from pymantaray.locate.linear import Products
-from pymantaray.locate.unknowns import Unknowns
+from pymantaray.locate.unknowns import SurveyUnknowns
 
 Array = NDArray[np.float64]
 _MAX_STEPS = 60
@@ -46,7 +46,7 @@ class Posterior:
 
 def posterior(
     products: Products,
-    unknowns: Unknowns,
+    unknowns: SurveyUnknowns,
     values: Array,
     start: Mapping[str, float],
     *,

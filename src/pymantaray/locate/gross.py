@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.locate.graduated import robust_sigma
-from pymantaray.locate.solve import Solution
-from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.solve import SurveySolution
+from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import Legs, predict, transducers
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
@@ -17,7 +17,7 @@ _MAX_DEVIATION = 10.0  # standard deviations between a ping and its explanation
 _MIN_TOLERANCE = 1e-3  # s
 
 
-def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
+def reasons(solution: SurveySolution, medium: Medium) -> NDArray[np.str_]:
     """Reason for each unused ping; empty for used pings."""
     survey, legs = solution.unknowns.survey, solution.legs
     out = np.full(len(survey), "", dtype=object)
@@ -37,7 +37,9 @@ def reasons(solution: Solution, medium: Medium) -> NDArray[np.str_]:
     return out.astype(str)
 
 
-def _explained(solution: Solution, medium: Medium, rows: NDArray[np.int64], near: float) -> dict[int, str]:
+def _explained(
+    solution: SurveySolution, medium: Medium, rows: NDArray[np.int64], near: float
+) -> dict[int, str]:
     """Explanations by another node or a reflected path, by row."""
     survey = solution.unknowns.survey.rows(rows)
     out = _echoes(solution, medium, survey, rows, near)
@@ -49,23 +51,23 @@ def _explained(solution: Solution, medium: Medium, rows: NDArray[np.int64], near
         swapped = survey.rows(others).changed(node=np.full(others.size, k))
         legs = predict(swapped, medium, solution.positions, solution.unknowns.lever(solution.values))
         expected = legs.travel_time * _slowing(solution, rows[others]) + np.where(
-            swapped.direction == Direction.TWO_WAY, node.turn_around, 0.0
+            swapped.direction == TravelDirection.TWO_WAY, node.turn_around, 0.0
         )
         for i in np.flatnonzero(np.abs(swapped.travel_time - expected) < near):
             out[int(rows[others[i]])] = f"answer of {node.name}"
     return out
 
 
-def _slowing(solution: Solution, rows: NDArray[np.int64]) -> Array:
+def _slowing(solution: SurveySolution, rows: NDArray[np.int64]) -> Array:
     return np.asarray(solution.unknowns.slowing(solution.values)[rows])
 
 
 def _echoes(
-    solution: Solution, medium: Medium, survey: Survey, rows: NDArray[np.int64], near: float
+    solution: SurveySolution, medium: Medium, survey: Survey, rows: NDArray[np.int64], near: float
 ) -> dict[int, str]:
     """Explanations by reflections at the surface or the sea bed on one or both legs, by row."""
     out: dict[int, str] = {}
-    late = np.flatnonzero(~survey.between_nodes & (survey.direction == Direction.TWO_WAY))
+    late = np.flatnonzero(~survey.between_nodes & (survey.direction == TravelDirection.TWO_WAY))
     late = late[solution.linear.residual[rows[late]] > 0.0]
     if not late.size:
         return out

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.locate.noise import Correlation, Whitener
-from pymantaray.locate.survey import Direction, PlatformError
+from pymantaray.locate.survey import PlatformError, TravelDirection
 from pymantaray.locate.travel_times import Legs, lever_gradients
-from pymantaray.locate.unknowns import Unknowns
+from pymantaray.locate.unknowns import SurveyUnknowns
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -33,7 +33,7 @@ class Linearization:
     ``weight`` (n,) is the standard deviation of each ping's white noise divided by that of the survey.
     """
 
-    def __init__(self, unknowns: Unknowns, values: Array, legs: Legs, weight: Array) -> None:
+    def __init__(self, unknowns: SurveyUnknowns, values: Array, legs: Legs, weight: Array) -> None:
         self.unknowns, self.values, self.legs, self.weight = unknowns, values, legs, weight
         self._slowing = unknowns.slowing(values)
         self.residual = unknowns.survey.travel_time - unknowns.predicted(values, legs)
@@ -51,7 +51,7 @@ class Linearization:
         if other.any():
             gradient = legs.partner_gradient[part][other] * slowing[other, None]
             out[other] += np.einsum("ia,iaj->ij", gradient, self._by_position[partner[other]])
-        out[lines, at["turn_around"].start + node] += s.direction[part] == Direction.TWO_WAY
+        out[lines, at["turn_around"].start + node] += s.direction[part] == TravelDirection.TWO_WAY
         elapsed = (s.time - s.time[0])[part]
         for sign, which in unknowns.clock_signs():
             out[lines, at["offset"].start + which[part]] += sign[part]

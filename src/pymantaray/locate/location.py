@@ -18,8 +18,8 @@ from pymantaray.locate.gross import reasons
 from pymantaray.locate.mirror import Mirror, mirrors
 from pymantaray.locate.options import LocateOptions
 from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table, whitened_residuals
-from pymantaray.locate.solve import CORRELATED, Solution, candidate_table, solve
-from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
+from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
 from pymantaray.records.result_table import ResultTable
 
@@ -62,7 +62,7 @@ class Location:
     ----------
     survey : Survey
         Survey, sorted by time.
-    solution : Solution
+    solution : SurveySolution
         Values of all unknowns.
     candidates : pandas.DataFrame
         Compared models of sound speed and noise, best first.
@@ -77,7 +77,7 @@ class Location:
     """
 
     survey: Survey
-    solution: Solution
+    solution: SurveySolution
     candidates: pd.DataFrame
     tests: list[NoiseTest]
     mirrors: list[Mirror]
@@ -277,8 +277,8 @@ class Location:
         s, survey = self.solution, self.survey
         near, away = transducers(survey, s.unknowns.lever(s.values))
         node = self.positions[survey.node]
-        out = survey.direction != Direction.FROM_NODE
-        back = survey.direction != Direction.TO_NODE
+        out = survey.direction != TravelDirection.FROM_NODE
+        back = survey.direction != TravelDirection.TO_NODE
         length = np.linalg.norm(near - node, axis=1) * out + np.linalg.norm(away - node, axis=1) * back
         rows = s.used & ~survey.between_nodes
         return float(np.median(length[rows] / s.legs.travel_time[rows])) if rows.any() else 1500.0

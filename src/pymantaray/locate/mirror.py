@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import LocateError
-from pymantaray.locate.solve import Solution, Solver
+from pymantaray.locate.solve import Solver, SurveySolution
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Mirror:
     undecided: bool
 
 
-def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
+def mirrors(solver: Solver, solution: SurveySolution) -> list[Mirror]:
     """Mirror solutions of nodes whose pings are along one line."""
     survey = solver.survey
     near, away = transducers(survey, solution.unknowns.lever(solution.values))
@@ -66,7 +66,7 @@ def mirrors(solver: Solver, solution: Solution) -> list[Mirror]:
     return result
 
 
-def _descend(solver: Solver, solution: Solution, values: Array) -> Solution | None:
+def _descend(solver: Solver, solution: SurveySolution, values: Array) -> SurveySolution | None:
     """Solve from mirrored values with the same model."""
     fit = solution.posterior
     try:
@@ -75,7 +75,7 @@ def _descend(solver: Solver, solution: Solution, values: Array) -> Solution | No
         return None
 
 
-def _cost(solution: Solution, main: Solution) -> float:
+def _cost(solution: SurveySolution, main: SurveySolution) -> float:
     """Chi-square of residuals and prior positions with the main solution's noise; gross errors count with the limit."""
     survey, fit = solution.unknowns.survey, main.posterior
     level = fit.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight

@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from pymantaray.locate.solve import Solution
+from pymantaray.locate.solve import SurveySolution
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def test_table(tests: list[NoiseTest]) -> pd.DataFrame:
     return pd.DataFrame([vars(test) for test in tests])
 
 
-def noise_tests(solution: Solution) -> list[NoiseTest]:
+def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
     """
     Test the residuals of a solution.
 
@@ -58,7 +58,7 @@ def noise_tests(solution: Solution) -> list[NoiseTest]:
     return tests
 
 
-def whitened_residuals(solution: Solution) -> Array:
+def whitened_residuals(solution: SurveySolution) -> Array:
     """Independent residuals of the used pings, with the standard deviation of the white noise. [s]"""
     s = solution
     platform = s.unknowns.survey.platform_error
@@ -66,7 +66,7 @@ def whitened_residuals(solution: Solution) -> Array:
     return np.concatenate([block[:, -1] - block[:, :-1] @ s.posterior.change for block, _ in blocks])
 
 
-def _coordinates(solution: Solution) -> dict[str, tuple[Array, NDArray[np.int64]]]:
+def _coordinates(solution: SurveySolution) -> dict[str, tuple[Array, NDArray[np.int64]]]:
     """Coordinates for tests of patterns, and the node of each used ping for patterns by node."""
     survey, used = solution.unknowns.survey, solution.used
     near, _ = transducers(survey, solution.unknowns.lever(solution.values))

@@ -17,7 +17,7 @@ from pymantaray.locate.options import PlanOptions
 from pymantaray.locate.sound_speed import sound_speed_terms
 from pymantaray.locate.survey import Node, Survey
 from pymantaray.locate.travel_times import predict
-from pymantaray.locate.unknowns import Unknowns
+from pymantaray.locate.unknowns import SurveyUnknowns
 
 Array = NDArray[np.float64]
 Shape = Literal["circle", "cross", "line", "rose", "lines"]
@@ -85,7 +85,7 @@ def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class SurveyPlan:
     """
     Expected standard deviations of a node over the radius of patterns.
 
@@ -145,7 +145,7 @@ def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> t
         return np.full(3, np.inf), len(survey)
     survey = survey.changed(travel_time=np.where(legs.possible, legs.travel_time, 1.0))
     speed = sound_speed_terms(survey, position, options.speed_model, options.speed_prior)
-    unknowns = Unknowns(survey, speed)
+    unknowns = SurveyUnknowns(survey, speed)
     values = unknowns.prior_mean
     linear = Linearization(unknowns, values, legs, np.ones(len(survey)))
     products = linear.products(legs.possible, Correlation(), survey.platform_error, options.sigma)
@@ -161,7 +161,7 @@ def plan_survey(
     *,
     shapes: tuple[Shape, ...] = SHAPES,
     pings: int = 100,
-) -> Plan:
+) -> SurveyPlan:
     """
     Compute expected standard deviations of a node for patterns with several radii.
 
@@ -180,7 +180,7 @@ def plan_survey(
 
     Returns
     -------
-    Plan
+    SurveyPlan
 
     Raises
     ------
@@ -210,4 +210,4 @@ def plan_survey(
                         "length_m": float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
                     }
                 )
-    return Plan(pd.DataFrame(rows), options)
+    return SurveyPlan(pd.DataFrame(rows), options)

@@ -11,17 +11,17 @@ from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
 from pymantaray.locate.read_options import ReadOptions
-from pymantaray.locate.survey import Direction, LeverArm, Node, Survey
+from pymantaray.locate.survey import LeverArm, Node, Survey, TravelDirection
 from pymantaray.records.text_table import TextTable, numbers_of, read_text_table
 
 Array = NDArray[np.float64]
 _TIMES = {
-    "two_way_time_s": (Direction.TWO_WAY, 1.0),
-    "two_way_time_ms": (Direction.TWO_WAY, 1e-3),
-    "one_way_time_s": (Direction.FROM_NODE, 1.0),
-    "one_way_time_ms": (Direction.FROM_NODE, 1e-3),
+    "two_way_time_s": (TravelDirection.TWO_WAY, 1.0),
+    "two_way_time_ms": (TravelDirection.TWO_WAY, 1e-3),
+    "one_way_time_s": (TravelDirection.FROM_NODE, 1.0),
+    "one_way_time_ms": (TravelDirection.FROM_NODE, 1e-3),
 }
-_DIRECTIONS = {"from node": Direction.FROM_NODE, "to node": Direction.TO_NODE}
+_DIRECTIONS = {"from node": TravelDirection.FROM_NODE, "to node": TravelDirection.TO_NODE}
 _SIGMA = (5000.0, 5000.0, 300.0)  # m; default standard deviations of a node
 _FALSE, _TRUE = ("0", "false", "no", "n", "f"), ("1", "true", "yes", "y", "t", "")
 
@@ -112,14 +112,14 @@ def _flags(table: TextTable) -> NDArray[np.bool_]:
 def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
     words = _words(table, "direction")
     out = np.full(len(words), int(_TIMES[kind][0]))
-    if _TIMES[kind][0] == Direction.TWO_WAY:
+    if _TIMES[kind][0] == TravelDirection.TWO_WAY:
         return out
     for row, word in enumerate(words):
         if word.lower() not in (*_DIRECTIONS, ""):
             raise LocateError(
                 f"{table.path}, line {table.frame.index[row]}: direction is {word!r}; allowed: {', '.join(_DIRECTIONS)}"
             )
-        out[row] = _DIRECTIONS.get(word.lower(), Direction.FROM_NODE)
+        out[row] = _DIRECTIONS.get(word.lower(), TravelDirection.FROM_NODE)
     return out
 
 

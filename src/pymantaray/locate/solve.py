@@ -20,7 +20,7 @@ from pymantaray.locate.sound_speed import sound_speed_terms
 from pymantaray.locate.starts import start_positions
 from pymantaray.locate.survey import Survey
 from pymantaray.locate.travel_times import Legs, moved, predict
-from pymantaray.locate.unknowns import Unknowns
+from pymantaray.locate.unknowns import SurveyUnknowns
 from pymantaray.ocean.modes import VerticalModes
 
 Array = NDArray[np.float64]
@@ -39,10 +39,10 @@ _MIN_FOR_CORRELATION = 200  # pings; fewer cannot separate correlation from erro
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SurveySolution:
     """Converged values of the outer steps, and the linear system there."""
 
-    unknowns: Unknowns
+    unknowns: SurveyUnknowns
     values: Array
     posterior: Posterior
     correlation: Correlation
@@ -70,14 +70,16 @@ class Solver:
             self.weight = np.where(np.isfinite(survey.sigma), survey.sigma, np.median(stated))
             self.weight = self.weight / np.median(self.weight)
 
-    def unknowns(self, kind: Kind, position: Array) -> Unknowns:
+    def unknowns(self, kind: Kind, position: Array) -> SurveyUnknowns:
         """Columns for a model of the sound speed; gradients are relative to the middle of the positions."""
         o = self.options
         speed = sound_speed_terms(self.survey, position, kind, o.speed_prior, o.modes)
         stated: Arrangement = "free" if self.survey.rigid is None else "rigid"
-        return Unknowns(self.survey, speed, o.arrangement or stated)
+        return SurveyUnknowns(self.survey, speed, o.arrangement or stated)
 
-    def first_values(self, unknowns: Unknowns, position: Array, before: Solution | None = None) -> Array:
+    def first_values(
+        self, unknowns: SurveyUnknowns, position: Array, before: SurveySolution | None = None
+    ) -> Array:
         """Initial values: these positions, and other values from a solution with another model."""
         values, at = unknowns.prior_mean, unknowns.slices
         if before is not None:
@@ -96,12 +98,12 @@ class Solver:
 
     def step(
         self,
-        unknowns: Unknowns,
+        unknowns: SurveyUnknowns,
         values: Array,
         correlation: Correlation,
         hyper: Mapping[str, float],
         sigma: float,
-    ) -> Solution:
+    ) -> SurveySolution:
         """Solve the linear system at some values; the solution contains the values before the step."""
         legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
         linear = Linearization(unknowns, values, legs, self.weight)
@@ -118,7 +120,7 @@ class Solver:
         first = sigma or self._first_sigma(linear, used)
         products = linear.products(used, correlation, self.survey.platform_error, first)
         fit = posterior(products, unknowns, values, hyper, sigma=first)
-        return Solution(unknowns, values, fit, correlation, legs, linear, products, used, settled=False)
+        return SurveySolution(unknowns, values, fit, correlation, legs, linear, products, used, settled=False)
 
     def legs(self, position: Array, lever: Array, modes: VerticalModes | None) -> Legs:
         """Travel times at positions; rays are traced only if the positions changed enough."""
@@ -151,7 +153,7 @@ class Solver:
         limit = max(self.options.gross * robust_sigma(size[possible]), _MIN_GROSS)
         return np.asarray(possible & (np.nan_to_num(size, nan=np.inf) <= limit))
 
-    def start(self, unknowns: Unknowns, values: Array) -> Array:
+    def start(self, unknowns: SurveyUnknowns, values: Array) -> Array:
         """Initial values that are accurate enough to identify gross errors."""
         for _ in range(_ROUNDS):
             legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
@@ -164,11 +166,11 @@ class Solver:
 
     def settle(
         self,
-        unknowns: Unknowns,
+        unknowns: SurveyUnknowns,
         values: Array,
         correlation: Correlation,
         before: Posterior | None = None,
-    ) -> Solution:
+    ) -> SurveySolution:
         """Iterate outer steps until the positions converge."""
         hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
         sigma = 0.0 if before is None else before.sigma
@@ -185,7 +187,7 @@ class Solver:
         return replace(solution, values=values)
 
 
-def _constant(unknowns: Unknowns, fraction: float) -> Array:
+def _constant(unknowns: SurveyUnknowns, fraction: float) -> Array:
     """Coefficients of the sound speed for a constant fraction."""
     speed = unknowns.speed
     out = np.zeros(speed.size)
@@ -234,7 +236,7 @@ class Candidate(Mapping[str, Any]):
         return float(self._row["abic"])
 
 
-def choose(solver: Solver, base: Solution) -> tuple[Candidate, list[Candidate]]:
+def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candidate]]:
     """Allowed candidate with the lowest ABIC, and all compared candidates, at a solution's values."""
     allowed = solver.options.kinds
     table = _Evidence(solver, base, "gradient")
@@ -277,7 +279,7 @@ def _shares(now: Correlation) -> list[Correlation]:
 class _Evidence:
     """Evidence of models at one linearization; simpler models use a part of the columns of the richest model."""
 
-    def __init__(self, solver: Solver, base: Solution, rich: Kind) -> None:
+    def __init__(self, solver: Solver, base: SurveySolution, rich: Kind) -> None:
         self._solver, self._base = solver, base
         self._unknowns = solver.unknowns(rich, base.positions)
         self._values = solver.first_values(self._unknowns, base.positions, base)
@@ -318,7 +320,9 @@ class _Evidence:
         return columns[{"known": 0, "scale": 1, "time": size, "gradient": columns.size}[kind] :]
 
 
-def solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solution, list[Candidate], Solver]:
+def solve(
+    survey: Survey, medium: Medium, options: LocateOptions
+) -> tuple[SurveySolution, list[Candidate], Solver]:
     """Solve a survey sorted by time; return the solution, the candidate models and the solver."""
     with threadpool_limits(
         limits=1, user_api="blas"
@@ -328,7 +332,7 @@ def solve(survey: Survey, medium: Medium, options: LocateOptions) -> tuple[Solut
 
 def _solve(
     survey: Survey, medium: Medium, options: LocateOptions
-) -> tuple[Solution, list[Candidate], Solver]:
+) -> tuple[SurveySolution, list[Candidate], Solver]:
     solver = Solver(survey, medium, options)
     start = start_positions(survey, medium)
     simple: Kind = "known" if options.speed_model == "known" else "scale"
@@ -352,7 +356,7 @@ def _solve(
     return solution, candidates, solver
 
 
-def candidate_table(candidates: list[Candidate], chosen: Solution) -> pd.DataFrame:
+def candidate_table(candidates: list[Candidate], chosen: SurveySolution) -> pd.DataFrame:
     """Table of candidates in order of ABIC, with the difference from the best."""
     table = pd.DataFrame([dict(c) for c in candidates]).sort_values("abic", ignore_index=True, kind="stable")
     table.insert(

@@ -20,7 +20,7 @@ from pymantaray.ocean.modes import VerticalModes
 Array = NDArray[np.float64]
 KM = 1000.0
 _DEGREE = 3
-_FEWEST_KNOTS, _MOST_KNOTS, _MOST_GRADIENT_KNOTS = 4, 80, 40
+_MIN_KNOTS, _MAX_KNOTS, _MAX_GRADIENT_KNOTS = 4, 80, 40
 _MIN_KNOT_INTERVAL = 300.0  # s
 _MIN_NODE_SPREAD = 50.0  # m; distance of nodes from their centre that is required for a gradient
 
@@ -62,7 +62,7 @@ class Spline:
         first, last = float(times.min()), float(times.max())
         span = max(last - first, 1.0)
         spacing = interval or max(_MIN_KNOT_INTERVAL, span / most)
-        count = max(int(np.ceil(span / spacing)), _FEWEST_KNOTS)
+        count = max(int(np.ceil(span / spacing)), _MIN_KNOTS)
         step = span / count
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
         self._times = times
@@ -140,9 +140,9 @@ def sound_speed_terms(
         return SoundSpeed(kind, ())
     if kind == "scale":
         return SoundSpeed(kind, (Term("scale", "", None, one, prior.scale),))
-    terms = [Term("time", "time", Spline(both, prior.knot_interval, _MOST_KNOTS), one, prior.scale)]
+    terms = [Term("time", "time", Spline(both, prior.knot_interval, _MAX_KNOTS), one, prior.scale)]
     if kind == "gradient":
-        spline = Spline(both, prior.knot_interval, _MOST_GRADIENT_KNOTS)
+        spline = Spline(both, prior.knot_interval, _MAX_GRADIENT_KNOTS)
         centre = position.mean(axis=0)
         ends = np.stack([survey.transmit_position, survey.receive_position], axis=1) - centre
         ends = np.where(survey.between_nodes[:, None, None], 0.0, ends) / KM

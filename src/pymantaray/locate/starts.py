@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import LOSSES
-from pymantaray.locate.survey import Direction, Node, Survey
+from pymantaray.locate.survey import Node, Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ def start_positions(survey: Survey, medium: Medium) -> Array:
         if rows.sum() < 3 or not any(node.sigma[:2]):
             continue
         speed = mean_speed(medium, float(np.median(middle[rows, 2])), node.position[2])
-        two_way = survey.direction[rows] == Direction.TWO_WAY
+        two_way = survey.direction[rows] == TravelDirection.TWO_WAY
         time = survey.travel_time[rows]
         ranges = speed * np.where(two_way, 0.5 * (time - node.turn_around), time)
         out[k] = _from_ranges(middle[rows], ranges, node, biased=not two_way.all())

@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 _MAX_TRAVEL_TIME = 120.0  # s; two-way time of 90 km, beyond the reach of any transponder
 
 
-class Direction(IntEnum):
+class TravelDirection(IntEnum):
     """Direction of a measured time."""
 
     TWO_WAY = 0  # to the node and back, including its turn-around time
@@ -150,7 +150,7 @@ class Survey:
     transmit_attitude, receive_attitude : array_like, shape (n, 3), optional
         Heading, pitch (bow up) and roll (starboard down). [rad]
     direction : array_like of int, shape (n,), optional
-        `Direction` of each time; two-way by default.
+        `TravelDirection` of each time; two-way by default.
     partner : array_like of int, shape (n,), optional
         Index of the other node of a ping between two nodes; -1 (default) for the platform.
     sigma : array_like, shape (n,), optional
@@ -211,7 +211,7 @@ class Survey:
             ("transmit_attitude", 3, 0.0, float),
             ("receive_attitude", 3, 0.0, float),
             ("node", 0, 0, np.int64),
-            ("direction", 0, Direction.TWO_WAY, np.int64),
+            ("direction", 0, TravelDirection.TWO_WAY, np.int64),
             ("partner", 0, -1, np.int64),
             ("sigma", 0, np.nan, float),
             ("flagged", 0, False, bool),

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pymantaray.acoustics import Medium, find_eigenrays, trace_paths, travel_time_sensitivity
-from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.ocean.modes import VerticalModes
 from pymantaray.records import Arrivals, RayStatus
 
@@ -91,9 +91,9 @@ def predict(
     partner = position[np.maximum(survey.partner, 0)]
     start = np.where(between[:, None], partner, near)
     end = np.where(between[:, None], partner, away)
-    two_way, direction = survey.direction == Direction.TWO_WAY, survey.direction
-    has_out = direction != Direction.FROM_NODE
-    has_back = (direction != Direction.TO_NODE) & ~(between & two_way)
+    two_way, direction = survey.direction == TravelDirection.TWO_WAY, survey.direction
+    has_out = direction != TravelDirection.FROM_NODE
+    has_back = (direction != TravelDirection.TO_NODE) & ~(between & two_way)
     out, back = np.flatnonzero(has_out), np.flatnonzero(has_back)
     node = position[survey.node]
     ends = np.concatenate([start[out], end[back]]), np.concatenate([node[out], node[back]])

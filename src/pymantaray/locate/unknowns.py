@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pymantaray.locate.options import Arrangement
 from pymantaray.locate.sound_speed import SoundSpeed
-from pymantaray.locate.survey import Direction, Survey
+from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import Legs
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ _ARRAY_SIGMA = (3.0, 3.0, 3.0, 0.05)  # m, m, m, rad; shift and rotation of a ri
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
+class SurveyUnknowns:
     """
     Columns of the linear system of a survey for a model of the sound speed.
 
@@ -69,7 +69,7 @@ class Unknowns:
             sd[self.slices["position"]] = np.ravel([node.sigma for node in nodes])
         else:
             sd[self.slices["array"]] = self.survey.rigid or _ARRAY_SIGMA
-        one_way = self.survey.direction != Direction.TWO_WAY
+        one_way = self.survey.direction != TravelDirection.TWO_WAY
         for k, node in enumerate(nodes):
             mine = one_way & ((self.survey.node == k) | (self.survey.partner == k))
             sd[self.slices["turn_around"].start + k] = node.turn_around_sigma
@@ -152,7 +152,7 @@ class Unknowns:
     def predicted(self, values: Array, legs: Legs) -> Array:
         """Predicted times; NaN without a ray. [s]"""
         s, k = self.survey, self.survey.node
-        two_way = s.direction == Direction.TWO_WAY
+        two_way = s.direction == TravelDirection.TWO_WAY
         clock = self.clock_signs()
         elapsed = s.time - s.time[0]
         time = legs.travel_time * self.slowing(values) + legs.modes @ self.speed_values(values)[1]
@@ -166,6 +166,8 @@ class Unknowns:
         """Signs of the clocks of both ends in a one-way time (received minus transmitted), and their nodes."""
         s = self.survey
         own = np.where(
-            s.direction == Direction.TO_NODE, 1.0, np.where(s.direction == Direction.FROM_NODE, -1.0, 0.0)
+            s.direction == TravelDirection.TO_NODE,
+            1.0,
+            np.where(s.direction == TravelDirection.FROM_NODE, -1.0, 0.0),
         )
         return [(own, s.node), (np.where(s.between_nodes, -own, 0.0), np.maximum(s.partner, 0))]

@@ -13,7 +13,7 @@ from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.pyfg import write_pyfg
 from pymantaray.locate.location import Location
 from pymantaray.locate.patterns import test_table
-from pymantaray.locate.survey import Direction
+from pymantaray.locate.survey import TravelDirection
 from pymantaray.locate.travel_times import transducers
 from pymantaray.records.writing import write_netcdf
 
@@ -154,15 +154,15 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     near, away = transducers(survey, solution.unknowns.lever(solution.values))
     direction = survey.direction[:, None]
     place = np.where(
-        direction == Direction.TO_NODE,
+        direction == TravelDirection.TO_NODE,
         near,
-        np.where(direction == Direction.FROM_NODE, away, 0.5 * (near + away)),
+        np.where(direction == TravelDirection.FROM_NODE, away, 0.5 * (near + away)),
     )
     place, n = place[rows], rows.size
     pairs = np.flatnonzero(solution.used & survey.between_nodes)
     both = np.concatenate([rows, pairs])
     ends = np.concatenate([place, location.positions[survey.partner[pairs]]])
-    half = location.mean_speed * np.where(survey.direction[both] == Direction.TWO_WAY, 0.5, 1.0)
+    half = location.mean_speed * np.where(survey.direction[both] == TravelDirection.TWO_WAY, 0.5, 1.0)
     distance = (
         np.linalg.norm(ends - location.positions[survey.node[both]], axis=1) + half * location.residual[both]
     )

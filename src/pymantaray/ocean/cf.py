@@ -192,7 +192,8 @@ def _axes(data: xr.Dataset, name: str) -> tuple[str, str, str, str]:
     if not time or data.variables[time].ndim > 1:
         _refuse(
             data,
-            f"{name} has no readable time coordinate; add a variable time, of type datetime64 or with units 'hours since ...'",
+            f"{name} has no readable time coordinate; add a variable time, of type datetime64 or with units 'hours since ...'"
+            " (xarray: ds.assign_coords(time=np.datetime64('2024-09-01')))",
         )
     used = {d for n in (depth, lat, lon, time) for d in data.variables[n].dims}
     extra = [d for d, n in variable.sizes.items() if d not in used and n != 1]

@@ -157,13 +157,37 @@ class DeploymentPlan:
         return str(self.section.condition or self.base.conditions[-1].name)
 
     def lists_at(self, number: int) -> dict[str, Any]:
-        """Listed values of one combination; the last key varies fastest."""
+        """
+        Values of the listed keys in one of their combinations.
+
+        Parameters
+        ----------
+        number : int
+            Number of the combination, from 0; the last key varies fastest.
+
+        Returns
+        -------
+        dict of str to object
+            Value of each listed key.
+        """
         sizes = [len(values) for values in self.lists.values()]
         place = np.unravel_index(number, sizes) if sizes else ()
         return {key: values[k] for (key, values), k in zip(self.lists.items(), place, strict=True)}
 
     def ends(self, *, high: bool) -> dict[str, float]:
-        """Values of all ranges at one end."""
+        """
+        Values of all ranges at one of their limits.
+
+        Parameters
+        ----------
+        high : bool
+            True for the upper limits, False for the lower ones.
+
+        Returns
+        -------
+        dict of str to float
+            Limit of each key.
+        """
         return {key: limits.high if high else limits.low for key, limits in self.ranges.items()}
 
     def study(self, design: Design, ocean: int | None = None) -> StudyConfig:

@@ -163,7 +163,24 @@ class Record:
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Build the record from a data set of `to_dataset`; another kind or a missing field raises `RecordError`."""
+        """
+        Build the record from a data set of `to_dataset`.
+
+        Parameters
+        ----------
+        dataset : xarray.Dataset
+            Data set of a record of the same kind.
+
+        Returns
+        -------
+        Record
+            Record of this class.
+
+        Raises
+        ------
+        RecordError
+            If the data set contains another kind of record, or a field is missing.
+        """
         kind = dataset.attrs.get("mantaray_record")
         if kind != cls.kind:
             raise RecordError(f"data set contains {kind!r}; it must be {cls.kind!r}")
@@ -182,12 +199,36 @@ class Record:
         return cls(**{name: dataset[variable].values for name, variable in names.items()})
 
     def save(self, path: Path) -> None:
-        """Write the record as NetCDF-4, atomically."""
+        """
+        Write the record as NetCDF-4, atomically.
+
+        Parameters
+        ----------
+        path : pathlib.Path
+            File; an existing one is replaced.
+        """
         write_netcdf(self.to_dataset(), path)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a record from a file of `save`; a missing, unreadable or different file raises `RecordError`."""
+        """
+        Read a record from a file of `save`.
+
+        Parameters
+        ----------
+        path : pathlib.Path
+            File.
+
+        Returns
+        -------
+        Record
+            Record of this class.
+
+        Raises
+        ------
+        RecordError
+            If the file is missing, not readable, or of another kind of record.
+        """
         try:
             return cls.from_dataset(read_netcdf(path, decode_times=False))
         except RecordError as error:
@@ -215,18 +256,7 @@ class DatedRecord(Record):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """
-        Build the record from a data set of `to_dataset`.
-
-        Parameters
-        ----------
-        dataset : xarray.Dataset
-            Data set with decoded or raw times.
-
-        Returns
-        -------
-        DatedRecord
-        """
+        """Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as in `Record.from_dataset`."""
         name, start = cls._time(), np.datetime64("NaT", "us")
         if name in dataset.variables:
             time = dataset[name]

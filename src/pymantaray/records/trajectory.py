@@ -58,18 +58,7 @@ class Trajectories(DatedRecord):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """
-        Build the record from a data set of `to_dataset`.
-
-        Parameters
-        ----------
-        dataset : xarray.Dataset
-            Data set with decoded or raw times.
-
-        Returns
-        -------
-        Trajectories
-        """
+        """Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as in `Record.from_dataset`."""
         record = super().from_dataset(dataset)
         if "centre_latitude_deg" not in dataset.attrs:
             return record

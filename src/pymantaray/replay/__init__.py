@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from pymantaray.replay.correction import correct_events as correct_events
     from pymantaray.replay.events import Events as Events
     from pymantaray.replay.events import read_events as read_events
-    from pymantaray.replay.mixture import PredictionOptions as PredictionOptions
+    from pymantaray.replay.options import PredictionOptions as PredictionOptions
     from pymantaray.replay.positions import smooth_positions as smooth_positions
     from pymantaray.replay.rules import DEFAULT_RULE as DEFAULT_RULE
     from pymantaray.replay.rules import DetectionRule as DetectionRule

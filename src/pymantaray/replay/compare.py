@@ -27,7 +27,8 @@ from pymantaray.replay.clocks import (
 from pymantaray.replay.consistency import fit_clocks_and_nodes, node_note
 from pymantaray.replay.draws import bounce_hint, choice_of, predict_draws, with_median_candidate
 from pymantaray.replay.events import Events
-from pymantaray.replay.mixture import DEFAULT_OPTIONS, PredictionOptions, coverage_table, predict_mixture
+from pymantaray.replay.mixture import coverage_table, predict_mixture
+from pymantaray.replay.options import DEFAULT_OPTIONS, PredictionOptions
 from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule
 from pymantaray.replay.summary import summary_table
 from pymantaray.replay.switching import switching_table

@@ -21,11 +21,11 @@ from pymantaray.water import Water
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
-_LEAST_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
-_APART = 37.3  # correlation lengths between the ice of successive pairs
-_FEW = 0.7  # of the events; with fewer predictions, reflections are suggested
-_SAMPLE = 60  # events of a suggestion
-_SUGGESTED = 7  # reflections
+_MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
+_PAIR_SPACING = 37.3  # correlation lengths between the ice of successive pairs
+_MIN_PREDICTED_SHARE = 0.7  # of the events; with fewer predictions, reflections are suggested
+_SUGGESTION_EVENTS = 60  # events of a suggestion
+_SUGGESTED_BOUNCES = 7  # reflections
 
 
 def choice_of(sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None) -> Choice:
@@ -108,7 +108,7 @@ def _on_ice(events: Events, rows: Rows, source: Array, receiver: Array, length: 
     back = events.source[rows] > events.receiver[rows]
     origin = np.where(back[:, None], receiver, source) * [1.0, 1.0, 0.0]
     shift = -origin
-    shift[:, 0] += _APART * length * pair[rows]
+    shift[:, 0] += _PAIR_SPACING * length * pair[rows]
     return source + shift, receiver + shift
 
 
@@ -125,8 +125,8 @@ def _frame(
     link, loss = merged["event"].to_numpy(), merged["loss_db"].to_numpy()
     time, share = merged["travel_time_s"].to_numpy(), merged["share"].to_numpy()
     usual = np.zeros(n, dtype=bool)
-    usual[link[share >= _LEAST_SHARE]] = True
-    allowed = (share >= _LEAST_SHARE) | ~usual[link]
+    usual[link[share >= _MIN_DRAW_SHARE]] = True
+    allowed = (share >= _MIN_DRAW_SHARE) | ~usual[link]
     least = np.full(n, np.inf)
     np.minimum.at(least, link[allowed], loss[allowed])
     if rule.kind in ("within", "persist"):
@@ -196,10 +196,10 @@ def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.b
     The number is from at most 60 events without a prediction, evenly spaced in the table.
     """
     some = any(w.reception.max_surface_bounces + w.reception.max_bottom_bounces for w in waters)
-    if some or not predicted.size or predicted.mean() >= _FEW:
+    if some or not predicted.size or predicted.mean() >= _MIN_PREDICTED_SHARE:
         return ()
     lost = np.flatnonzero(~predicted)
-    sample = lost[np.unique(np.linspace(0, lost.size - 1, min(lost.size, _SAMPLE)).astype(int))]
+    sample = lost[np.unique(np.linspace(0, lost.size - 1, min(lost.size, _SUGGESTION_EVENTS)).astype(int))]
     which, gained = choose_water(events, waters)[sample], 0
     for index in np.unique(which).tolist():
         water, rows = waters[index], sample[which == index]
@@ -207,7 +207,7 @@ def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.b
         medium, _ = water.at(time)
         smooth = replace(medium, surface=medium.surface.with_roughness(None))
         allowed = water.reception._replace(
-            arrival="first", max_surface_bounces=_SUGGESTED, detector=None, leakage=None
+            arrival="first", max_surface_bounces=_SUGGESTED_BOUNCES, detector=None, leakage=None
         )
         sound = find_receptions(*ends_of(events, rows, water, medium.earth), smooth, allowed)
         gained += int(np.count_nonzero(sound.status == RayStatus.OK))
@@ -215,7 +215,7 @@ def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.b
         return ()
     share = 100.0 * predicted.mean()
     hint = (
-        f"{share:.0f} % of the events are predicted, and no reflections are allowed; with --max-surface-bounces {_SUGGESTED},"
+        f"{share:.0f} % of the events are predicted, and no reflections are allowed; with --max-surface-bounces {_SUGGESTED_BOUNCES},"
         f" {gained} of {sample.size} of the other events have an arrival"
     )
     return (hint,)

@@ -1,6 +1,5 @@
 """Likelihood of measured times as a mixture over candidates, and candidates that persist from one reception to the next."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -8,9 +7,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.reflection import wave_height_rms
-from pymantaray.errors import ReplayError
 from pymantaray.geometry import stream
-from pymantaray.geometry.checks import check_number
+from pymantaray.replay.options import PredictionOptions
 from pymantaray.replay.summary import RESAMPLES, percentiles
 
 Array = NDArray[np.float64]
@@ -18,56 +16,16 @@ _SPREAD_DB = 6.0  # of a level about the predicted one, as in sensing.picking
 _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5
 _CLUTTER = 0.02  # share of receptions that no candidate explains
 _CLUTTER_WIDTH = 0.1  # s
-_MOST_DRAWS = 1000
 _MATCH = 1e-3  # s; candidates of successive events are the same arrival if their delays differ by about this
 _OTHER_BOUNCES = 0.1  # weight of a match with other bounces
 _UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error that nothing explains
 _COVERED = 0.95  # of the events of even hours, by their intervals
-_FEW = 40  # events; with fewer, intervals are those of the mixture
-_WIDEST = 0.9998
+_MIN_EVENTS = 40  # events; with fewer, intervals are those of the mixture
+_MAX_QUANTILE = 0.9998
 _NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 _SEED = 20140715  # of the bootstrap
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
 HOUR = 3600.0
-
-
-@dataclass(frozen=True)
-class PredictionOptions:
-    """
-    Draws of rough ice, and errors of predictions.
-
-    Parameters
-    ----------
-    draws : int
-        Number of draws of rough ice whose arrivals are merged.
-    position_sigma : float
-        Standard deviation of the position of each end, along the path. [m]
-    sound_speed_sigma : float
-        Standard deviation of the mean sound speed along the path. [m/s]
-    wind_speed : float
-        Wind at 10 m over open water, whose waves spread the times of reflections at the surface. [m/s]
-    water_interval : float
-        Water that varies in time is evaluated at the multiple of this interval that is nearest to an event. [s]
-    """
-
-    draws: int = 1
-    position_sigma: float = 0.0
-    sound_speed_sigma: float = 0.0
-    wind_speed: float = 0.0
-    water_interval: float = 600.0
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        if self.draws not in range(1, _MOST_DRAWS + 1):
-            raise ReplayError(f"draws is {self.draws}; allowed are whole numbers from 1 to {_MOST_DRAWS}")
-        units = {"position_sigma": "m", "sound_speed_sigma": "m/s", "wind_speed": "m/s"}
-        for name, unit in units.items():
-            check_number(ReplayError, name, getattr(self, name), unit)
-        check_number(ReplayError, "water_interval", self.water_interval, "s", positive=True)
-
-
-DEFAULT_OPTIONS = PredictionOptions()
-"""One draw, and no errors of position and sound speed."""
 
 
 class Mixture(NamedTuple):
@@ -293,7 +251,7 @@ def _intervals(
 
     with np.errstate(invalid="ignore"):
         far = np.abs(2.0 * below(measured) - 1.0)[has & even]
-        width = _COVERED if far.size < _FEW else min(float(np.quantile(far, _COVERED)), _WIDEST)
+        width = _COVERED if far.size < _MIN_EVENTS else min(float(np.quantile(far, _COVERED)), _MAX_QUANTILE)
         columns = {
             "sigma_s": np.where(has, np.sqrt(spread), np.nan),
             "low_s": quantile(0.5 - 0.5 * width),

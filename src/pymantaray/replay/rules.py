@@ -42,7 +42,23 @@ class DetectionRule:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read a rule from its word, with decibels or minutes after a colon."""
+        """
+        Read a rule from its text.
+
+        Parameters
+        ----------
+        text : str
+            ``first``, ``strongest``, ``within:DB``, ``threshold`` or ``persist:MINUTES``.
+
+        Returns
+        -------
+        DetectionRule
+
+        Raises
+        ------
+        ReplayError
+            If the text is not a rule; the message lists the rules.
+        """
         kind, _, number = text.partition(":")
         try:
             within = float(number) if number else None

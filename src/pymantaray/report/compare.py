@@ -18,8 +18,8 @@ from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
+from pymantaray.report.figures_quantiles import quantiles_by_run
 from pymantaray.report.figures_ranging import range_error_histogram
-from pymantaray.report.figures_several import quantiles_by_run
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Explorer, Page, Picture, entries

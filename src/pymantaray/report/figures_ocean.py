@@ -16,7 +16,7 @@ from pymantaray.study.store import RAY_PICTURE
 
 _UPPER = 500.0  # m; depth of the upper panel of the profiles
 _BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest end or eigenray
-_LEAST_DEPTH = 100.0  # m
+_MIN_DEPTH = 100.0  # m
 _ROWS = 300  # of the colour image
 _FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
 RAY_KINDS: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -213,7 +213,7 @@ def _lowest_shown(picture: xr.Dataset) -> float:
     depth = picture["depth"].values
     hits = picture["ray_depth"].values[picture["ray_arrives"].values.astype(bool)]
     deepest = max(float(np.nanmax(picture["chord_depth"].values)), float(np.nanmax(hits, initial=0.0)))
-    return min(max(_BELOW * deepest, _LEAST_DEPTH), float(depth[-1]))
+    return min(max(_BELOW * deepest, _MIN_DEPTH), float(depth[-1]))
 
 
 def _ray_handles(pictures: Sequence[xr.Dataset], used: Sequence[int], *, fan: bool) -> list[Line2D]:

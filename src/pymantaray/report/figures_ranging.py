@@ -14,7 +14,7 @@ from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
 
 _MAX_NAME_LETTERS = 16  # letters of a name
-_LEAST_COUNT = 0.6  # where logarithmic axes of counts begin, so that a single one shows
+_MIN_COUNT = 0.6  # where logarithmic axes of counts begin, so that a single one shows
 _STATUS_LOOK = {
     RayStatus.SHADOW: (style.ORANGE, "o"),
     RayStatus.WEAK: (style.BLUE, "s"),
@@ -73,13 +73,13 @@ def range_error_split(
                 np.histogram(values, edges)[0],
                 edges,
                 orientation="horizontal",
-                baseline=_LEAST_COUNT,
+                baseline=_MIN_COUNT,
                 fill=True,
                 color=colour,
                 alpha=0.6,
             )
         counts.set_xscale("log")
-        counts.set_xlim(_LEAST_COUNT)
+        counts.set_xlim(_MIN_COUNT)
         alone.plot(km, bending[received], ".", color=style.ORANGE, **points)
         both.set_xlim(0.0)
         alone.set_xlim(0.0)
@@ -168,7 +168,7 @@ def draw_range_errors(axes: Axes, values: style.Array, *, log: bool = False) -> 
     _draw_histogram(axes, errors)
     if log:
         axes.set_yscale("log")
-        axes.set_ylim(_LEAST_COUNT)
+        axes.set_ylim(_MIN_COUNT)
     return errors
 
 

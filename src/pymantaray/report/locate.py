@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
-from pymantaray.locate import Location, Plan
+from pymantaray.locate import Location, SurveyPlan
 from pymantaray.locate.write import write_location
 from pymantaray.records import whole_file
 from pymantaray.records.digits import show
@@ -298,13 +298,13 @@ def speed_over_time(location: Location, header: str) -> Figure:
     return figure
 
 
-def write_plan_figure(plan: Plan, out: Path) -> None:
+def write_plan_figure(plan: SurveyPlan, out: Path) -> None:
     """
     Write the figure of a plan, and its table as CSV with the same name.
 
     Parameters
     ----------
-    plan : Plan
+    plan : SurveyPlan
         Plan of a survey.
     out : pathlib.Path
         File with the suffix ``.png`` or ``.pdf``.
@@ -318,7 +318,7 @@ def write_plan_figure(plan: Plan, out: Path) -> None:
 
 
 @style.styled
-def plan_figure(plan: Plan) -> Figure:
+def plan_figure(plan: SurveyPlan) -> Figure:
     """Expected standard deviations over the radius, and the best radius of each pattern."""
     o = plan.options
     figure = style.new_figure(

@@ -74,7 +74,23 @@ class Detector:
         """
         Transmission loss at which each arrival is received, at the centre of the sonar's band.
 
-        ``paths`` are from `trace_paths`, None under a rough surface; ``tails`` are from this detector's `tails`.
+        Parameters
+        ----------
+        medium : Medium
+            Water.
+        source, receiver : ndarray, shape (n, 3)
+            Ends of the links: north, east, down. [m]
+        arrivals : Arrivals
+            Arrivals of the links.
+        paths : RayPaths or None
+            Paths of the arrivals from `trace_paths`; None under a rough surface.
+        tails : Tails, optional
+            Sound behind caustics, from this detector's `tails`.
+
+        Returns
+        -------
+        ndarray, shape (n_arrivals,)
+            Loss. [dB]
         """
         if paths is None:
             losses = Losses(self.absorption, self.bottom, self.surface)
@@ -104,7 +120,27 @@ class Detector:
         bounces: tuple[int, int],
         threads: int | None,
     ) -> Tails | None:
-        """Sound behind caustics near the receivers; None if arrivals do not interfere."""
+        """
+        Find the sound behind caustics near the receivers.
+
+        Parameters
+        ----------
+        medium : Medium
+            Water.
+        source, receiver : ndarray, shape (n, 3)
+            Ends of the links: north, east, down. [m]
+        arrivals : Arrivals
+            Arrivals of the links.
+        bounces : tuple of int
+            Maximum numbers of reflections at the surface and at the bottom.
+        threads : int or None
+            Number of threads; None for all.
+
+        Returns
+        -------
+        Tails or None
+            None if arrivals do not interfere.
+        """
         if self.coherent is False:
             return None
         return find_tails(

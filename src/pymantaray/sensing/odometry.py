@@ -30,11 +30,25 @@ class OdometryNoise:
         self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike
     ) -> NDArray[np.float64]:
         r"""
-        Composite standard deviation (..., n_time - 1, 6) of edges, in the tangent of their noise-free relative poses.
+        Composite standard deviation of odometry edges, in the tangent of their noise-free relative poses.
 
         The paper's :math:`\sigma_i = \sqrt{(f_i \lVert m \rVert)^2 + (d_i \Delta t)^2}`. The paper does not define the
         magnitude of the motion: here it is the length of the edge's translation for translations
         and of its rotation vector for rotations.
+
+        Parameters
+        ----------
+        rotation : array_like, shape (..., n_time - 1, 4)
+            Relative rotations as unit quaternions. [-]
+        translation : array_like, shape (..., n_time - 1, 3)
+            Relative translations. [m]
+        time : array_like, shape (n_time,)
+            Times of the poses. [s]
+
+        Returns
+        -------
+        ndarray, shape (..., n_time - 1, 6)
+            Standard deviations, of rotation before translation. [rad, m]
         """
         turned = np.linalg.norm(so3_log(matrix_from_quaternion(rotation)), axis=-1)
         moved = np.linalg.norm(np.asarray(translation, dtype=float), axis=-1)

@@ -162,41 +162,13 @@ class PingSchedule(Schedule):
         return f"PingSchedule: interval is {self.interval:g} s"
 
     def times(self, duration: float) -> Array:
-        """
-        Times of pings: the start and whole multiples of the interval after it, or whole multiples after 0.
-
-        Parameters
-        ----------
-        duration : float
-            Duration of the mission. [s]
-
-        Returns
-        -------
-        ndarray, shape (n_pings,)
-            Distinct times in ascending order. [s]
-        """
+        """Times of the start and of whole intervals after it, or of whole intervals after 0; parameters as in `Schedule.times`."""
         first, start = (1, 0.0) if self.start is None else (0, self.start)
         count = math.floor((duration - start) / self.interval * (1.0 + 1e-12))
         return np.asarray(start + self.interval * np.arange(first, count + 1))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """
-        Range attempts between all pairs of vehicles in both directions, and from all vehicles to every landmark.
-
-        Parameters
-        ----------
-        pings : ndarray of int, shape (n_pings,)
-            Sample of each of `times`.
-        vehicles : sequence of str
-            Names of the vehicles.
-        landmarks : sequence of str
-            Names of the landmarks.
-
-        Returns
-        -------
-        Attempts
-            Samples, transmitters and receivers.
-        """
+        """Range attempts between all vehicles in both directions, and from all vehicles to all landmarks; parameters as in `Schedule.at`."""
         return attempts(len(vehicles), len(landmarks), pings)
 
 
@@ -235,40 +207,12 @@ class SlotSchedule(Schedule):
         return dict.fromkeys(self.slots)
 
     def times(self, duration: float) -> Array:
-        """
-        Times of pings, which are the starts of the slots.
-
-        Parameters
-        ----------
-        duration : float
-            Duration of the mission. [s]
-
-        Returns
-        -------
-        ndarray, shape (n_pings,)
-            Distinct times in ascending order. [s]
-        """
+        """Starts of the slots; parameters as in `Schedule.times`."""
         count = math.floor((duration - self.start) / self.slot * (1.0 + 1e-12)) + 1
         return np.asarray(self.start + self.slot * np.arange(max(count, 0)))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """
-        Range attempts from the owner of each slot to all other participants.
-
-        Parameters
-        ----------
-        pings : ndarray of int, shape (n_pings,)
-            Sample of each of `times`.
-        vehicles : sequence of str
-            Names of the vehicles.
-        landmarks : sequence of str
-            Names of the landmarks.
-
-        Returns
-        -------
-        Attempts
-            Samples, transmitters and receivers.
-        """
+        """Range attempts from the owner of each slot to all other participants; parameters as in `Schedule.at`."""
         turns = np.array([_number(str(self), name, [*vehicles, *landmarks]) for name in self.slots])
         return _to_all(pings, turns[np.arange(pings.size) % turns.size], len(vehicles), len(landmarks))
 
@@ -314,40 +258,12 @@ class PingList(Schedule):
         return dict.fromkeys(chain(self.transmitter, *self.receivers))
 
     def times(self, duration: float) -> Array:
-        """
-        Times of the pings.
-
-        Parameters
-        ----------
-        duration : float
-            Duration of the mission. [s]
-
-        Returns
-        -------
-        ndarray, shape (n_pings,)
-            Distinct times in ascending order. [s]
-        """
+        """Distinct times of the pings in the mission; parameters as in `Schedule.times`."""
         times = np.unique(np.asarray(self.time, dtype=float))
         return times[times <= duration * (1.0 + 1e-12)]
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """
-        Range attempts from each transmitter to its receivers.
-
-        Parameters
-        ----------
-        pings : ndarray of int, shape (n_pings,)
-            Sample of each of `times`.
-        vehicles : sequence of str
-            Names of the vehicles.
-        landmarks : sequence of str
-            Names of the landmarks.
-
-        Returns
-        -------
-        Attempts
-            Samples, transmitters and receivers.
-        """
+        """Range attempts from each transmitter to its receivers; parameters as in `Schedule.at`."""
         row = np.searchsorted(np.unique(np.asarray(self.time, dtype=float)), self.time)
         inside = np.flatnonzero(row < pings.size)
         names, n = [*vehicles, *landmarks], len(vehicles)

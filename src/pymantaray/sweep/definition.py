@@ -202,6 +202,15 @@ class Sweep:
         """
         Return the study of a point.
 
+        Parameters
+        ----------
+        number : int
+            Number of the point, from 0.
+
+        Returns
+        -------
+        StudyConfig
+
         Raises
         ------
         StudyError

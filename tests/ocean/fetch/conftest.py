@@ -62,12 +62,12 @@ def thredds(_running, monkeypatch):
 @pytest.fixture
 def fetch(thredds, tmp_path):
     """Fetch from the server, patiently: a busy machine is no fault of the server; gives what happened and the ocean."""
-    from pymantaray.ocean.fetch import Limits, fetch_hycom
+    from pymantaray.ocean.fetch import FetchLimits, fetch_hycom
 
     def call(lat=(73.0, 73.6), lon=(-150.0, -149.0), time="2014-07-15T12", out="ocean.nc", **options):
         limits = {"attempts": 3, "backoff_s": 0.01, "idle_s": 30.0, "request_s": 60.0, "total_s": 120.0}
         limits |= options.pop("limits", {})
-        options = {"servers": thredds.root, "limits": Limits(**limits)} | options
+        options = {"servers": thredds.root, "limits": FetchLimits(**limits)} | options
         fetched = fetch_hycom(lat, lon, time, tmp_path / out, **options)
         with xr.open_dataset(fetched.path) as written:
             ocean = written.load()

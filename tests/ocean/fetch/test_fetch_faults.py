@@ -197,7 +197,7 @@ def recording():
 @pytest.mark.parametrize("account", ["", "ann:mine@"])
 def test_a_redirect_sends_no_password_to_the_other_host(recording, monkeypatch, tmp_path, account):
     """Not that of the address, and not one that ~/.netrc has for the host that the redirect names."""
-    from pymantaray.ocean.fetch.limits import Limits
+    from pymantaray.ocean.fetch.limits import FetchLimits
     from pymantaray.ocean.fetch.transport import Connection
 
     (tmp_path / "netrc").write_text("machine localhost login ann password stolen\n")
@@ -206,7 +206,7 @@ def test_a_redirect_sends_no_password_to_the_other_host(recording, monkeypatch, 
     there = recording(None)
     here = recording(f"http://localhost:{there.server_port}/x.dds")
     root = f"http://{account}127.0.0.1:{here.server_port}"
-    with Connection(root, Limits(attempts=1)) as connection, pytest.raises(OceanError):
+    with Connection(root, FetchLimits(attempts=1)) as connection, pytest.raises(OceanError):
         connection._get(f"http://127.0.0.1:{here.server_port}/x.dds")
     assert [bool(headers["Authorization"]) for headers in here.headers] == [bool(account)]
     assert [headers["Authorization"] for headers in there.headers] == [None]

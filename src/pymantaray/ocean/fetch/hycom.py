@@ -13,7 +13,7 @@ from pymantaray.errors import OceanError
 from pymantaray.jobs.progress import Progress
 from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
 from pymantaray.ocean.fetch.catalogue import Experiment, covering, load_catalogue
-from pymantaray.ocean.fetch.limits import Limits, ServerError, TransientServerError
+from pymantaray.ocean.fetch.limits import FetchLimits, ServerError, TransientServerError
 from pymantaray.ocean.fetch.region import MAX_VALUES, Region
 from pymantaray.ocean.files import decoded
 from pymantaray.ocean.schema import DIMS, assemble_ocean, with_history
@@ -68,7 +68,7 @@ def fetch_hycom(
     servers: str | Path | None = None,
     experiment: str | None = None,
     nearest: bool = False,
-    limits: Limits | None = None,
+    limits: FetchLimits | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> FetchResult:
@@ -96,7 +96,7 @@ def fetch_hycom(
         Name of an experiment. Default: the preferred experiment that covers the time.
     nearest : bool, optional
         If True, use the nearest time step if the requested one does not exist.
-    limits : Limits, optional
+    limits : FetchLimits, optional
         Time limits and number of attempts.
     overwrite : bool, optional
         If True, replace an existing file.
@@ -122,7 +122,7 @@ def fetch_hycom(
         from pymantaray.ocean.fetch.transport import Connection
     except ImportError:
         raise OceanError('fetch: pydap is not installed; pip install "pymantaray[fetch]"') from None
-    with Connection(catalogue.addresses.opendap, limits or Limits()) as connection:
+    with Connection(catalogue.addresses.opendap, limits or FetchLimits()) as connection:
         for chosen in candidates:
             step = _find_step(connection, chosen, asked, nearest=nearest)
             if step is not None:

@@ -19,7 +19,7 @@ class TransientServerError(ServerError):
 
 
 @dataclass(frozen=True)
-class Limits:
+class FetchLimits:
     """
     Time limits and number of attempts.
 

@@ -20,7 +20,7 @@ from requests.adapters import HTTPAdapter
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.fetch.catalogue import split_address
-from pymantaray.ocean.fetch.limits import Limits, ServerError, TransientServerError
+from pymantaray.ocean.fetch.limits import FetchLimits, ServerError, TransientServerError
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # it imports webob, and that cgi
@@ -40,7 +40,7 @@ class Connection:
     client library limits only single reads from a socket, which a server can keep alive forever.
     """
 
-    def __init__(self, root: str, limits: Limits) -> None:
+    def __init__(self, root: str, limits: FetchLimits) -> None:
         self.root, account = split_address(root)
         self.limits = limits
         self.requests = 0
@@ -110,7 +110,7 @@ class Connection:
         if left <= 0.0:
             raise OceanError(
                 f"fetch: the time limit of {self.limits.total_s:g} s has passed; try again later, or set --time-limit (in"
-                " Python: limits=Limits(total_s=...))"
+                " Python: limits=FetchLimits(total_s=...))"
             )
         return left
 
