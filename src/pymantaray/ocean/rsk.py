@@ -153,7 +153,7 @@ def _table(path: Path, cast: _Cast, units: dict[str, str]) -> CastTable:
     if absolute:
         values["pressure"] = values["pressure"] - AIR_PRESSURE
         notes.append(f"{AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure")
-    time = rows["timestamp"][0] if rows.size else np.datetime64("NaT")
+    time = rows["timestamp"][0] if rows.size else np.datetime64("NaT", "ms")
     return CastTable(
         path,
         tuple(channels),
