@@ -22,6 +22,8 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.candidates import of_picks
+from pymantaray.estimation.epoch_picks import EpochMixture, graduated_fits
+from pymantaray.estimation.expansion import Expansion
 from pymantaray.estimation.picks import NONE, Chains, Choice, best_picks
 from pymantaray.estimation.range_models import TimedRanges
 from pymantaray.records import SolveStatus
@@ -344,3 +346,70 @@ def test_mixture_with_a_loss_is_refused(make_fleet):
     refused(
         EstimationError, "has no robust loss", estimate, fleet.noisy, model, method=Method(LOSSES["huber"])
     )
+
+
+def ping_of_a_vehicle(seed, spread=30.0, sigma=0.5):
+    """Candidates of ranges to four landmarks from a vehicle near the surface, and the images of the landmarks."""
+    rng = np.random.default_rng(seed)
+    landmark = np.array([[1500.0, 300, 200], [-800, 1200, 90], [400, -1800, 250], [-1300, -700, 150]])
+    place, water = np.array([0.0, 0.0, 20.0]), Mirrors(0.0, 300.0)
+    root = np.array([spread, spread, 0.1])
+    true = place + root * rng.standard_normal(3)
+    taken = rng.choice(len(BOUNCES), 4, p=WEIGHTS)
+    links = RangeLinks(np.zeros(4), np.tile(place, (4, 1)), landmark, np.full(4, SPEED))
+    table = water.candidates(links)
+    time = water.paths(links._replace(transmitter=np.tile(true, (4, 1))))[0][taken, np.arange(4)]
+    measured = time + sigma / SPEED * rng.standard_normal(4)
+    each = RangeLinks(*(column[table.row] for column in links))
+    expansion = Expansion(
+        table.prediction, each, measured[table.row], np.empty(0), np.empty((table.row.size, 0))
+    )
+    variance, covariance = np.full(table.row.size, sigma**2), 1e-8 * np.eye(15)
+    covariance[:3, :3] = np.diag(root**2)
+    mixture = EpochMixture(
+        expansion=expansion,
+        transmitter=np.zeros(table.row.size, dtype=int),
+        receiver=1 + table.row,
+        position=np.concatenate([place[None], landmark]),
+        unknowns=np.empty(0),
+        covariance=covariance,
+        row=table.row,
+        variance=variance,
+        smallest=variance,
+        weight=table.weight,
+        null=np.full(4, 1e-9),
+    )
+    return mixture, root, SPEED * measured, sigma
+
+
+def cost_of_picks(mixture, root, distance, sigma, picks):
+    """Least cost of a position for each set of picks (n, 4), by Newton's method on distances to images."""
+    table = mixture.expansion
+    at, image = mixture.position[0], table._b[picks]
+    moved = np.zeros((len(picks), 3))
+    for _ in range(6):
+        step = at + moved[:, None] - image
+        far = np.linalg.norm(step, axis=2)
+        slope = step / far[..., None] / sigma
+        residual = (far - distance) / sigma
+        matrix = np.eye(3) / root**2 + np.einsum("nki,nkj->nij", slope, slope)
+        right = np.einsum("nki,nk->ni", slope, residual) + moved / root**2
+        moved = moved - np.linalg.solve(matrix, right[..., None])[..., 0]
+    far = np.linalg.norm(at + moved[:, None] - image, axis=2)
+    prior = np.sum((moved / root) ** 2, axis=1)
+    return 0.5 * (prior + np.sum(((far - distance) / sigma) ** 2, axis=1)) - np.log(
+        mixture.weight[picks]
+    ).sum(axis=1)
+
+
+def test_the_picks_of_a_ping_are_those_of_an_enumeration():
+    every = np.array(list(product(range(5), repeat=4))) + 5 * np.arange(4)
+    excess = []
+    for seed in range(20):
+        mixture, *measured = ping_of_a_vehicle(seed)
+        least = cost_of_picks(mixture, *measured, every).min()
+        cost = graduated_fits(mixture, 5.0) - np.log(mixture.weight)
+        picks = cost.reshape(4, 5).argmin(axis=1) + 5 * np.arange(4)
+        excess.append(cost_of_picks(mixture, *measured, picks[None])[0] - least)
+    assert max(excess) < 1.0, "picks about as probable as the most probable ones"
+    assert np.count_nonzero(np.array(excess) < 1e-6) >= 18

@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 from pymantaray.estimation.expansion import Expansion
 from pymantaray.estimation.picks import fits
 from pymantaray.estimation.range_models import Rows
+from pymantaray.geometry import stream
 
 Array = NDArray[np.float64]
 _CONTROL_RATIO = 1.5  # ratio of the standard deviations of successive surrogates
 _STEPS = 3  # re-weighted steps on each surrogate
+_DRAWN_STARTS = 24  # descents from positions drawn from the prediction
 
 
 class EpochMixture(NamedTuple):
@@ -36,17 +38,34 @@ def graduated_fits(mixture: EpochMixture, gate: float) -> Array:
 
     Each step weights the candidates of a range by their probabilities at the current positions and combines them with the prediction
     (expectation and maximization). The standard deviations of the ranges begin at the largest one of an innovation and decrease to
-    their own, so that the first steps see one mode. Candidates whose innovation exceeds ``gate`` standard deviations are discarded.
+    their own, so that the first steps see one mode. Further descents begin at positions drawn from the prediction, with smaller
+    standard deviations; the one of lowest cost is taken. Candidates whose innovation exceeds ``gate`` standard deviations are discarded.
     """
     root = np.linalg.cholesky(
         mixture.covariance + 1e-12 * np.trace(mixture.covariance) * np.eye(len(mixture.covariance))
     )
-    shift: Array = np.zeros(len(root))
-    residual, by_shift = _at(mixture, root, shift)
+    residual, by_shift = _at(mixture, root, np.zeros(len(root)))
     innovation = np.sum(by_shift**2, axis=1) + mixture.variance
     allowed = residual**2 <= gate**2 * innovation
-    control = max(1.0, float(np.sqrt((innovation / mixture.variance)[allowed].max(initial=1.0))))
-    while allowed.any():
+    if not allowed.any():
+        return np.full(residual.size, np.inf)
+    control = max(1.0, float(np.sqrt((innovation / mixture.variance)[allowed].max())))
+    rng = stream(0, 0, "estimation", "picks of a ping")
+    ends = [_descend(mixture, root, np.zeros(len(root)), control, allowed)]
+    ends += [
+        _descend(mixture, root, rng.standard_normal(len(root)), np.sqrt(control), allowed)
+        for _ in range(_DRAWN_STARTS)
+    ]
+    residual = min(ends, key=lambda end: end[0])[1]
+    return np.where(allowed, fits(residual, mixture.variance, mixture.smallest), np.inf)
+
+
+def _descend(
+    mixture: EpochMixture, root: Array, shift: Array, control: float, allowed: NDArray[np.bool_]
+) -> tuple[float, Array]:
+    """Cost and residuals of the candidates at the end of a graduated descent from a shift of the ends."""
+    residual, by_shift = _at(mixture, root, shift)
+    while True:
         for _ in range(_STEPS):
             share = _shares(mixture, residual, control**2, allowed)
             information = share / (control**2 * mixture.variance)
@@ -57,7 +76,12 @@ def graduated_fits(mixture: EpochMixture, gate: float) -> Array:
         if control == 1.0:
             break
         control = max(1.0, control / _CONTROL_RATIO)
-    return np.where(allowed, fits(residual, mixture.variance, mixture.smallest), np.inf)
+    fit = fits(residual, mixture.variance, mixture.smallest)
+    density = np.where(allowed, mixture.weight * np.exp(-fit), 0.0)
+    best = np.array(mixture.null)
+    np.maximum.at(best, mixture.row, density)
+    with np.errstate(divide="ignore"):
+        return float(0.5 * shift @ shift - np.log(best).sum()), residual
 
 
 def _at(mixture: EpochMixture, root: Array, shift: Array) -> tuple[Array, Array]:

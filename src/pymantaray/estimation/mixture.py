@@ -58,8 +58,8 @@ class MixtureIterations(OuterIterations):
     the sequences of candidates of an ordered pair. Picks and positions are minimized in turns, so that the
     cost decreases. Ranges without a pick are gated.
 
-    The start is found on line: ping by ping, from the optimum of the graph without ranges, each ping by a graduated mixture from the
-    positions that the earlier pings predict.
+    The start is found on line: ping by ping, from the optimum of the graph without ranges, each ping by graduated mixtures from the
+    positions that the earlier pings predict. Then each ping is picked again from the positions that all other pings predict.
     """
 
     def __init__(
@@ -118,13 +118,17 @@ class MixtureIterations(OuterIterations):
         return self._factors.cost(self._given) + ranges.cost(self._given, None)
 
     def _online(self, state: State, options: SolveOptions) -> State:
-        """State after all pings were added one by one; the given one if the graph is singular without ranges."""
+        """State after all pings were added one by one and then picked again; the given one if the graph is singular without ranges."""
         n = self._model_ranges.ranges.time.size
         picked = _Picked(n, state.shared.size)
         known: list[tuple[Choice, Array] | None] = [None] * n
         limits = replace(options, step_tolerance=max(_FORWARD_TOLERANCE, options.step_tolerance))
         end = self._solve_picked(picked, state, limits)
-        for rows in self._picked_weights.rows:
+        epochs = self._picked_weights.rows
+        for number, rows in enumerate([*epochs, *epochs]):
+            if number >= len(epochs):  # again, from what all other pings predict
+                picked.used[rows] = False
+                end = self._solve_picked(picked, end.state, limits)
             if end.last is None or not rows.size:
                 return state
             self._pick_epoch(rows, end.state, end.last, picked, known)
