@@ -1,7 +1,8 @@
-"""Time on-line estimators over a whole mission: CPU time of each update, and memory, by quarter of the mission.
+"""Time on-line estimators over a whole mission, and compare them with the batch: time of each update, memory, and errors.
 
 Run with ``python benchmarks/bench_online.py RUN``; the run is a folder of ``mantaray study run``, such as that of the preset beaufort.
-The estimators are iSAM2, its fixed-lag smoother, and the error-state Kalman filter. Times include the estimate after the update.
+The estimators are iSAM2, its fixed-lag smoother, and the error-state Kalman filter. Times include the estimate after the update. Errors
+are those of vehicles under water at the pings, and of all poses, in a realization with straight ranges.
 """
 
 import argparse
@@ -21,6 +22,8 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.incremental import solve_incrementally
+from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
+from pymantaray.records import Measurements
 from pymantaray.study.graphs import noisy_graphs
 from pymantaray.study.store import Run
 
@@ -63,44 +66,62 @@ def show(
         print(f"| {name} | {q + 1} | {' | '.join(cells)} | {memory[q]:.0f} |", flush=True)
 
 
+def compare(name: str, position: np.ndarray, run: Run, o: Measurements, batch: np.ndarray) -> str:
+    """Row of the errors of positions (n_poses, 3), and of their distance from the batch."""
+    submerged, samples, shape = submerged_at_pings(run.truth, o), ping_samples(o), run.truth.position.shape
+    cells = []
+    for reference in (run.truth.position, batch.reshape(shape)):
+        distance = np.linalg.norm(position.reshape(shape) - reference, axis=-1)
+        at_pings = distance[:, samples].T[submerged]
+        cells += [np.sqrt(np.mean(at_pings**2)), np.sqrt(np.mean(distance**2)), distance.max()]
+    return f"| {name} | {' | '.join(f'{cell:.3g}' for cell in cells)} |"
+
+
 def main() -> None:
-    """Print the table."""
+    """Print both tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("run", type=Path)
-    parser.add_argument("--lag", type=float, default=14760.0, help="lag [s]")
-    parser.add_argument("--relinearize", type=float, default=1e-2, help="[m, rad]")
-    parser.add_argument("--without", nargs="*", default=[], choices=("isam2", "lag", "kalman"))
+    parser.add_argument("--lag", type=float, nargs="*", default=[3600.0], help="lags [s]")
+    parser.add_argument("--relinearize", type=float, nargs="*", default=[1e-3, 1e-2], help="[m, rad]")
+    parser.add_argument("--realization", type=int, default=0)
+    parser.add_argument("--without", nargs="*", default=[], choices=("isam2", "kalman"))
     arguments = parser.parse_args()
     run = Run(arguments.run)
-    o = run.noisy_measurements(0)
+    o = run.noisy_measurements(arguments.realization)
     graph = noisy_graphs(run, o)["straight"]
-    pings = np.unique(o.time[o.range_sample])
-    options = IncrementalOptions(relinearize=arguments.relinearize)
+    pings = o.time[ping_samples(o)]
     batch = solve_conditions(o, ["straight"], (run.truth.position, run.truth.quaternion))["straight"]
     start = batch.values
+    methods = {} if "kalman" in arguments.without else {"Kalman filter": (Method(kalman=True), None)}
+    for lag in arguments.lag:
+        for threshold in arguments.relinearize:
+            name = f"fixed lag, {lag / 3600.0:.3g} h, {threshold:g}"
+            methods[name] = Method(lag=lag, incremental=True), threshold
+    errors = [compare("batch", batch.position, run, o, batch.position)]
     print("| estimator | quarter | ping: median / 95 % / longest [ms] | sample [ms] | memory [MiB] |")
     print("|---|---|---|---|---|")
-    if "kalman" not in arguments.without:
+    for name, (method, threshold) in methods.items():
+        options = SolveOptions(incremental=IncrementalOptions(relinearize=threshold or 1e-3))
         memory = Memory()
         memory.start()
-        end = GraphSolver().solve(graph, start, method=Method(kalman=True))
-        show("Kalman filter", o.time, end.update_seconds, pings, memory.quarters())
-        print(f"Kalman filter: {end.status.name}")
-    if "lag" not in arguments.without:
+        end = GraphSolver(options).solve(graph, start, method=method)
+        show(name, o.time, end.update_seconds, pings, memory.quarters())
+        errors.append(compare(f"{name} ({end.status.name})", end.position, run, o, batch.position))
+    for threshold in [] if "isam2" in arguments.without else arguments.relinearize:
+        options = SolveOptions(incremental=IncrementalOptions(relinearize=threshold))
         memory = Memory()
         memory.start()
-        end = GraphSolver(SolveOptions(incremental=options)).solve(
-            graph, start, method=Method(lag=arguments.lag, incremental=True)
-        )
-        show("fixed lag", o.time, end.update_seconds, pings, memory.quarters())
-        print(f"fixed lag: {end.status.name}")
-    if "isam2" not in arguments.without:
-        memory = Memory()
-        memory.start()
-        found = solve_incrementally(graph, start, options=SolveOptions(incremental=options))
-        show("iSAM2", found.update_time, found.seconds, pings, memory.quarters())
+        found = solve_incrementally(graph, start, options=options)
+        show(f"iSAM2, {threshold:g}", found.update_time, found.seconds, pings, memory.quarters())
+        name = f"iSAM2, {threshold:g}, each pose at its time"
+        errors.append(compare(name, found.position, run, o, batch.position))
+    print(
+        "\n| estimator | RMSE at pings [m] | all poses [m] | largest [m] | from batch: at pings [m] | all poses [m] | largest [m] |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    print("\n".join(errors))
 
 
 if __name__ == "__main__":

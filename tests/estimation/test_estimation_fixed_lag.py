@@ -116,3 +116,31 @@ def test_with_a_short_lag_both_smoothers_agree_to_a_fraction_of_their_standard_d
     difference = np.abs(ends[0].position - ends[1].position)[poses]
     assert difference.max() > 0.0
     assert (difference < 0.1 * sigma).all()
+
+
+@pytest.mark.parametrize("seeds", [12, pytest.param(100, marks=pytest.mark.slow)])
+def test_a_lag_of_an_hour_differs_from_the_batch_by_the_information_that_it_lacks(make_fleet, seeds):
+    """Of two optimal estimates, the one with fewer measurements differs by the difference of their covariances."""
+    hour, samples = 3600.0, [10, 20]  # 1.9 and 0.8 h before the next fix, which the lag therefore lacks
+    free = make_fleet(seed=6, n_times=60, turn=0.0, gnss_every=45)
+    distance, expected = [], []
+    for seed in range(seeds):
+        o = factories.add_noise(free.noise_free, seed)
+        graph, poses = build_graph(o, "straight"), poses_at(o, samples)
+        lagging, batch, online = (
+            GraphSolver().solve(graph, free.truth, method=method, covariance_poses=poses)
+            for method in (Method(lag=hour, incremental=True), Method(), Method(kalman=True))
+        )
+        apart = (lagging.position - batch.position)[poses]
+        variance = [np.einsum("eaiai->ea", one.covariances.position) for one in (lagging, batch, online)]
+        assert (variance[1] < variance[0]).all()
+        assert (variance[0] < variance[2]).all(), "a lag knows more than a filter"
+        distance.append(np.sum(apart**2, axis=-1))
+        expected.append(lagging.covariances.position - batch.covariances.position)
+        assert (distance[-1] < 16.0 * variance[0]).all(), "four standard deviations"
+    # errors are common to all vehicles: with the effective degrees of freedom of a realization
+    matrix = np.mean(expected, axis=0).reshape(2, 9, 9)
+    trace = np.trace(matrix, axis1=1, axis2=2)
+    freedom = trace**2 / np.trace(matrix @ matrix, axis1=1, axis2=2)
+    ratio = np.mean(distance, axis=0).sum(axis=1) / trace
+    assert (np.abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / (freedom * seeds))).all()
