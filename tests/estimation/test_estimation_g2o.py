@@ -152,6 +152,17 @@ def test_a_fault_deep_in_a_long_file_is_named_by_its_line_and_value(tmp_path):
         assert said in str(caught.value)
 
 
+def test_g2o_is_recognized_by_its_lines_if_its_name_does_not_tell(tmp_path):
+    for name in ("graph.g2o", "graph.txt"):
+        (tmp_path / name).write_text(HAND)
+    one, other = (open_graph(tmp_path / name) for name in ("graph.g2o", "graph.txt"))
+    np.testing.assert_array_equal(one.values.position, other.values.position)
+    (tmp_path / "graph.pyfg").write_text(HAND)
+    refused(EstimationError, "graph.pyfg, line 3", open_graph, tmp_path / "graph.pyfg")
+    (tmp_path / "text").write_text("VERTEX_SE3:QUAT 0 A0 1 2 3 0 0 0 1\n")
+    assert open_graph(tmp_path / "text").graph.vehicle_name.tolist() == ["A"]
+
+
 def test_toro_in_two_dimensions_is_read_as_gtsam_reads_it():
     path = Path(gtsam.__file__).parent / "Data" / "w100.graph"
     graph, values, left_out, _ = open_graph(path, skip_unknown=True)[:4]

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 app = Commands(help="Show, solve and convert factor graphs from files.")
 
 
-In = Annotated[
-    Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, g2o if it ends in .g2o, or TORO.")
-]
+In = Annotated[Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, g2o or TORO.")]
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
 MAX_CHEAP_FACTORS = 20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
 MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: about 2 s of CPU
 G2O = ".g2o"
+PYFG = ".pyfg"
 _TORO_WORDS = {word for words in TORO.values() for word in words}
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
 
@@ -186,7 +187,7 @@ def open_graph(
     indefinite: Indefinite = "refuse",
 ) -> GraphFile:
     """
-    Read a graph file, in three dimensions or two: g2o if its name ends in ``.g2o``, TORO by its first word, else PyFactorGraph text.
+    Read a graph file, in three dimensions or two: PyFactorGraph text, g2o or TORO, by its name and its first vertex or edge.
 
     Parameters
     ----------
@@ -222,15 +223,31 @@ def open_graph(
 
 
 def is_pose_graph(path: Path) -> bool:
-    """True for g2o and TORO files, whose vertices are starting values; those of PyFactorGraph text are the ground truth."""
+    """
+    True for g2o and TORO files, whose vertices are starting values; those of PyFactorGraph text are the ground truth.
+
+    Files named neither ``.g2o`` nor ``.pyfg`` are g2o if the second and third field of the first vertex or edge are numbers: PyFactorGraph
+    has a symbol among them.
+    """
     if path.suffix == G2O:
         return True
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            words = (next(iter(line.split(None, 1)), "#") for line in file)
-            return next((word for word in words if not word.startswith("#")), "") in _TORO_WORDS
+            lines = (line.split(None, 3) for line in file)
+            first = next((line for line in lines if line and line[0].startswith(("VERTEX", "EDGE"))), [""])
     except OSError:
         return False  # the reader reports the cause
+    if first[0] in _TORO_WORDS:
+        return True
+    return path.suffix != PYFG and len(first) > 2 and all(_is_number(field) for field in first[1:3])
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
 
 
 def solve_graph(
