@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import AAA, CubicSpline, NdBSpline, RegularGridInterpolator, make_interp_spline
 from scipy.special import erfc
 
-from pymantaray.estimation import RangeLinks
+from pymantaray.estimation import RangeEndpoints
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,7 @@ def _links_at(values, r, rows, n_poses):
         [values.atPose3(k).translation() if k < n_poses else values.atPoint3(k) for k in end[rows].tolist()]
         for end in (r.transmitter, r.receiver)
     )
-    return RangeLinks(r.time[rows], *map(np.array, ends), r.sound_speed[rows])
+    return RangeEndpoints(r.time[rows], *map(np.array, ends), r.sound_speed[rows])
 
 
 def _asking(believed, rows, keys, root, graph):

@@ -13,18 +13,18 @@ from scipy import stats
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     LOSSES,
-    Candidates,
+    CandidateArrivals,
     Estimator,
     MeanSlowness,
     Method,
-    Mixture,
-    RangeLinks,
+    MixtureOptions,
+    RangeEndpoints,
     solve_conditions,
 )
 from pymantaray.estimation.candidates import of_picks
 from pymantaray.estimation.epoch_picks import EpochMixture, graduated_fits
 from pymantaray.estimation.expansion import Expansion
-from pymantaray.estimation.picks import NONE, Chains, Choice, best_picks
+from pymantaray.estimation.picks import NONE, Chains, RangeChoice, best_picks
 from pymantaray.estimation.range_models import TimedRanges
 from pymantaray.records import SolveStatus
 
@@ -38,7 +38,7 @@ class Mirrors:
 
     def __init__(self, top, bottom, *, speed=SPEED, weights=WEIGHTS, mixture=None, order=None, sigma=0.0):
         self.top, self.bottom, self.speed, self.weights = top, bottom, speed, weights
-        self.mixture, self.order, self.sigma = mixture or Mixture(), order, sigma
+        self.mixture, self.order, self.sigma = mixture or MixtureOptions(), order, sigma
 
     def paths(self, links):
         """Travel time and gradients of each path, (n_paths, n, ...)."""
@@ -71,7 +71,7 @@ class Mirrors:
             some = np.random.default_rng(self.order).permutation(some)
         kind, row = kind[some], row[some]
         bounces = np.array(BOUNCES)[kind].T
-        return Candidates.of(
+        return CandidateArrivals.of(
             row,
             time[kind, row],
             (by_a[kind, row], by_b[kind, row]),
@@ -88,7 +88,7 @@ class Mirrors:
 class Alone:
     """Another range model, as a mixture whose ranges have one candidate."""
 
-    mixture = Mixture(null_weight=0.0, gate=1e6)
+    mixture = MixtureOptions(null_weight=0.0, gate=1e6)
 
     def __init__(self, model):
         self.model = model
@@ -100,7 +100,7 @@ class Alone:
         found, none = self.model.predict(links), np.zeros(links.time.size)
         ends = found.transmitter_gradient, found.receiver_gradient
         count = none.astype(int)
-        return Candidates.of(
+        return CandidateArrivals.of(
             np.arange(none.size), found.travel_time, ends, none + 1.0, sigma=none, bounces=(count, count)
         )
 
@@ -108,7 +108,7 @@ class Alone:
 def links_of(o, position):
     position = np.concatenate([position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)])
     a, b = (position[end, o.range_sample] for end in (o.range_transmitter, o.range_receiver))
-    return RangeLinks(o.time[o.range_sample], a, b, o.transmitter_sound_speed)
+    return RangeEndpoints(o.time[o.range_sample], a, b, o.transmitter_sound_speed)
 
 
 def mirrors_about(fleet, gap=300.0, **options):
@@ -183,7 +183,7 @@ def test_mixture_is_as_good_as_ranges_without_mistakes(make_fleet, seed):
     errors = rms(found.position - fleet.position), rms(clean.position - fleet.position)
     assert errors[0] < 1.5 * errors[1], errors
     confused = estimate(
-        o, Mirrors(model.top, model.bottom, weights=(1.0, 0.0, 0.0, 0.0, 0.0), mixture=Mixture(0.0))
+        o, Mirrors(model.top, model.bottom, weights=(1.0, 0.0, 0.0, 0.0, 0.0), mixture=MixtureOptions(0.0))
     )
     assert not confused.usable or rms(confused.position - fleet.position) > 10.0 * errors[1]
 
@@ -255,7 +255,7 @@ def test_picks_of_a_pair_are_the_most_probable_sequence_of_all():
             prior = rng.dirichlet(np.ones(size + 1))
             family = np.append(rng.permutation(4)[:size], NONE)
             rows = np.append(np.arange(first, first + size), NONE)
-            every.append(Choice(rows, rng.uniform(0.0, 3.0, size + 1), prior, family))
+            every.append(RangeChoice(rows, rng.uniform(0.0, 3.0, size + 1), prior, family))
             first += size
 
         def cost(numbers, every=every):
@@ -301,7 +301,7 @@ def test_persistence_helps_if_receivers_stay_with_their_arrivals(make_fleet):
         fleet = make_fleet(seed=seed, n_landmarks=3)
         weights = (0.5, 0.5, 0.0, 0.0, 0.0)
         alone, chained = (
-            Echoed(0.0, 9e3, weights=weights, mixture=Mixture(persistence=p)) for p in (0.0, 1e5)
+            Echoed(0.0, 9e3, weights=weights, mixture=MixtureOptions(persistence=p)) for p in (0.0, 1e5)
         )
         o, _ = received(fleet, alone, seed, stay=0.99)
         errors.append([at_pings(estimate(o, m), fleet) for m in (alone, chained)])
@@ -337,7 +337,7 @@ def test_errors_have_the_covariance_that_the_mixture_gives(make_fleet, seeds):
     ],
 )
 def test_impossible_mixture_is_refused(options, message):
-    refused(EstimationError, re.escape(message), Mixture, **options)
+    refused(EstimationError, re.escape(message), MixtureOptions, **options)
 
 
 def test_mixture_with_a_loss_is_refused(make_fleet):
@@ -356,11 +356,11 @@ def ping_of_a_vehicle(seed, spread=30.0, sigma=0.5):
     root = np.array([spread, spread, 0.1])
     true = place + root * rng.standard_normal(3)
     taken = rng.choice(len(BOUNCES), 4, p=WEIGHTS)
-    links = RangeLinks(np.zeros(4), np.tile(place, (4, 1)), landmark, np.full(4, SPEED))
+    links = RangeEndpoints(np.zeros(4), np.tile(place, (4, 1)), landmark, np.full(4, SPEED))
     table = water.candidates(links)
     time = water.paths(links._replace(transmitter=np.tile(true, (4, 1))))[0][taken, np.arange(4)]
     measured = time + sigma / SPEED * rng.standard_normal(4)
-    each = RangeLinks(*(column[table.row] for column in links))
+    each = RangeEndpoints(*(column[table.row] for column in links))
     expansion = Expansion(
         table.prediction, each, measured[table.row], np.empty(0), np.empty((table.row.size, 0))
     )

@@ -16,7 +16,7 @@ from pymantaray.estimation import (
 )
 from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.normal_equations import SIZE, NormalEquations, Structure
-from pymantaray.estimation.problems import State, distance_problem
+from pymantaray.estimation.problems import GraphState, distance_problem
 from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 
@@ -68,7 +68,7 @@ def test_cost_and_step_are_gtsams_however_far_poses_turned(turn, loss):
     start = values_at(
         fleet.noisy, fleet.position + rng.normal(0, 30.0, fleet.position.shape), fleet.quaternion
     )
-    state = State.of(start)
+    state = GraphState.of(start)
     state.rotation[: len(start.position)] @= turned.reshape(-1, 3, 3)
     graph = build_graph(fleet.noisy, "straight")
     wide = graph["edge"].covariance + 1e-3 * np.ones((6, 6))  # rows that are not independent
@@ -103,7 +103,7 @@ def test_near_the_optimum_of_ranges_that_conflict_curvature_leaves_less_than_hal
     """What Gauss-Newton leaves after a step is what its matrix lacks of the second derivative."""
     fleet = make_fleet(seed=seed, range_error=30.0)
     graph = build_graph(fleet.noisy, "refracted")
-    optimum = State.of(GraphSolver().solve(graph, fleet.truth, model_is_right=False).values)
+    optimum = GraphState.of(GraphSolver().solve(graph, fleet.truth, model_is_right=False).values)
     problem, rng = distance_problem(graph), np.random.default_rng(1)
     offset = rng.normal(size=(len(optimum.position), SIZE)) * np.repeat([1e-5, 1e-2], 3)  # rad, m
     start = optimum.moved(problem.structure, offset)
@@ -145,7 +145,7 @@ def wound(rings, angle, length, seed=0):
 def test_a_matrix_with_all_curvature_is_the_second_derivative_along_arcs():
     graph, values = wound(4, 0.3, 2.0)
     graph = graph.with_factors(prior=graph["prior"][:0])  # its own curvature is left out
-    problem, state = distance_problem(graph), State.of(values)
+    problem, state = distance_problem(graph), GraphState.of(values)
     equations = problem.linearize(state, 4)
     matrix, gradient = equations.information().toarray(), equations.gradient[problem.structure.row].ravel()
     gauss_newton = problem.linearize(state, 1).information().toarray()
@@ -166,7 +166,7 @@ def test_a_matrix_with_all_curvature_is_the_second_derivative_along_arcs():
 
 def test_along_arcs_what_turns_as_a_whole_keeps_its_shape():
     graph, values = wound(4, 0.3, 2.0)
-    problem, state = distance_problem(graph), State.of(values)
+    problem, state = distance_problem(graph), GraphState.of(values)
     turn, centre = np.array([0.4, -0.7, 1.1]), np.array([10.0, -20.0, 5.0])
     step = np.concatenate(
         [np.swapaxes(state.rotation, 1, 2) @ turn, np.cross(turn, state.position - centre)], axis=1
@@ -215,7 +215,7 @@ def test_chordal_initialization_is_off_by_its_noise_and_as_good_as_gtsams():
     factors, _ = to_gtsam(graph, values)
     theirs = gtsam.InitializePose3.initialize(factors)  # with a step of Gauss-Newton
     problem = distance_problem(graph)
-    start = State.of(chordal(graph, values).values)
+    start = GraphState.of(chordal(graph, values).values)
     equations = problem.linearize(start)
     stepped = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
     assert problem.cost(stepped) < 1.2 * factors.error(theirs)

@@ -19,7 +19,7 @@ from pymantaray.estimation import (
     GraphSolver,
     MeanSlowness,
     Method,
-    RangeLinks,
+    RangeEndpoints,
     TransmitterSpeed,
     build_graph,
     collect_estimates,
@@ -27,7 +27,7 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.build import timed_ranges
-from pymantaray.estimation.range_models import ModelRanges, Unknowns
+from pymantaray.estimation.range_models import ModelRanges, RangeUnknowns
 from pymantaray.records import RangingTruth, RayStatus, SolveStatus
 from pymantaray.sensing import Clocks, OneWay, TwoWay
 from pymantaray.sensing.timing import clock_error
@@ -72,7 +72,7 @@ def measured(o, position, model, clocks=None):
     place = np.concatenate([position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)])
     a, b = (place[end, o.range_sample] for end in (o.range_transmitter, o.range_receiver))
     c, distance = o.transmitter_sound_speed, np.linalg.norm(a - b, axis=1)
-    time = model.predict(RangeLinks(o.time[o.range_sample], a, b, c)).travel_time
+    time = model.predict(RangeEndpoints(o.time[o.range_sample], a, b, c)).travel_time
     true = RangingTruth(distance=distance, sound_speed=c, travel_time=time, chord_travel_time=time)
     late = 0.0 if clocks is None else clock_error(o, true, clocks, OneWay())
     return replace(o, refracted_range=c * time + o.straight_range - distance + late)
@@ -252,7 +252,7 @@ def test_outer_iterations_and_vector_factors_reach_the_same_optimum(make_fleet, 
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     o, model, clocks = known_or_joint(fleet, joint)
     graph, timed = build_graph(o, "refracted"), timed_ranges(o, "refracted", "refracted")
-    unknowns = Unknowns(model, timed, graph.pose_vehicle, list("ABC"), clocks=clocks) if joint else None
+    unknowns = RangeUnknowns(model, timed, graph.pose_vehicle, list("ABC"), clocks=clocks) if joint else None
     believed = ModelRanges(model, timed, unknowns=unknowns)
     outer = GraphSolver().solve(graph, getattr(fleet, start), model_ranges=believed)
     vector = nonlinear_vector_factors(graph, believed, getattr(fleet, start))
@@ -342,7 +342,7 @@ def test_clocks_act_on_predictions_as_they_do_on_measurements(make_fleet, timing
     clocks = Clocks(offset=[4e-3, -7e-3, 2e-3], skew=[1e-6, -5e-7, 3e-7])
     timed, graph = timed_ranges(o, "refracted", "refracted"), build_graph(o, "refracted")
     prior = CLOCKS._replace(turn_around=getattr(timing, "turn_around", None))
-    unknowns = Unknowns(TransmitterSpeed(), timed, graph.pose_vehicle, list("ABC"), clocks=prior)
+    unknowns = RangeUnknowns(TransmitterSpeed(), timed, graph.pose_vehicle, list("ABC"), clocks=prior)
     place = np.concatenate([fleet.position.reshape(-1, 3), o.landmark_position])
     links = timed.links(place[timed.transmitter], place[timed.receiver])
     u = np.concatenate([clocks.offset, clocks.skew]) / unknowns.sigma

@@ -10,7 +10,7 @@ from oracles import direct_travel_time_linear_gradient
 from scipy.integrate import quad
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeLinks, TransmitterSpeed
+from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeEndpoints, TransmitterSpeed
 
 DUCT = MeanSlowness(
     [0.0, 50.0, 100.0, 400.0, 1000.0, 3000.0], [1440.0, 1447.0, 1436.0, 1461.0, 1463.0, 1492.0]
@@ -21,7 +21,7 @@ places = st.tuples(st.floats(-5e3, 5e3), st.floats(-5e3, 5e3), st.floats(0.0, 29
 
 def links_between(a, b, speed=1450.0):
     a, b = np.atleast_2d(a, b)
-    return RangeLinks(np.zeros(len(a)), a, b, np.broadcast_to(speed, len(a)))
+    return RangeEndpoints(np.zeros(len(a)), a, b, np.broadcast_to(speed, len(a)))
 
 
 def test_one_speed_gives_distance_over_it():

@@ -21,7 +21,7 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.normal_equations import NormalEquations
-from pymantaray.estimation.solution import Progress, gate
+from pymantaray.estimation.solution import SolveProgress, gate
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import SolveStatus
 
@@ -189,7 +189,7 @@ def test_depths_a_million_times_better_than_odometry_hold_rolled_vehicles(fleet,
     np.testing.assert_allclose(at.position, near.position, rtol=0, atol=5e-3)  # five of the larger sigma
 
 
-GOOD = Progress(
+GOOD = SolveProgress(
     iterations=4, initial_cost=900.0, final_cost=100.0, gradient_norm=1e-3, newton_decrement=1e-9, last_step=1e-6
 )  # fmt: skip
 

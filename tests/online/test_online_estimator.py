@@ -20,7 +20,7 @@ from pymantaray.estimation import (
     build_graph,
     dead_reckon,
 )
-from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.estimation.range_models import RangeEndpoints
 from pymantaray.geometry.se3 import se3_exp, so3_log
 from pymantaray.online import Beacon, OnlineEstimator, Outcome
 from pymantaray.online.range_model import TableModel
@@ -170,7 +170,7 @@ def test_a_table_predicts_travel_times_with_the_derivatives_of_finite_difference
     model = TableModel(table)
     transmitter = np.array([[0.0, 0.0, 60.0], [100.0, -50.0, 20.0]])
     receiver = np.array([[900.0, 400.0, 150.0], [-600.0, 500.0, 90.0]])
-    links = RangeLinks(np.zeros(2), transmitter, receiver, np.zeros(2))
+    links = RangeEndpoints(np.zeros(2), transmitter, receiver, np.zeros(2))
     prediction = model.predict(links)
     assert prediction.possible.all()
     for name, gradient in (

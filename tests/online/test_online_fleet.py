@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.estimation.range_models import RangeLinks
+from pymantaray.estimation.range_models import RangeEndpoints
 from pymantaray.online import Beacon, OnlineEstimator, Outcome, StartPose
 from pymantaray.online.range_model import TableModel
 
@@ -98,9 +98,9 @@ def test_reflected_arrivals_are_gated_with_either_range_model(medium, table):
 def test_a_table_holds_in_both_directions(table):
     model = TableModel(table)
     shallow, deep = np.array([[0.0, 0.0, 60.0]]), np.array([[800.0, 600.0, 250.0]])
-    there = model.predict(RangeLinks(np.zeros(1), shallow, deep, np.zeros(1)))
+    there = model.predict(RangeEndpoints(np.zeros(1), shallow, deep, np.zeros(1)))
     back = model.predict(
-        RangeLinks(np.zeros(1), deep, shallow, np.zeros(1))
+        RangeEndpoints(np.zeros(1), deep, shallow, np.zeros(1))
     )  # 250 m is no source depth of the table
     assert there.possible.all()
     assert back.possible.all()

@@ -32,7 +32,7 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.build import timed_ranges
-from pymantaray.estimation.range_models import ModelRanges, RangeLinks
+from pymantaray.estimation.range_models import ModelRanges, RangeEndpoints
 from pymantaray.evaluation import ping_error_table
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
@@ -344,7 +344,7 @@ def test_members_travel_times_scatter_as_the_covariance_says(day, beliefs):
     o, scale = day.measurements, 20e3
     ranges = timed_ranges(o, "refracted", "refracted")
     place = day.truth.position.reshape(-1, 3)
-    links = RangeLinks(ranges.time, place[ranges.transmitter], place[ranges.receiver], ranges.sound_speed)
+    links = RangeEndpoints(ranges.time, place[ranges.transmitter], place[ranges.receiver], ranges.sound_speed)
     model = EigenrayModel(beliefs.believed(ExactBelief(kind="exact"), 0).medium)
     exact = model.predict(links)
     covariances = RayUncertainty(model, beliefs.covariance(0.5, scale, 300.0)).covariances(

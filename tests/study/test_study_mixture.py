@@ -5,7 +5,7 @@ import pytest
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.errors import StudyError
-from pymantaray.estimation import Mixture, RangeLinks
+from pymantaray.estimation import MixtureOptions, RangeEndpoints
 from pymantaray.sensing import OneWay, Picker, ReceptionOptions, TwoWay
 from pymantaray.study.range_models.candidate_rays import CandidateRays
 
@@ -30,11 +30,11 @@ def links():
     rng = np.random.default_rng(5)
     a = rng.uniform([-3e3, -3e3, 100.0], [3e3, 3e3, 900.0], (5, 3))
     b = rng.uniform([-3e3, -3e3, 100.0], [3e3, 3e3, 900.0], (5, 3))
-    return RangeLinks(np.zeros(5), a, b, np.full(5, 1460.0))
+    return RangeEndpoints(np.zeros(5), a, b, np.full(5, 1460.0))
 
 
 def rays(medium, timing=None, **options):
-    return CandidateRays(medium, BOUNCED, timing or OneWay(), Mixture(), **options)
+    return CandidateRays(medium, BOUNCED, timing or OneWay(), MixtureOptions(), **options)
 
 
 def test_candidates_are_the_eigenrays_of_each_link_in_either_direction(medium, links):
@@ -93,7 +93,7 @@ def test_reflected_times_expanded_about_images_follow_the_rays(medium, links):
 def found_expansion(found, links):
     from pymantaray.estimation.expansion import Expansion
 
-    of_candidates = RangeLinks(*(column[found.row] for column in links))
+    of_candidates = RangeEndpoints(*(column[found.row] for column in links))
     n = found.row.size
     return Expansion(found.prediction, of_candidates, np.zeros(n), np.empty(0), np.empty((n, 0)))
 

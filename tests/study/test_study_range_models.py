@@ -6,7 +6,7 @@ import xarray as xr
 from factories import trajectories
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature
-from pymantaray.estimation import AdjustableModel, RangeLinks
+from pymantaray.estimation import AdjustableModel, RangeEndpoints
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.study.range_models import eigenray_model
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
@@ -38,7 +38,7 @@ def adjustable(interpolation="smooth"):
 
 def between(a, b):
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    return RangeLinks(np.zeros(len(a)), a, b, np.full(len(a), 1450.0))
+    return RangeEndpoints(np.zeros(len(a)), a, b, np.full(len(a), 1450.0))
 
 
 def both_ways(a, b):

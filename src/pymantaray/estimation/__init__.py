@@ -1,7 +1,7 @@
 """Factor graphs, their file formats and their solution; knows measurements, never the ocean or the truth."""
 
 from pymantaray.estimation.build import build_graph
-from pymantaray.estimation.candidates import CandidateModel, Candidates, Mixture
+from pymantaray.estimation.candidates import CandidateArrivals, CandidateModel, MixtureOptions
 from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
 from pymantaray.estimation.covariance import (
@@ -21,12 +21,12 @@ from pymantaray.estimation.range_models import (
     ConstantSpeed,
     MeanSlowness,
     Prediction,
-    RangeLinks,
+    RangeEndpoints,
     RangeModel,
     TransmitterSpeed,
     UnknownsEstimate,
 )
-from pymantaray.estimation.solution import IncrementalOptions, Method, Solution, SolveOptions
+from pymantaray.estimation.solution import GraphSolution, IncrementalOptions, Method, SolveOptions
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 
@@ -34,25 +34,25 @@ __all__ = [
     "CONDITIONS",
     "LOSSES",
     "AdjustableModel",
+    "CandidateArrivals",
     "CandidateModel",
-    "Candidates",
     "Certificate",
     "ClockPrior",
     "ConstantSpeed",
     "Estimator",
     "FactorGraph",
     "GraphResult",
+    "GraphSolution",
     "GraphSolver",
     "GraphValues",
     "IncrementalOptions",
     "Loss",
     "MeanSlowness",
     "Method",
-    "Mixture",
+    "MixtureOptions",
     "Prediction",
-    "RangeLinks",
+    "RangeEndpoints",
     "RangeModel",
-    "Solution",
     "SolveOptions",
     "TransmitterSpeed",
     "UnknownsEstimate",

@@ -13,12 +13,12 @@ from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements, RayStatus
 from pymantaray.records.status import ARRIVES
 
-Ranges = Literal["straight", "refracted"] | None
+MeasuredRanges = Literal["straight", "refracted"] | None
 LinkChoice = Literal["refracted", "all"]
 
 
 def build_graph(
-    measurements: Measurements, ranges: Ranges = None, links: LinkChoice = "refracted"
+    measurements: Measurements, ranges: MeasuredRanges = None, links: LinkChoice = "refracted"
 ) -> FactorGraph:
     """
     Factor graph of a fleet's measurements.
@@ -55,7 +55,7 @@ def build_graph(
 
 
 def with_ranges(
-    graph: FactorGraph, measurements: Measurements, ranges: Ranges, links: LinkChoice
+    graph: FactorGraph, measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice
 ) -> FactorGraph:
     """Replace the ranges of a graph by those of one condition."""
     use = _used(measurements, ranges, links)
@@ -72,7 +72,7 @@ def with_ranges(
     )
 
 
-def timed_ranges(measurements: Measurements, ranges: Ranges, links: LinkChoice) -> TimedRanges:
+def timed_ranges(measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice) -> TimedRanges:
     """
     Travel times of the ranges of a graph, row by row.
 
@@ -99,7 +99,7 @@ def timed_ranges(measurements: Measurements, ranges: Ranges, links: LinkChoice) 
     )
 
 
-def _used(measurements: Measurements, ranges: Ranges, links: LinkChoice) -> NDArray[np.bool_]:
+def _used(measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice) -> NDArray[np.bool_]:
     """Select the attempts whose ranges enter the graph."""
     if ranges not in {"straight", "refracted", None} or links not in {"refracted", "all"}:
         raise EstimationError(

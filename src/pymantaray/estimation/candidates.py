@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.range_models import Prediction, RangeLinks, RangeModel, Rows
+from pymantaray.estimation.range_models import Prediction, RangeEndpoints, RangeModel, Rows
 
 Array = NDArray[np.float64]
 
 
-class Candidates(NamedTuple):
+class CandidateArrivals(NamedTuple):
     """
     Arrivals that the ranges of a graph may belong to, one row for each.
 
@@ -67,7 +67,7 @@ class Candidates(NamedTuple):
 
         Returns
         -------
-        Candidates
+        CandidateArrivals
         """
         order = np.lexsort((travel_time, row))
         row, weight = row[order], np.asarray(weight, dtype=float)[order]
@@ -114,7 +114,7 @@ def _rank(row: Rows, kind: Rows) -> Rows:
 
 
 @dataclass(frozen=True)
-class Mixture:
+class MixtureOptions:
     """
     Probabilities of a mixture of candidates.
 
@@ -159,20 +159,20 @@ class Mixture:
 class CandidateModel(RangeModel, Protocol):
     """A range model that predicts all arrivals that a receiver may take."""
 
-    mixture: Mixture
+    mixture: MixtureOptions
 
-    def candidates(self, links: RangeLinks) -> Candidates:
+    def candidates(self, links: RangeEndpoints) -> CandidateArrivals:
         """
         Predict the arrivals of all links of a graph.
 
         Parameters
         ----------
-        links : RangeLinks
+        links : RangeEndpoints
             Positions of both ends, times and measured sound speeds of the links.
 
         Returns
         -------
-        Candidates
+        CandidateArrivals
             Arrivals; a link without one has no rows.
         """
         ...

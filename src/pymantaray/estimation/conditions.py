@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.build import LinkChoice, Ranges, build_graph, timed_ranges, with_ranges
+from pymantaray.estimation.build import LinkChoice, MeasuredRanges, build_graph, timed_ranges, with_ranges
 from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
@@ -21,12 +21,12 @@ from pymantaray.estimation.range_models import (
     ConstantSpeed,
     ModelRanges,
     RangeModel,
+    RangeUnknowns,
     TransmitterSpeed,
     TravelTimeUncertainty,
-    Unknowns,
     UnknownsEstimate,
 )
-from pymantaray.estimation.solution import Method, Progress, Solution, make_solution
+from pymantaray.estimation.solution import GraphSolution, Method, SolveProgress, make_solution
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.records import Estimates, Measurements, SolveStatus
@@ -77,7 +77,7 @@ class Estimator:
         Use dead reckoning and solve no graph.
     """
 
-    ranges: Ranges
+    ranges: MeasuredRanges
     links: LinkChoice = "refracted"
     model: RangeModel | None = None
     uncertainty: TravelTimeUncertainty | None = None
@@ -112,7 +112,7 @@ def solve_conditions(
     *,
     solver: GraphSolver | None = None,
     covariance_samples: NDArray[np.intp] | None = None,
-) -> dict[str, Solution]:
+) -> dict[str, GraphSolution]:
     """
     Estimate a fleet's trajectories from one realization under each of several ranging conditions.
 
@@ -150,7 +150,7 @@ def solve_conditions(
         conditions = {name: CONDITIONS[name] for name in conditions}
     solver = solver or GraphSolver()
     fleet = _Fleet(measurements, covariance_samples)
-    solved: dict[str, Solution] = {}
+    solved: dict[str, GraphSolution] = {}
     for name, given in conditions.items():
         start = process_time()
         estimator = given if given.initial else replace(given, initial=initial)
@@ -167,13 +167,13 @@ class _Fleet:
     def __init__(self, measurements: Measurements, samples: NDArray[np.intp] | None) -> None:
         self._measurements, self._samples = measurements, samples
         self._graph: FactorGraph | None = None
-        self._without_ranges: Solution | None = None
+        self._without_ranges: GraphSolution | None = None
 
     @cached_property
     def _dead_reckoned(self) -> tuple[Array, Array]:
         return dead_reckon(self._measurements)
 
-    def solve(self, estimator: Estimator, solver: GraphSolver) -> Solution:
+    def solve(self, estimator: Estimator, solver: GraphSolver) -> GraphSolution:
         measurements = _adjusted(self._measurements, estimator)
         if self._graph is None:
             self._graph = build_graph(measurements, estimator.ranges, estimator.links)
@@ -198,8 +198,8 @@ class _Fleet:
         )
 
     def _lower(
-        self, first: Solution, estimator: Estimator, measurements: Measurements, solver: GraphSolver
-    ) -> Solution:
+        self, first: GraphSolution, estimator: Estimator, measurements: Measurements, solver: GraphSolver
+    ) -> GraphSolution:
         """
         Solve again from the optimum of the graph without ranges, and return the solution of lower cost.
 
@@ -223,7 +223,7 @@ class _Fleet:
 
     def _solved(
         self, estimator: Estimator, measurements: Measurements, start: GraphValues, solver: GraphSolver
-    ) -> Solution:
+    ) -> GraphSolution:
         assert self._graph is not None  # built for the first estimator
         graph, model_ranges = _with_model(
             with_ranges(self._graph, measurements, estimator.ranges, estimator.links), measurements, estimator
@@ -241,9 +241,9 @@ class _Fleet:
         )
         return self._by_vehicle(solution)
 
-    def dead_reckoning_solution(self) -> Solution:
+    def dead_reckoning_solution(self) -> GraphSolution:
         values = self._values(*self._dead_reckoned)
-        solution = self._by_vehicle(make_solution(values, Progress(0, np.nan, np.nan), SolveStatus.OK))
+        solution = self._by_vehicle(make_solution(values, SolveProgress(0, np.nan, np.nan), SolveStatus.OK))
         if self._samples is None:
             return solution
         return replace(solution, covariances=dead_reckoning_covariances(self._measurements, self._samples))
@@ -252,13 +252,15 @@ class _Fleet:
         place, turn = (np.asarray(table) for table in (position, quaternion))
         return GraphValues(place.reshape(-1, 3), turn.reshape(-1, 4), self._measurements.landmark_position)
 
-    def _by_vehicle(self, solution: Solution) -> Solution:
+    def _by_vehicle(self, solution: GraphSolution) -> GraphSolution:
         shape = self._measurements.depth.shape
         place, turn = solution.position.reshape(*shape, 3), solution.quaternion.reshape(*shape, 4)
         return replace(solution, position=place, quaternion=turn)
 
 
-def collect_estimates(measurements: Measurements, solutions: Sequence[Mapping[str, Solution]]) -> Estimates:
+def collect_estimates(
+    measurements: Measurements, solutions: Sequence[Mapping[str, GraphSolution]]
+) -> Estimates:
     """
     Collect the solutions of all realizations in one record.
 
@@ -340,8 +342,8 @@ def _scaled(measurements: Measurements, scale: float) -> Measurements:
 
 
 def _fitted(
-    solve: Callable[[float, GraphValues], Solution], start: GraphValues, n_ranges: int
-) -> tuple[float, Solution] | None:
+    solve: Callable[[float, GraphValues], GraphSolution], start: GraphValues, n_ranges: int
+) -> tuple[float, GraphSolution] | None:
     """
     Factor of at least 1 on the range sigmas at which the cost equals its expected value, and the solution; None if there is none.
 
@@ -404,7 +406,7 @@ def _with_model(
         return graph.with_factors(range=scaled), None
     unknowns = None
     if unknown or isinstance(estimator.model, AdjustableModel):
-        unknowns = Unknowns(
+        unknowns = RangeUnknowns(
             estimator.model,
             timed,
             graph.pose_vehicle,

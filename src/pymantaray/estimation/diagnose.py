@@ -10,7 +10,7 @@ from scipy.sparse.linalg import splu
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE
-from pymantaray.estimation.problems import State, distance_problem
+from pymantaray.estimation.problems import GraphState, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def diagnose_start(graph: FactorGraph, values: GraphValues) -> str | None:
 
 def _is_determined(graph: FactorGraph, values: GraphValues) -> bool:
     """True if the solver can factorize the normal equations at some values."""
-    return distance_problem(graph).linearize(State.of(values)).factorize() is not None
+    return distance_problem(graph).linearize(GraphState.of(values)).factorize() is not None
 
 
 def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
@@ -88,7 +88,7 @@ def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
 
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
     """Name the measurement with the largest cost, such as ``A17 and L0 (cost 3e+04)``."""
-    problem, state = distance_problem(graph), State.of(values)
+    problem, state = distance_problem(graph), GraphState.of(values)
     variables, cost = problem.factors.worst(state)
     ranges = 0.5 * problem.whitened(state) ** 2
     if ranges.max(initial=-1.0) > cost:
@@ -130,7 +130,7 @@ class _Weakest(NamedTuple):
 
 def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
     """Find the least determined variable by inverse iteration; its sigma is infinite if no factor mentions it."""
-    information = distance_problem(graph).linearize(State.of(values)).information()
+    information = distance_problem(graph).linearize(GraphState.of(values)).information()
     diagonal = information.diagonal()
     if not (diagonal > 0.0).all():
         free = int(np.argmin(diagonal > 0.0))

@@ -5,10 +5,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from pymantaray.estimation.images import Images
-from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeLinks, Rows, chord
+from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEndpoints, Rows, chord
 
 Array = NDArray[np.float64]
-Block = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
+EpochBlock = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
 
 _SAME_POSITION, _SAME_CHORD = (
     0.1,
@@ -31,7 +31,7 @@ class Expansion:
     def __init__(
         self,
         prediction: Prediction,
-        links: RangeLinks,
+        links: RangeEndpoints,
         travel_time: Array,
         unknowns: Array,
         by_unknowns: Array,
@@ -105,7 +105,7 @@ class RangeWeights:
         self._place: Array | None = None
         self._full = [np.diag(variance[rows]) for rows in self._rows]
 
-    def at(self, links: RangeLinks) -> None:
+    def at(self, links: RangeEndpoints) -> None:
         """Update the covariances for the positions of some links."""
         uncertainty = self._model_ranges.uncertainty
         place = np.concatenate([links.transmitter, links.receiver])
@@ -122,7 +122,7 @@ class RangeWeights:
                 added = np.diag(np.diagonal(added))
             self._full[e] = np.diag(self._variance[rows]) + added
 
-    def blocks(self, used: NDArray[np.bool_]) -> list[Block]:
+    def blocks(self, used: NDArray[np.bool_]) -> list[EpochBlock]:
         """Rows and covariances of the used ranges of each epoch."""
         mine = [used[rows] for rows in self._rows]
         return [

@@ -32,7 +32,7 @@ from pymantaray.estimation.minima import (
     search_minima,
 )
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
-from pymantaray.estimation.solution import Solution, SolveOptions
+from pymantaray.estimation.solution import GraphSolution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
 from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
@@ -40,7 +40,7 @@ from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
-EstimatorFunction = Callable[[FactorGraph, GraphValues], Solution]
+EstimatorFunction = Callable[[FactorGraph, GraphValues], GraphSolution]
 
 MAX_CHEAP_FACTORS = 20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
 MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: about 2 s of CPU
@@ -72,7 +72,7 @@ class GraphResult:
     as_in_file: NDArray[np.intp]
     anchored: NDArray[np.int32]
     truth: GraphValues | None
-    solution: Solution
+    solution: GraphSolution
     diagnosis: str | None
     left_out: dict[str, int]
     repaired: Mapping[str, int]
@@ -305,7 +305,7 @@ def solve_graph(
     solver = GraphSolver(SolveOptions(report=report))
     start = start or _default_start(graph, estimator, random_starts)
 
-    def solve(initial: GraphValues) -> Solution:
+    def solve(initial: GraphValues) -> GraphSolution:
         if isinstance(estimator, str):
             return solver.solve(graph, initial, method=METHODS[estimator])
         return estimator(graph, initial)
@@ -396,7 +396,7 @@ def _outcomes(
     file: GraphFile,
     graph: FactorGraph,
     start: Start,
-    solve: Callable[[GraphValues], Solution],
+    solve: Callable[[GraphValues], GraphSolution],
     *,
     random_starts: int,
     seed: int,
@@ -430,7 +430,7 @@ def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGra
     return graph, poses
 
 
-def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: Solution) -> str:
+def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: GraphSolution) -> str:
     """Reason of a failed solve of a graph that determines every variable."""
     if solution.status is SolveStatus.FAILED and (start := diagnose_start(graph, initial)) is not None:
         return start

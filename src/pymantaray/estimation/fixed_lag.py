@@ -10,8 +10,8 @@ from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.incremental import check_times, update_times
 from pymantaray.estimation.normal_equations import Indices
-from pymantaray.estimation.problems import State, distance_problem
-from pymantaray.estimation.solution import IncrementalOptions, Progress, Solution, make_solution
+from pymantaray.estimation.problems import GraphState, distance_problem
+from pymantaray.estimation.solution import GraphSolution, IncrementalOptions, SolveProgress, make_solution
 from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
@@ -27,7 +27,7 @@ def smooth_with_lag(
     incremental: bool = False,
     options: IncrementalOptions | None = None,
     covariance_poses: Indices | None = None,
-) -> Solution:
+) -> GraphSolution:
     """
     Estimate a graph whose ranges are distances by a fixed-lag smoother, one update for each ping.
 
@@ -43,7 +43,7 @@ def smooth_with_lag(
 
     Returns
     -------
-    Solution
+    GraphSolution
         The last estimate of each pose and its covariance, which uses the measurements up to one lag later. The status is OK
         if every update succeeded; there is no expected cost.
 
@@ -75,7 +75,7 @@ def smooth_with_lag(
     epoch_time = graph.pose_time[poses].max(axis=1, initial=-np.inf)
     joint: dict[int, Array] = {}
     problem = distance_problem(graph)
-    cost, done = problem.cost(State.of(initial)), True
+    cost, done = problem.cost(GraphState.of(initial)), True
     for k, now in enumerate(times.tolist()):
         variables = np.flatnonzero(line.variable_update == k)
         there = np.flatnonzero(line.variable_update[n:] <= k) + n  # landmarks are never marginalized
@@ -93,9 +93,11 @@ def smooth_with_lag(
         none = np.empty(0, dtype=int)
         done = smoother.update(factors, none, entering.values(none, smoother, times.size - 1), {})
     if not done:
-        return make_solution(initial, Progress(times.size, cost, np.nan, singular=True), SolveStatus.FAILED)
+        return make_solution(
+            initial, SolveProgress(times.size, cost, np.nan, singular=True), SolveStatus.FAILED
+        )
     values = graph_values(smoother.latest, graph)
-    progress = Progress(times.size, cost, problem.cost(State.of(values)))
+    progress = SolveProgress(times.size, cost, problem.cost(GraphState.of(values)))
     solution = replace(make_solution(values, progress, SolveStatus.OK), update_seconds=seconds)
     if covariance_poses is None:
         return solution

@@ -67,7 +67,7 @@ _RESIDUALS = {  # by the ends and the columns that are measured
 }
 
 
-class Source(NamedTuple):
+class FactorSource(NamedTuple):
     """
     Columns of `Measurements` with the factors of a sensor, one row per vehicle and sample.
 
@@ -96,7 +96,7 @@ class FactorKind:
     ] = ()  # of a pose prior or an edge there, those of rx ry rz x y z that are measured; others are free
     anchors: bool = False  # true if it ties its variable to the world
     named_after: int = 0  # index of the variable that messages name
-    source: Source | None = None  # of factors that `build_graph` makes without further steps
+    source: FactorSource | None = None  # of factors that `build_graph` makes without further steps
 
     @property
     def residual(self) -> Residual:
@@ -168,7 +168,7 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             POSE_PRIOR,
             axes=(3, 4, 5),
             anchors=True,
-            source=Source("gnss_vehicle", "gnss_sample", ("gnss_position",), "gnss_sigma"),
+            source=FactorSource("gnss_vehicle", "gnss_sample", ("gnss_position",), "gnss_sigma"),
         ),
         "depth": FactorKind("depth", "depth priors", ("pose",), (("depth", 1, "m"),), POSE_PRIOR, axes=(5,)),
         "survey": FactorKind(
@@ -184,7 +184,9 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             (QUATERNION,),
             POSE_PRIOR,
             axes=(0, 1, 2),
-            source=Source("attitude_vehicle", "attitude_sample", ("attitude_quaternion",), "attitude_sigma"),
+            source=FactorSource(
+                "attitude_vehicle", "attitude_sample", ("attitude_quaternion",), "attitude_sigma"
+            ),
         ),
         "dvl": FactorKind(
             "DVL velocity",
@@ -194,7 +196,7 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             EDGE,
             axes=(3, 4, 5),
             named_after=1,
-            source=Source("dvl_vehicle", "dvl_sample", ("dvl_velocity",), "dvl_sigma", rate=True),
+            source=FactorSource("dvl_vehicle", "dvl_sample", ("dvl_velocity",), "dvl_sigma", rate=True),
         ),
         "sighting": FactorKind("sighting", "sightings", ("pose", "landmark"), (POSITION,), SIGHTING),
         "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), RANGE),

@@ -5,7 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.estimation.range_models import Prediction, RangeLinks
+from pymantaray.estimation.range_models import Prediction, RangeEndpoints
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class Images(NamedTuple):
     reflected: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, prediction: Prediction, links: RangeLinks, bounces: NDArray[np.intp]) -> Self:
+    def of(cls, prediction: Prediction, links: RangeEndpoints, bounces: NDArray[np.intp]) -> Self:
         """Images of the receivers of links, whose paths have some numbers of reflections."""
         reflected = prediction.possible & (bounces > 0)
         slowness = np.linalg.norm(prediction.transmitter_gradient, axis=1)

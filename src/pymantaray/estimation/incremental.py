@@ -10,8 +10,8 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.optimize import Optimum, check_convergence
-from pymantaray.estimation.problems import Problem, State, distance_problem
-from pymantaray.estimation.solution import Progress, Solution, SolveOptions, gate, make_solution
+from pymantaray.estimation.problems import GraphState, Problem, distance_problem
+from pymantaray.estimation.solution import GraphSolution, SolveOptions, SolveProgress, gate, make_solution
 from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import quaternion_from_matrix
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class IncrementalResult:
     """Final solution of an incremental estimator, and its estimates and latencies during the mission."""
 
-    solution: Solution  # after the last update, without bounds on the cost; its iterations are updates
+    solution: GraphSolution  # after the last update, without bounds on the cost; its iterations are updates
     optimum: Optimum  # final state, with the next step of a batch solver (not applied)
     update_time: Array  # since the start of the mission, (n_updates,) [s]
     seconds: Array  # duration of each update; NaN after a failed update
@@ -85,13 +85,13 @@ def solve_incrementally(
             failed = done is None
             break
     problem = problem or distance_problem(graph, loss)
-    cost = problem.cost(State.of(initial))
+    cost = problem.cost(GraphState.of(initial))
     if failed:
-        progress = Progress(steps, cost, np.nan, singular=True)
-        optimum = Optimum(State.of(initial), progress)
+        progress = SolveProgress(steps, cost, np.nan, singular=True)
+        optimum = Optimum(GraphState.of(initial), progress)
         return log.result(make_solution(initial, progress, gate(progress, options)), optimum)
     # one batch step, not applied, measures the distance from the optimum
-    optimum = check_convergence(problem, State.of(graph_values(smoother.values(), graph)))
+    optimum = check_convergence(problem, GraphState.of(graph_values(smoother.values(), graph)))
     end = replace(optimum.progress, iterations=steps, initial_cost=cost)
     limits = replace(options, end_tolerance=options.incremental.end_tolerance)
     expected = np.nan if loss is not None else graph.degrees_of_freedom / 2.0
@@ -121,7 +121,7 @@ class _Log:
             self._before[key] = before.translation()
             self._position[key], self._rotation[key] = pose.translation(), pose.rotation().matrix()
 
-    def result(self, solution: Solution, optimum: Optimum) -> IncrementalResult:
+    def result(self, solution: GraphSolution, optimum: Optimum) -> IncrementalResult:
         quaternion = np.full((self._rotation.shape[0], 4), np.nan)
         reached = ~np.isnan(self._rotation[:, 0, 0])
         quaternion[reached] = quaternion_from_matrix(self._rotation[reached])

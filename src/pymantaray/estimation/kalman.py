@@ -15,7 +15,7 @@ from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
 from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.range_models import ModelRanges, chord
-from pymantaray.estimation.solution import Progress, Solution, make_solution
+from pymantaray.estimation.solution import GraphSolution, SolveProgress, make_solution
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import SolveStatus
 
@@ -28,7 +28,7 @@ def filter_graph(
     *,
     model_ranges: ModelRanges | None = None,
     covariance_poses: Indices | None = None,
-) -> Solution:
+) -> GraphSolution:
     """
     Estimate the poses of a fleet by an error-state extended Kalman filter.
 
@@ -47,7 +47,7 @@ def filter_graph(
 
     Returns
     -------
-    Solution
+    GraphSolution
         The estimate of each pose from all measurements up to its time. Costs are half the sum of squared normalized innovations.
 
     Raises
@@ -80,7 +80,7 @@ def filter_graph(
     good = done and bool(np.isfinite(values.position).all())
     status = SolveStatus.OK if good else SolveStatus.FAILED
     cost = state.cost if good else np.nan
-    solution = make_solution(values, Progress(seconds.size, np.nan, cost), status, rows)
+    solution = make_solution(values, SolveProgress(seconds.size, np.nan, cost), status, rows)
     return log.with_covariances(replace(solution, update_seconds=seconds), ranges.gated)
 
 
@@ -415,7 +415,7 @@ class _Log:
         quaternion[fine] = quaternion_from_matrix(self._rotation[fine])
         return GraphValues(self._position, quaternion, state.position[self._pose.shape[1] :])
 
-    def with_covariances(self, solution: Solution, gated: int) -> Solution:
+    def with_covariances(self, solution: GraphSolution, gated: int) -> GraphSolution:
         """Return the solution with the covariances and the number of gated links."""
         if not solution.usable:
             return solution

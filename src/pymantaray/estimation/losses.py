@@ -15,7 +15,7 @@ from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import chord
 
 Array = NDArray[np.float64]
-Kind = Literal["huber", "cauchy", "geman-mcclure"]
+LossKind = Literal["huber", "cauchy", "geman-mcclure"]
 # scales that are 95 % as efficient as least squares under normal noise
 _EFFICIENT: Mapping[str, float] = MappingProxyType(
     {"huber": 1.344998, "cauchy": 2.384947, "geman-mcclure": 3.787419}
@@ -58,7 +58,7 @@ class Loss:
        Antonante, Tzoumas and Carlone, "Graduated Non-Convexity for Robust Spatial Perception", as its source.
     """
 
-    kind: Kind
+    kind: LossKind
     scale: float
     graduated: bool = False
 

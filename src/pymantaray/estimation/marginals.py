@@ -10,7 +10,7 @@ from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE, Indices
 from pymantaray.estimation.optimize import LastStep, check_convergence
-from pymantaray.estimation.problems import LinearTerm, Problem, State, distance_problem
+from pymantaray.estimation.problems import GraphState, LinearTerm, Problem, distance_problem
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def covariances_at(
     poses = check_poses(graph, poses)
     groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=np.intp))
     problem = distance_problem(graph, groups=groups)
-    last = check_convergence(problem, State.of(values)).last
+    last = check_convergence(problem, GraphState.of(values)).last
     if last is None:
         raise EstimationError("covariances: some direction of the graph is not determined at these values")
     return group_marginals(problem, last, poses, groups, innovations=innovations)
@@ -69,7 +69,7 @@ class PositionCovariance:
     def __init__(self, graph: FactorGraph, values: GraphValues) -> None:
         problem = distance_problem(graph)
         self._row, self._n_poses = problem.structure.row, graph.n_poses
-        self._last = check_convergence(problem, State.of(values)).last
+        self._last = check_convergence(problem, GraphState.of(values)).last
 
     def __matmul__(self, vector: Array) -> Array:
         """Product with a vector in the world's axes, (n_poses, 3); NaN if some direction is not determined. [m2]"""

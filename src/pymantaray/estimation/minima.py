@@ -10,14 +10,14 @@ from scipy.stats import chi2
 
 from pymantaray.estimation.chordal_problem import ChordalProblem
 from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.solution import Solution
+from pymantaray.estimation.solution import GraphSolution
 from pymantaray.estimation.staircase import can_relax, relax, rounded
 from pymantaray.estimation.starts import StartingValues, chordal, dead_reckon_graph, first_of_chains
 from pymantaray.estimation.trilateration import range_only_landmarks, trilaterate, with_landmarks
 from pymantaray.geometry import stream
 
 Array = NDArray[np.float64]
-Solve = Callable[[GraphValues], Solution]
+SolveFrom = Callable[[GraphValues], GraphSolution]
 
 _SAME_COST = 1e-6  # relative; smaller differences of the cost are of one minimum
 _SAME_POSITION = 1e-3  # of the extent of all positions; smaller differences are of one minimum
@@ -36,7 +36,7 @@ class StartOutcome:
     name: str
     initial: GraphValues
     unchanged: NDArray[np.intp]
-    solution: Solution
+    solution: GraphSolution
 
     @property
     def cost(self) -> float:
@@ -47,7 +47,7 @@ class StartOutcome:
 def search_minima(
     graph: FactorGraph,
     values: GraphValues,
-    solve: Solve,
+    solve: SolveFrom,
     *,
     random_starts: int = 0,
     seed: int = 0,
@@ -173,7 +173,7 @@ def _quaternions(rotation: Rotation) -> Array:
     return np.asarray(rotation.as_quat())[:, [3, 0, 1, 2]]
 
 
-def _relaxed(graph: FactorGraph, best: StartOutcome, solve: Solve) -> list[StartOutcome]:
+def _relaxed(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[StartOutcome]:
     """Outcome from the minimum of the relaxation; none if it is the minimum already found, or the graph has no relaxation."""
     if not can_relax(graph):
         return []
@@ -185,7 +185,7 @@ def _relaxed(graph: FactorGraph, best: StartOutcome, solve: Solve) -> list[Start
     return [StartOutcome("relaxation", start, np.empty(0, dtype=np.intp), solve(start))]
 
 
-def _mirrored(graph: FactorGraph, best: StartOutcome, solve: Solve) -> list[StartOutcome]:
+def _mirrored(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[StartOutcome]:
     """Outcomes with one landmark after the other at its other solutions, each from the lowest minimum so far."""
     outcomes: list[StartOutcome] = []
     landmarks = range_only_landmarks(graph).tolist() if best.solution.usable else []

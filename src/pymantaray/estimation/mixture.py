@@ -7,25 +7,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.candidates import CandidateModel, Candidates, of_picks
+from pymantaray.estimation.candidates import CandidateArrivals, CandidateModel, of_picks
 from pymantaray.estimation.epoch_picks import EpochMixture, graduated_fits
 from pymantaray.estimation.expansion import Expansion, RangeWeights
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE, Indices
 from pymantaray.estimation.optimize import LastStep, Optimum, optimize
-from pymantaray.estimation.outer import Outcome, OuterIterations
+from pymantaray.estimation.outer import BatchOutcome, OuterIterations
 from pymantaray.estimation.picks import (
     NONE,
     Chains,
-    Choice,
+    RangeChoice,
     best_picks,
     choices,
     fits,
     predicted,
     probabilities,
 )
-from pymantaray.estimation.problems import ExpandedRanges, Problem, ProblemCache, State
-from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeLinks, Rows
+from pymantaray.estimation.problems import ExpandedRanges, GraphState, Problem, ProblemCache
+from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEndpoints, Rows
 from pymantaray.estimation.solution import SolveOptions
 
 Array = NDArray[np.float64]
@@ -79,13 +79,13 @@ class MixtureIterations(OuterIterations):
         owner = np.concatenate([graph.pose_vehicle, landmarks]).astype(np.intp)
         self._chains = Chains.of(model_ranges.ranges, owner, model.mixture.persistence)
 
-    def solve(self, initial: GraphValues, options: SolveOptions) -> Outcome:
+    def solve(self, initial: GraphValues, options: SolveOptions) -> BatchOutcome:
         """Solve from the on-line estimate, which starts from these values."""
-        self._given = State.of(initial, self._model_ranges.n_unknowns)
+        self._given = GraphState.of(initial, self._model_ranges.n_unknowns)
         online = self._online(self._given, options)
         return super().solve(online.values(self._graph), options)
 
-    def _predict(self, links: RangeLinks, unknowns: Array) -> tuple[Prediction, Array]:
+    def _predict(self, links: RangeEndpoints, unknowns: Array) -> tuple[Prediction, Array]:
         """Predict the most probable sequence of candidates at the links."""
         found = self._candidates(links, self._rows, unknowns)
         each = choices(found.table, found.fit, self._variance, self._model.mixture)
@@ -93,12 +93,12 @@ class MixtureIterations(OuterIterations):
         self._picked_weights.add(found.added(picks))
         return of_picks(found.prediction, picks), found.by(picks)
 
-    def _candidates(self, links: RangeLinks, rows: Rows, unknowns: Array) -> "_Found":
+    def _candidates(self, links: RangeEndpoints, rows: Rows, unknowns: Array) -> "_Found":
         """Candidates of some ranges at their links."""
         table = self._model.candidates(links)
         row, n = table.row, table.row.size
         prediction, by_unknowns = table.prediction, np.empty((n, 0))
-        of_candidates = RangeLinks(*(column[row] for column in links))
+        of_candidates = RangeEndpoints(*(column[row] for column in links))
         if self._model_ranges.unknowns is not None:
             prediction, by_unknowns = self._model_ranges.unknowns.applied(
                 prediction, of_candidates, rows[row], unknowns
@@ -112,16 +112,16 @@ class MixtureIterations(OuterIterations):
         return _Found(table, prediction, by_unknowns, variance, smallest, fit, expansion)
 
     def _initial_cost(
-        self, _start: State, ranges: ExpandedRanges, _place: tuple[Array, Array, Array]
+        self, _start: GraphState, ranges: ExpandedRanges, _place: tuple[Array, Array, Array]
     ) -> float:
         """Cost of the given start with the final picks."""
         return self._factors.cost(self._given) + ranges.cost(self._given, None)
 
-    def _online(self, state: State, options: SolveOptions) -> State:
+    def _online(self, state: GraphState, options: SolveOptions) -> GraphState:
         """State after all pings were added one by one and then picked again; the given one if the graph is singular without ranges."""
         n = self._model_ranges.ranges.time.size
         picked = _Picked(n, state.shared.size)
-        known: list[tuple[Choice, Array] | None] = [None] * n
+        known: list[tuple[RangeChoice, Array] | None] = [None] * n
         limits = replace(options, step_tolerance=max(_FORWARD_TOLERANCE, options.step_tolerance))
         end = self._solve_picked(picked, state, limits)
         epochs = self._picked_weights.rows
@@ -135,7 +135,7 @@ class MixtureIterations(OuterIterations):
             end = self._solve_picked(picked, end.state, limits)
         return end.state if np.isfinite(end.progress.final_cost) and not end.progress.singular else state
 
-    def _solve_picked(self, picked: "_Picked", state: State, options: SolveOptions) -> Optimum:
+    def _solve_picked(self, picked: "_Picked", state: GraphState, options: SolveOptions) -> Optimum:
         """Optimum of the graph with the picks of the pings so far."""
         r = self._model_ranges.ranges
         expansion = picked.expansion(r.links(picked.transmitter, picked.receiver), r.travel_time)
@@ -146,17 +146,17 @@ class MixtureIterations(OuterIterations):
     def _pick_epoch(
         self,
         rows: Rows,
-        state: State,
+        state: GraphState,
         last: LastStep,
         picked: "_Picked",
-        known: list[tuple[Choice, Array] | None],
+        known: list[tuple[RangeChoice, Array] | None],
     ) -> None:
         """Pick the candidates of the ranges of one epoch from the state that earlier epochs predict."""
         r, mixture = self._model_ranges.ranges, self._model.mixture
         ends, at = np.unique(np.concatenate([r.transmitter[rows], r.receiver[rows]]), return_inverse=True)
         place = state.position[ends]
         one, other = at[: rows.size], at[rows.size :]
-        links = RangeLinks(r.time[rows], place[one], place[other], r.sound_speed[rows])
+        links = RangeEndpoints(r.time[rows], place[one], place[other], r.sound_speed[rows])
         found = self._candidates(links, rows, state.shared)
         row = found.table.row
         before = self._priors(choices(found.table, found.fit, self._variance[rows], mixture), rows, known)
@@ -190,8 +190,8 @@ class MixtureIterations(OuterIterations):
         return np.asarray(joint[np.ix_(at, at)])
 
     def _priors(
-        self, each: list[Choice], rows: Rows, known: list[tuple[Choice, Array] | None]
-    ) -> list[Choice]:
+        self, each: list[RangeChoice], rows: Rows, known: list[tuple[RangeChoice, Array] | None]
+    ) -> list[RangeChoice]:
         """Choices of ranges with the probabilities that follow from the previous ranges of their ordered pairs."""
         out = []
         for choice, row in zip(each, rows.tolist(), strict=True):
@@ -206,7 +206,7 @@ class MixtureIterations(OuterIterations):
 class _Found(NamedTuple):
     """Candidates of some ranges, with their residuals at the estimate."""
 
-    table: Candidates
+    table: CandidateArrivals
     prediction: Prediction  # with the unknowns
     by_unknowns: Array  # (n, n_unknowns) [s]
     variance: Array  # of each residual [m²]
@@ -232,7 +232,7 @@ class _Picked:
         self._time, self._by_ends = np.full(n, np.nan), np.full((2, n, 3), np.nan)
         self._by_unknowns, self._bounces = np.zeros((n, n_unknowns)), np.zeros(n, dtype=np.intp)
 
-    def add(self, rows: Rows, links: RangeLinks, found: _Found, picks: Rows, unknowns: Array) -> None:
+    def add(self, rows: Rows, links: RangeEndpoints, found: _Found, picks: Rows, unknowns: Array) -> None:
         """Add the picks of one epoch."""
         prediction, by = of_picks(found.prediction, picks), found.by(picks)
         self.used[rows], self.added[rows] = prediction.possible, found.added(picks)
@@ -241,7 +241,7 @@ class _Picked:
         self._by_ends[:, rows] = prediction.transmitter_gradient, prediction.receiver_gradient
         self._bounces[rows] = 0 if prediction.bounces is None else prediction.bounces
 
-    def expansion(self, links: RangeLinks, travel_time: Array) -> Expansion:
+    def expansion(self, links: RangeEndpoints, travel_time: Array) -> Expansion:
         """Residuals of the picks near the links at which they were made."""
         prediction = Prediction(self._time, self._by_ends[0], self._by_ends[1], self.used, self._bounces)
         zero = np.zeros(self._by_unknowns.shape[1])

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation.normal_equations import Factor, NormalEquations
-from pymantaray.estimation.problems import Problem, State
-from pymantaray.estimation.solution import Progress, SolveOptions
+from pymantaray.estimation.problems import GraphState, Problem
+from pymantaray.estimation.solution import SolveOptions, SolveProgress
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ _SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use
 class LastStep(NamedTuple):
     """Last undamped step: its starting state, factor and step, in the order of rows."""
 
-    state: State
+    state: GraphState
     factor: Factor
     step: Array
 
@@ -33,12 +33,12 @@ class LastStep(NamedTuple):
 class Optimum(NamedTuple):
     """Final state of an optimization and its progress."""
 
-    state: State
-    progress: Progress
+    state: GraphState
+    progress: SolveProgress
     last: LastStep | None = None
 
 
-def optimize(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
+def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Optimum:
     """
     Minimize a least-squares cost.
 
@@ -65,10 +65,10 @@ def optimize(problem: Problem, initial: State, options: SolveOptions) -> Optimum
     return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=progress.initial_cost))
 
 
-def check_convergence(problem: Problem, state: State) -> Optimum:
+def check_convergence(problem: Problem, state: GraphState) -> Optimum:
     """Compute the next undamped step from a state, without applying it, as a measure of convergence."""
     equations = problem.linearize(state)
-    progress = Progress(iterations=0, initial_cost=equations.cost, final_cost=equations.cost)
+    progress = SolveProgress(iterations=0, initial_cost=equations.cost, final_cost=equations.cost)
     factor = equations.factorize()
     if factor is None:
         return Optimum(state, replace(progress, singular=True))
@@ -78,8 +78,8 @@ def check_convergence(problem: Problem, state: State) -> Optimum:
 
 
 def _gauss_newton(
-    problem: Problem, initial: State, options: SolveOptions, taken: int = 0
-) -> tuple[Optimum, State]:
+    problem: Problem, initial: GraphState, options: SolveOptions, taken: int = 0
+) -> tuple[Optimum, GraphState]:
     """
     Undamped steps; returns the optimum and the state of lowest cost. ``last_step`` is NaN if the cost stays above its lowest.
 
@@ -89,7 +89,7 @@ def _gauss_newton(
     """
     state, equations, most = initial, problem.linearize(initial, 2), 3
     lowest, above, best = equations.cost, 0, initial
-    progress = Progress(iterations=0, initial_cost=lowest, final_cost=lowest)
+    progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
         factor = equations.factorize()
         while factor is None and equations.order > 1:
@@ -121,7 +121,7 @@ def _gauss_newton(
 
 
 def _with_convergence(
-    state: State, progress: Progress, equations: NormalEquations, last: LastStep
+    state: GraphState, progress: SolveProgress, equations: NormalEquations, last: LastStep
 ) -> Optimum:
     """Add the convergence measures of the last undamped system."""
     progress = replace(
@@ -134,8 +134,8 @@ def _with_convergence(
 
 
 def _levenberg_marquardt(
-    problem: Problem, initial: State, options: SolveOptions, taken: int, *, singular: bool
-) -> tuple[State, int]:
+    problem: Problem, initial: GraphState, options: SolveOptions, taken: int, *, singular: bool
+) -> tuple[GraphState, int]:
     """
     Damped steps until a minimum, until no damping lowers the cost, or until a singular graph stalls; returns their number, too.
 
@@ -165,13 +165,13 @@ def _levenberg_marquardt(
 class _DampedStep(NamedTuple):
     """Result of a damped step: state, cost and damping."""
 
-    state: State
+    state: GraphState
     cost: float
     damping: float
 
 
 def _damped_step(
-    problem: Problem, state: State, matrices: list[NormalEquations], damping: float, tolerance: float
+    problem: Problem, state: GraphState, matrices: list[NormalEquations], damping: float, tolerance: float
 ) -> _DampedStep | None:
     """
     Increase damping until a step lowers the cost; None if none does, or if a weakly damped step is within tolerance.

@@ -12,10 +12,10 @@ from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.marginals import epoch_groups
 from pymantaray.estimation.normal_equations import SIZE, Indices
 from pymantaray.estimation.optimize import Optimum
-from pymantaray.estimation.problems import ExpandedRanges, Problem, ProblemCache, State
-from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeLinks
+from pymantaray.estimation.problems import ExpandedRanges, GraphState, Problem, ProblemCache
+from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEndpoints
 from pymantaray.estimation.robust import optimize_robust
-from pymantaray.estimation.solution import Progress, SolveOptions
+from pymantaray.estimation.solution import SolveOptions, SolveProgress
 
 Array = NDArray[np.float64]
 _SETTLED = 1e-3  # m; a range that a new prediction changes by less has converged
@@ -28,7 +28,7 @@ _MAX_GATED_SHARE = 0.05  # share of the links that may be gated at a time
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class BatchOutcome:
     """Result of a batch solve."""
 
     optimum: Optimum
@@ -76,10 +76,10 @@ class OuterIterations:
         self._expansion: Expansion | None = None
         self._first: tuple[Prediction, Array] | None = None
 
-    def solve(self, initial: GraphValues, options: SolveOptions) -> Outcome:
+    def solve(self, initial: GraphValues, options: SolveOptions) -> BatchOutcome:
         """Solve from a start; if the expansions do not converge the last step is NaN, which no gate passes."""
-        start, loss = State.of(initial, self._model_ranges.n_unknowns), self._loss
-        end, ranges, problem = Optimum(start, Progress(0, np.nan, np.nan)), None, None
+        start, loss = GraphState.of(initial, self._model_ranges.n_unknowns), self._loss
+        end, ranges, problem = Optimum(start, SolveProgress(0, np.nan, np.nan)), None, None
         iterations, count, settled = 0, 0, False
         while True:
             place = self._ends(end.state)
@@ -109,9 +109,9 @@ class OuterIterations:
         progress = replace(end.progress, iterations=iterations, initial_cost=cost)
         if not settled:
             progress = replace(progress, last_step=np.nan)
-        return Outcome(end._replace(progress=progress), problem, self.groups, self._used, count)
+        return BatchOutcome(end._replace(progress=progress), problem, self.groups, self._used, count)
 
-    def _ends(self, state: State) -> tuple[Array, Array, Array]:
+    def _ends(self, state: GraphState) -> tuple[Array, Array, Array]:
         r = self._model_ranges.ranges
         return state.position[r.transmitter], state.position[r.receiver], state.shared
 
@@ -141,11 +141,13 @@ class OuterIterations:
         self._weights.at(links)
         return Expansion(prediction, links, r.travel_time, u, by_unknowns)
 
-    def _predict(self, links: RangeLinks, unknowns: Array) -> tuple[Prediction, Array]:
+    def _predict(self, links: RangeEndpoints, unknowns: Array) -> tuple[Prediction, Array]:
         """Predict the travel times of all ranges and their derivatives by the unknowns."""
         return self._model_ranges.predict(links, self._rows, unknowns)
 
-    def _initial_cost(self, start: State, ranges: ExpandedRanges, place: tuple[Array, Array, Array]) -> float:
+    def _initial_cost(
+        self, start: GraphState, ranges: ExpandedRanges, place: tuple[Array, Array, Array]
+    ) -> float:
         """Initial cost of the links used at the end; links without an arrival at the start have their final residual."""
         assert self._first is not None  # the model was evaluated at least once
         assert self._expansion is not None

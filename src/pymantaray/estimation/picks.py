@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.estimation.candidates import Candidates, Mixture
+from pymantaray.estimation.candidates import CandidateArrivals, MixtureOptions
 from pymantaray.estimation.range_models import Rows, TimedRanges
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Chains(NamedTuple):
         return cls(previous, stay, order)
 
 
-class Choice(NamedTuple):
+class RangeChoice(NamedTuple):
     """What one range may belong to: each of its candidates and, last, none of them."""
 
     candidate: Rows
@@ -56,7 +56,9 @@ class Choice(NamedTuple):
         )
 
 
-def choices(candidates: Candidates, fit: Array, variance: Array, mixture: Mixture) -> list[Choice]:
+def choices(
+    candidates: CandidateArrivals, fit: Array, variance: Array, mixture: MixtureOptions
+) -> list[RangeChoice]:
     """Choices of all ranges, whose variances are given [m²], from the fit of each candidate."""
     n = variance.size
     stop = np.searchsorted(candidates.row, np.arange(n), side="right").tolist()
@@ -66,7 +68,7 @@ def choices(candidates: Candidates, fit: Array, variance: Array, mixture: Mixtur
     for start, end, missed in zip([0, *stop[:-1]], stop, null, strict=True):
         alone = mixture.null_weight if end > start else 1.0
         out.append(
-            Choice(
+            RangeChoice(
                 np.append(np.arange(start, end), NONE),
                 np.append(fit[start:end], missed),
                 np.append(weight[start:end], alone),
@@ -81,7 +83,7 @@ def fits(residual: Array, variance: Array, smallest: Array) -> Array:
     return np.asarray(0.5 * residual**2 / variance + 0.5 * np.log(variance / smallest))
 
 
-def best_picks(all_choices: list[Choice], chains: Chains) -> Rows:
+def best_picks(all_choices: list[RangeChoice], chains: Chains) -> Rows:
     """Most probable candidate of each range, NONE for none, as the most probable sequence of each chain (Viterbi)."""
     costs: list[Array] = [np.empty(0)] * len(all_choices)
     came: list[Rows] = [np.empty(0, dtype=np.intp)] * len(all_choices)
@@ -105,12 +107,12 @@ def best_picks(all_choices: list[Choice], chains: Chains) -> Rows:
     return np.array([c.candidate[k] for c, k in zip(all_choices, picked, strict=True)], dtype=np.intp)
 
 
-def predicted(choice: Choice, before: Choice, probability: Array, stay: float) -> Choice:
+def predicted(choice: RangeChoice, before: RangeChoice, probability: Array, stay: float) -> RangeChoice:
     """Choice whose prior follows from the probabilities of the previous range's choices."""
     return choice._replace(prior=probability @ choice.follow(before.family, stay))
 
 
-def probabilities(choice: Choice) -> Array:
+def probabilities(choice: RangeChoice) -> Array:
     """Probability of each choice by its fit; if all are impossible, the range belongs to none."""
     cost = choice.fit + _surprise(choice.prior)
     if np.isinf(cost.min()):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation._kernels import residuals
-from pymantaray.estimation.expansion import Block, Expansion, whiten
+from pymantaray.estimation.expansion import EpochBlock, Expansion, whiten
 from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues, Residual
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.normal_equations import SIZE, Blocks, Indices, NormalEquations, Structure
@@ -20,7 +20,7 @@ _DIFFERENCE_ANGLE = 1e-5  # rad; step of central differences of gradients, with 
 _MIN_WEIGHT = 1e-12  # smallest weight of a range under a loss; its rows lose all digits below
 
 
-class State(NamedTuple):
+class GraphState(NamedTuple):
     """Values of all variables; a landmark is a pose without rotation."""
 
     rotation: Array  # (n_variables, 3, 3)
@@ -28,7 +28,7 @@ class State(NamedTuple):
     shared: Array  # unknowns that all ranges share, in their prior standard deviations
 
     @classmethod
-    def of(cls, values: GraphValues, n_shared: int = 0) -> "State":
+    def of(cls, values: GraphValues, n_shared: int = 0) -> "GraphState":
         """Convert a graph's values; shared unknowns are zero."""
         level = np.tile(np.eye(3), (len(values.landmark_position), 1, 1))
         rotation = np.concatenate([matrix_from_quaternion(values.quaternion), level])
@@ -40,12 +40,12 @@ class State(NamedTuple):
         n = graph.n_poses
         return GraphValues(self.position[:n], quaternion_from_matrix(self.rotation[:n]), self.position[n:])
 
-    def moved(self, structure: Structure, step: Array, *, arc: bool = False) -> "State":
+    def moved(self, structure: Structure, step: Array, *, arc: bool = False) -> "GraphState":
         """State after a step in the order of rows, (n, 6), along straight lines or arcs."""
         rotation, place = np.empty_like(self.rotation), np.empty_like(self.position)
         residuals.move(self.rotation, self.position, structure.row, step, arc, rotation, place)
         shared = step[structure.row[len(place) :]].ravel()[: self.shared.size]
-        return State(rotation, place, self.shared + shared)
+        return GraphState(rotation, place, self.shared + shared)
 
 
 class FactorBlocks(NamedTuple):
@@ -85,12 +85,12 @@ class FactorsExceptRanges:
         out.block[inner], out.turned[inner] = structure.blocks(self._relative_pairs)
         return FactorBlocks(out, structure.blocks(self._sighted_pairs))
 
-    def add(self, state: State, blocks: FactorBlocks, out: NormalEquations) -> None:
+    def add(self, state: GraphState, blocks: FactorBlocks, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, from order 2 with the curvature of odometry."""
         costs = self._evaluate(state, blocks, out.matrix, 1 if out.order > 3 else min(out.order, 2))
         out.cost += sum(float(cost.sum()) for cost in costs)
 
-    def add_curvature(self, state: State, blocks: FactorBlocks, out: NormalEquations) -> None:
+    def add_curvature(self, state: GraphState, blocks: FactorBlocks, out: NormalEquations) -> None:
         """
         Add the full curvature of relative poses: the Hessian less the product of Jacobians.
 
@@ -141,11 +141,11 @@ class FactorsExceptRanges:
         between[back] = np.swapaxes(between[back], 1, 2)
         np.add.at(out.above, blocks.relative.block[inner], between)
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: GraphState) -> float:
         """Half the sum of squared residuals."""
         return sum(float(cost.sum()) for cost in self._costs(state))
 
-    def worst(self, state: State) -> tuple[list[int], float]:
+    def worst(self, state: GraphState) -> tuple[list[int], float]:
         """Variables and cost of the factor with the largest cost."""
         costs = zip(self._costs(state), self._groups, strict=True)
         each = [(float(c.max()), int(c.argmax()), tables) for c, tables in costs if c.size]
@@ -154,7 +154,7 @@ class FactorsExceptRanges:
         cost, row, tables = max(each)
         return [v for t in tables for v in t.variables.tolist()][row], cost
 
-    def _costs(self, state: State) -> tuple[Array, Array, Array]:
+    def _costs(self, state: GraphState) -> tuple[Array, Array, Array]:
         """Cost of each relative pose, of each sighting, and of each measured position."""
         none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
         matrix = residuals.Matrix(none, nothing, nothing, nothing[:, 0])
@@ -162,7 +162,7 @@ class FactorsExceptRanges:
         return self._evaluate(state, FactorBlocks(no_blocks, no_blocks), matrix, 0)
 
     def _evaluate(
-        self, state: State, blocks: FactorBlocks, matrix: residuals.Matrix, order: int
+        self, state: GraphState, blocks: FactorBlocks, matrix: residuals.Matrix, order: int
     ) -> tuple[Array, Array, Array]:
         """Costs as in `_costs`; adds blocks of order 1 or 2 to a matrix."""
         poses = residuals.Poses(state.rotation, state.position)
@@ -238,15 +238,15 @@ class Distances:
         self.pairs = ranges.variables.astype(np.intp)
         self._distance, self._sigma = np.array(ranges.column("distance")), np.sqrt(ranges.variance)
 
-    def whitened(self, state: State) -> Array:
+    def whitened(self, state: GraphState) -> Array:
         """Residuals in their standard deviations."""
         return self._at(state)[0]
 
-    def cost(self, state: State, loss: Loss | None) -> float:
+    def cost(self, state: GraphState, loss: Loss | None) -> float:
         """Half the sum of squares, or the sum of losses."""
         return _cost(self.whitened(state), loss)
 
-    def add(self, state: State, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
+    def add(self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, weighted under a loss, in order 3 with the curvature of distances."""
         white, slope = self._at(state)
         out.cost += _cost(white, loss)
@@ -259,7 +259,7 @@ class Distances:
             information = weight * information
         residuals.add_pairs(self.pairs, blocks, white, slope, bend, information, out.matrix)
 
-    def linear_among(self, state: State, variables: Indices) -> list["LinearTerm"]:
+    def linear_among(self, state: GraphState, variables: Indices) -> list["LinearTerm"]:
         """Terms of the ranges between some of the variables, one for each range."""
         rows = np.isin(self.pairs, variables).all(axis=1)
         white, slope = (part[rows] for part in self._at(state))
@@ -267,7 +267,7 @@ class Distances:
         jacobian[:, 0, 3:6], jacobian[:, 0, 9:12] = slope[:, :3], slope[:, 3:]
         return list(map(LinearTerm, self.pairs[rows], white[:, None], jacobian))
 
-    def _at(self, state: State) -> tuple[Array, Array]:
+    def _at(self, state: GraphState) -> tuple[Array, Array]:
         distance, unit = chord(*state.position[self.pairs.T])
         slope = np.concatenate([-unit, unit], axis=1) / self._sigma[:, None]
         return (distance - self._distance) / self._sigma, slope
@@ -299,7 +299,7 @@ class ExpandedRanges:
     """
 
     def __init__(
-        self, ranges: TimedRanges, blocks: Sequence[Block], expansion: Expansion, shared: Indices
+        self, ranges: TimedRanges, blocks: Sequence[EpochBlock], expansion: Expansion, shared: Indices
     ) -> None:
         self._ranges, self._expansion = ranges, expansion
         self.pairs = np.empty((0, 2), dtype=np.intp)  # blocks are found epoch by epoch
@@ -312,11 +312,11 @@ class ExpandedRanges:
                 root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
                 self._terms.append(EpochTerms(rows, variables, at[: rows.size], at[rows.size :], root))
 
-    def whitened(self, state: State) -> Array:
+    def whitened(self, state: GraphState) -> Array:
         """Residuals in their standard deviations, epoch by epoch."""
         return np.concatenate([np.empty(0), *self._by_epoch(self._at(state)[0])])
 
-    def cost(self, state: State, loss: Loss | None) -> float:
+    def cost(self, state: GraphState, loss: Loss | None) -> float:
         """Half the sum of squares, or the sum of losses, and the cost of shared unknowns."""
         return self.cost_of(self._at(state)[0], loss) + 0.5 * float(state.shared @ state.shared)
 
@@ -328,7 +328,7 @@ class ExpandedRanges:
             white = self._by_epoch(residual)
         return sum(_cost(w, loss) for w in white)
 
-    def add(self, state: State, _blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
+    def add(self, state: GraphState, _blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, weighted under a loss."""
         out.cost += self.cost(state, loss)
         for term in self.linear(state, loss):
@@ -340,11 +340,11 @@ class ExpandedRanges:
             prior[: state.shared.size] = state.shared
             out.gradient[rows] += prior.reshape(-1, SIZE)
 
-    def linear_among(self, state: State, variables: Indices) -> list[LinearTerm]:
+    def linear_among(self, state: GraphState, variables: Indices) -> list[LinearTerm]:
         """Terms of the epochs that involve only some of the variables."""
         return [term for term in self.linear(state) if np.isin(term.variables, variables).all()]
 
-    def linear(self, state: State, loss: Loss | None = None) -> list[LinearTerm]:
+    def linear(self, state: GraphState, loss: Loss | None = None) -> list[LinearTerm]:
         """One term for each epoch."""
         residual, by_transmitter, by_receiver = self._at(state)
         terms = self._terms
@@ -366,7 +366,7 @@ class ExpandedRanges:
         flat[:, first : first + by_unknowns.shape[1]] = by_unknowns
         return LinearTerm(t.variables, whiten(t.root, residual[t.rows]), whiten(t.root, flat))
 
-    def _at(self, state: State) -> tuple[Array, Array, Array]:
+    def _at(self, state: GraphState) -> tuple[Array, Array, Array]:
         r = self._ranges
         return self._expansion(state.position[r.transmitter], state.position[r.receiver], state.shared)
 
@@ -397,11 +397,11 @@ class Problem:
         """Copy with another loss on the ranges."""
         return Problem(self.factors, self.ranges, self.structure, loss)
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: GraphState) -> float:
         """Cost at a state."""
         return self.factors.cost(state) + self.ranges.cost(state, self.loss)
 
-    def linearize(self, state: State, order: int = 1) -> NormalEquations:
+    def linearize(self, state: GraphState, order: int = 1) -> NormalEquations:
         """Normal equations at a state, with ranges weighted by the loss."""
         out = NormalEquations(self.structure, order)
         i, n, m = np.arange(SIZE), self.factors.n_poses, self.factors.n_variables
@@ -418,12 +418,12 @@ class Problem:
             _hold_in_plane(out, row[:m])
         return out
 
-    def whitened(self, state: State) -> Array:
+    def whitened(self, state: GraphState) -> Array:
         """Residuals of the ranges in their standard deviations."""
         return self.ranges.whitened(state)
 
 
-def _add_arcs(state: State, out: NormalEquations, rows: Indices) -> None:
+def _add_arcs(state: GraphState, out: NormalEquations, rows: Indices) -> None:
     """Add the curvature due to motion along arcs: half of ``g . (R w) x d``, symmetrically."""
     pull = np.cross(out.gradient[rows][:, None, 3:], np.eye(3)[None])  # [g], transposed
     mixed = 0.5 * np.swapaxes(state.rotation[: rows.size], 1, 2) @ pull

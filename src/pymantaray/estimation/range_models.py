@@ -35,12 +35,12 @@ class TimedRanges(NamedTuple):
     sound_speed: Array  # measured at the transmitter [m/s]
     travel_time: Array  # measured, with its noise [s]
 
-    def links(self, transmitter: Array, receiver: Array) -> RangeLinks:
+    def links(self, transmitter: Array, receiver: Array) -> RangeEndpoints:
         """Links of these ranges between positions, shape (n, 3)."""
-        return RangeLinks(self.time, transmitter, receiver, self.sound_speed)
+        return RangeEndpoints(self.time, transmitter, receiver, self.sound_speed)
 
 
-class RangeLinks(NamedTuple):
+class RangeEndpoints(NamedTuple):
     """Measured links of a graph, row by row, at the current positions."""
 
     time: Array  # of the ping since the start of the mission, (n,) [s]
@@ -62,13 +62,13 @@ class Prediction(NamedTuple):
 class RangeModel(Protocol):
     """Predicts the travel times of links."""
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """
         Predict the travel times of all links of a graph.
 
         Parameters
         ----------
-        links : RangeLinks
+        links : RangeEndpoints
             Positions of both ends, times and measured sound speeds of the links.
 
         Returns
@@ -100,13 +100,13 @@ class AdjustableModel(RangeModel, Protocol):
         """
         ...
 
-    def sensitivity(self, links: RangeLinks) -> Array:
+    def sensitivity(self, links: RangeEndpoints) -> Array:
         """
         Derivatives of the travel times by the amplitudes.
 
         Parameters
         ----------
-        links : RangeLinks
+        links : RangeEndpoints
             Links, as in `predict`.
 
         Returns
@@ -120,7 +120,7 @@ class AdjustableModel(RangeModel, Protocol):
 class TravelTimeUncertainty(Protocol):
     """Uncertainty of predicted travel times due to the uncertainty of the ocean."""
 
-    def covariances(self, links: RangeLinks, epoch: Rows) -> list[Array]:
+    def covariances(self, links: RangeEndpoints, epoch: Rows) -> list[Array]:
         """Covariance matrix of the links of each epoch, in the order of the rows. [s²]."""
         ...
 
@@ -151,7 +151,7 @@ class ConstantSpeed(RangeModel):
         """
         return np.full(np.shape(measured), self.sound_speed)
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """Predict the distance divided by the sound speed; parameters as in `RangeModel.predict`."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
@@ -175,7 +175,7 @@ class TransmitterSpeed(RangeModel):
         """
         return np.asarray(measured, dtype=float)
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """Predict the distance divided by the transmitter's sound speed; parameters as in `RangeModel.predict`."""
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
@@ -217,7 +217,7 @@ class MeanSlowness(RangeModel):
         self.depth, self.sound_speed = z, c
         self._sum = np.concatenate([[0.0], np.cumsum(np.diff(z) * _mean_inverse(c[:-1], c[1:]))])
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """
         Predict the distance times the mean slowness between the ends' depths; parameters as in `RangeModel.predict`.
 
@@ -269,7 +269,7 @@ class ClockPrior(NamedTuple):
     """Time from ping to reply of a two-way exchange; None for one-way ranging. [s]"""
 
 
-class Unknowns:
+class RangeUnknowns:
     r"""
     Parameters that the ranges of one graph share, each with a Gaussian prior about zero.
 
@@ -340,7 +340,7 @@ class Unknowns:
             vehicle[np.minimum(v, last)] for v in (ranges.transmitter, ranges.receiver)
         )
 
-    def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
+    def predict(self, links: RangeEndpoints, rows: Rows, u: Array) -> tuple[Prediction, Array]:
         """Predict the measured travel times of some ranges, and their derivatives by the unknowns, (n, n_unknowns)."""
         if not isinstance(self._model, AdjustableModel):
             return self.applied(self._model.predict(links), links, rows, u)
@@ -350,7 +350,7 @@ class Unknowns:
     def applied(
         self,
         prediction: Prediction,
-        links: RangeLinks,
+        links: RangeEndpoints,
         rows: Rows,
         u: Array,
         by_modes: Sequence[Array] = (),
@@ -417,15 +417,15 @@ class ModelRanges:
     ranges: TimedRanges  # rows are those of the graph's ranges
     uncertainty: TravelTimeUncertainty | None = None  # adds to the ranges' own variance
     correlated: bool = False  # use covariances between the links of an epoch, too
-    unknowns: Unknowns | None = None  # unknowns to estimate with the poses
+    unknowns: RangeUnknowns | None = None  # unknowns to estimate with the poses
 
     @property
     def n_unknowns(self) -> int:
         """Number of unknowns that all ranges share."""
         return 0 if self.unknowns is None else self.unknowns.sigma.size
 
-    def predict(self, links: RangeLinks, rows: Rows, u: Array) -> tuple[Prediction, Array]:
-        """Predict as `Unknowns.predict`, without columns if there are no unknowns."""
+    def predict(self, links: RangeEndpoints, rows: Rows, u: Array) -> tuple[Prediction, Array]:
+        """Predict as `RangeUnknowns.predict`, without columns if there are no unknowns."""
         if self.unknowns is None:
             return self.model.predict(links), np.empty((links.time.size, 0))
         return self.unknowns.predict(links, rows, u)
@@ -445,7 +445,7 @@ def _mean_inverse(c1: Array, c2: Array) -> Array:
     return np.asarray(np.where(small, 1.0 - x / 2.0 + x**2 / 3.0, np.log1p(safe) / safe) / c1)
 
 
-def _along_chords(links: RangeLinks, slowness: Array) -> Prediction:
+def _along_chords(links: RangeEndpoints, slowness: Array) -> Prediction:
     """Travel times along straight lines, each with its own slowness."""
     distance, unit = chord(links.transmitter, links.receiver)
     gradient = slowness[:, None] * unit

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation.optimize import Optimum, optimize
-from pymantaray.estimation.problems import Problem, State
-from pymantaray.estimation.solution import Progress, SolveOptions
+from pymantaray.estimation.problems import GraphState, Problem
+from pymantaray.estimation.solution import SolveOptions, SolveProgress
 
 ROBUST_STEPS = 300  # smallest limit: re-weighting takes more steps than least squares
 _MAX_STEP_FACTOR = 64.0  # times the step of the re-weighted system
@@ -18,7 +18,7 @@ _SURROGATE_OPTIONS = SolveOptions(step_tolerance=1.0, max_iterations=1)  # of on
 _LEAST_SQUARES_OPTIONS = SolveOptions(step_tolerance=1.0)
 
 
-def optimize_robust(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
+def optimize_robust(problem: Problem, initial: GraphState, options: SolveOptions) -> Optimum:
     """
     Minimize the cost of a problem under its loss, by graduated non-convexity if the loss is graduated.
 
@@ -49,7 +49,7 @@ def optimize_robust(problem: Problem, initial: State, options: SolveOptions) -> 
     return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=cost))
 
 
-def _descend(problem: Problem, initial: State, options: SolveOptions) -> Optimum:
+def _descend(problem: Problem, initial: GraphState, options: SolveOptions) -> Optimum:
     """Descend with a line search, then measure convergence."""
     progress, state = _descend_steps(problem, initial, options)
     if progress.singular or not np.isfinite(progress.final_cost):
@@ -63,10 +63,12 @@ def _descend(problem: Problem, initial: State, options: SolveOptions) -> Optimum
     return end._replace(progress=replace(proof, iterations=taken, initial_cost=progress.initial_cost))
 
 
-def _descend_steps(problem: Problem, initial: State, options: SolveOptions) -> tuple[Progress, State]:
+def _descend_steps(
+    problem: Problem, initial: GraphState, options: SolveOptions
+) -> tuple[SolveProgress, GraphState]:
     """Descend with a line search; progress has no gradient and decrement."""
     state, cost = initial, problem.cost(initial)
-    progress = Progress(iterations=0, initial_cost=cost, final_cost=cost)
+    progress = SolveProgress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
         equations = problem.linearize(state)
         factor = equations.factorize()
@@ -85,8 +87,8 @@ def _descend_steps(problem: Problem, initial: State, options: SolveOptions) -> t
 
 
 def _along(
-    problem: Problem, state: State, step: NDArray[np.float64], cost: float
-) -> tuple[State | None, float]:
+    problem: Problem, state: GraphState, step: NDArray[np.float64], cost: float
+) -> tuple[GraphState | None, float]:
     """State of lowest cost among power-of-two multiples of a step; None if none lowers the cost."""
     factor, best = 1.0, state.moved(problem.structure, step)
     lowest = problem.cost(best)

@@ -101,7 +101,7 @@ class SolveOptions:
 
 
 @dataclass(frozen=True)
-class Progress:
+class SolveProgress:
     """Progress of an optimization; costs are half the sum of squared whitened residuals."""
 
     iterations: int
@@ -114,7 +114,7 @@ class Progress:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class GraphSolution:
     """
     Final values of a solve and its status; the values are NaN unless ``usable``.
 
@@ -155,7 +155,7 @@ class Solution:
         )
 
 
-def gate(progress: Progress, options: SolveOptions, *, expected_cost: float = math.nan) -> SolveStatus:
+def gate(progress: SolveProgress, options: SolveOptions, *, expected_cost: float = math.nan) -> SolveStatus:
     """
     Status of one solve; the cost must be within its chi-square bounds if there is an expected cost.
 
@@ -181,11 +181,11 @@ def gate(progress: Progress, options: SolveOptions, *, expected_cost: float = ma
 
 
 def make_solution(
-    values: GraphValues, progress: Progress, status: SolveStatus, expected_cost: float = math.nan
-) -> Solution:
+    values: GraphValues, progress: SolveProgress, status: SolveStatus, expected_cost: float = math.nan
+) -> GraphSolution:
     """Solution with a status from `gate`; its values are NaN unless the status is usable."""
     mask = 1.0 if status.usable else np.nan
-    return Solution(
+    return GraphSolution(
         position=values.position * mask,
         quaternion=values.quaternion * mask,
         landmark_position=values.landmark_position * mask,

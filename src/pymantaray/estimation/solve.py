@@ -17,11 +17,11 @@ from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
 from pymantaray.estimation.mixture import MixtureIterations
 from pymantaray.estimation.normal_equations import Indices
-from pymantaray.estimation.outer import Outcome, OuterIterations
-from pymantaray.estimation.problems import Problem, ProblemCache, State, distance_problem
-from pymantaray.estimation.range_models import ModelRanges, Unknowns, UnknownsEstimate
+from pymantaray.estimation.outer import BatchOutcome, OuterIterations
+from pymantaray.estimation.problems import GraphState, Problem, ProblemCache, distance_problem
+from pymantaray.estimation.range_models import ModelRanges, RangeUnknowns, UnknownsEstimate
 from pymantaray.estimation.robust import optimize_robust
-from pymantaray.estimation.solution import Method, Solution, SolveOptions, gate, make_solution
+from pymantaray.estimation.solution import GraphSolution, Method, SolveOptions, gate, make_solution
 
 
 class GraphSolver:
@@ -48,7 +48,7 @@ class GraphSolver:
         model_is_right: bool = True,
         model_ranges: ModelRanges | None = None,
         covariance_poses: Indices | None = None,
-    ) -> Solution:
+    ) -> GraphSolution:
         """
         Solve one graph.
 
@@ -71,7 +71,7 @@ class GraphSolver:
 
         Returns
         -------
-        Solution
+        GraphSolution
             Solution of any status; `diagnose` tells why it is not usable.
 
         Raises
@@ -126,7 +126,7 @@ class GraphSolver:
         loss: Loss | None,
         model_ranges: ModelRanges | None,
         poses: Indices,
-    ) -> Outcome:
+    ) -> BatchOutcome:
         if model_ranges is not None and isinstance(model_ranges.model, CandidateModel):
             if loss is not None:
                 raise EstimationError("a mixture of candidates has no robust loss; leave one of them out")
@@ -134,7 +134,7 @@ class GraphSolver:
         if model_ranges is not None:
             return OuterIterations(self._cache, graph, model_ranges, loss, poses).solve(initial, self.options)
         problem, groups = self._distances(graph, loss, poses)
-        return Outcome(optimize_robust(problem, State.of(initial), self.options), problem, groups)
+        return BatchOutcome(optimize_robust(problem, GraphState.of(initial), self.options), problem, groups)
 
     def _distances(
         self, graph: FactorGraph, loss: Loss | None, poses: Indices
@@ -149,14 +149,14 @@ class GraphSolver:
         initial: GraphValues,
         loss: Loss | None,
         poses: Indices,
-    ) -> tuple[Solution, Outcome]:
+    ) -> tuple[GraphSolution, BatchOutcome]:
         problem, groups = self._distances(graph, loss, poses)
         end = solve_incrementally(graph, initial, loss=loss, options=self.options, problem=problem)
-        return end.solution, Outcome(end.optimum, problem, groups)
+        return end.solution, BatchOutcome(end.optimum, problem, groups)
 
     def _batch_solution(
-        self, graph: FactorGraph, end: Outcome, *, model_is_right: bool, model_ranges: ModelRanges | None
-    ) -> Solution:
+        self, graph: FactorGraph, end: BatchOutcome, *, model_is_right: bool, model_ranges: ModelRanges | None
+    ) -> GraphSolution:
         """Solution of a batch; a robust cost has no chi-square distribution, even without outliers."""
         gated = 0 if end.possible is None else int(np.count_nonzero(~end.possible))
         expected = math.nan if end.problem.loss is not None else (graph.degrees_of_freedom - gated) / 2.0
@@ -184,7 +184,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 """Methods to solve a graph whose ranges are distances, by name."""
 
 
-def _unknowns(unknowns: Unknowns, end: Outcome) -> UnknownsEstimate:
+def _unknowns(unknowns: RangeUnknowns, end: BatchOutcome) -> UnknownsEstimate:
     """Estimate of the unknowns that have names, in their units."""
     n, optimum, factors = len(unknowns.name), end.optimum, end.problem.factors
     sigma = unknowns.sigma[:n]

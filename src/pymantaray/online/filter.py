@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation.kalman import SIZE, corrected, moved
-from pymantaray.estimation.range_models import RangeLinks, RangeModel, TravelTimeUncertainty
+from pymantaray.estimation.range_models import RangeEndpoints, RangeModel, TravelTimeUncertainty
 from pymantaray.geometry.se3 import se3_exp, se3_log, so3_exp
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ def _range(state: State, event: Event, ranging: Ranging) -> Measured | None:
     travel_time, sigma, sound_speed = event.values
     n = len(state.position)
     ends = [state.position[k] if k < n else ranging.fixed[k - n] for k in event.members]
-    links = RangeLinks(np.array([event.time]), ends[0][None], ends[1][None], np.array([sound_speed]))
+    links = RangeEndpoints(np.array([event.time]), ends[0][None], ends[1][None], np.array([sound_speed]))
     prediction = ranging.model.predict(links)
     if not prediction.possible[0]:
         return None

@@ -12,7 +12,7 @@ from pymantaray.errors import OnlineError
 from pymantaray.estimation.range_models import (
     ConstantSpeed,
     Prediction,
-    RangeLinks,
+    RangeEndpoints,
     RangeModel,
     TravelTimeUncertainty,
 )
@@ -43,13 +43,13 @@ class TableModel:
     def __init__(self, table: TravelTimeTable) -> None:
         self.table = table
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """
         Predict travel times and their derivatives by both positions.
 
         Parameters
         ----------
-        links : RangeLinks
+        links : RangeEndpoints
 
         Returns
         -------
@@ -68,13 +68,13 @@ class TableModel:
         bounces = np.asarray(found.surface_bounces + found.bottom_bounces, dtype=np.intp)
         return Prediction(np.asarray(found.travel_time), transmitter, receiver, possible, bounces)
 
-    def covariances(self, links: RangeLinks, epoch: NDArray[np.intp]) -> list[Array]:
+    def covariances(self, links: RangeEndpoints, epoch: NDArray[np.intp]) -> list[Array]:
         """
         Variances of the travel times due to the ensemble of oceans; zero without one.
 
         Parameters
         ----------
-        links : RangeLinks
+        links : RangeEndpoints
         epoch : ndarray of int, shape (n,)
             Number of the ping.
 
@@ -87,7 +87,7 @@ class TableModel:
         variance = np.nan_to_num((found.range_sigma / found.range_by_time) ** 2)
         return [np.diag(variance[epoch == one]) for one in np.unique(epoch)]
 
-    def _look_up(self, links: RangeLinks) -> TableRanges:
+    def _look_up(self, links: RangeEndpoints) -> TableRanges:
         a, b = links.transmitter, links.receiver
         north, east = (b - a)[:, :2].T
         distance = np.hypot(north, east)

@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 
 from pymantaray.errors import JobError, RecordError
 from pymantaray.estimation import (
+    GraphSolution,
     GraphSolver,
-    Solution,
     UnknownsEstimate,
     collect_covariances,
     collect_estimates,
@@ -32,7 +32,7 @@ from pymantaray.study.true_unknowns import collect_unknowns
 class RealizationResult(NamedTuple):
     """Solutions of one realization."""
 
-    solutions: dict[str, Solution]
+    solutions: dict[str, GraphSolution]
     true_unknowns: dict[str, dict[str, float]]
     """True values by name for each solution with unknowns other than poses."""
 
@@ -61,7 +61,9 @@ class RealizationResult(NamedTuple):
                 values["status"] = SolveStatus(values["status"])
                 values["covariances"] = EpochCovariances(**covariances) if covariances else None
                 values["unknowns"] = UnknownsEstimate(**unknowns) if unknowns else None
-                solutions[name] = Solution(**{field.name: values[field.name] for field in fields(Solution)})
+                solutions[name] = GraphSolution(
+                    **{field.name: values[field.name] for field in fields(GraphSolution)}
+                )
                 if numbers["true_unknowns"] is not None:
                     truths[name] = numbers["true_unknowns"]
         except (KeyError, TypeError, ValueError) as error:

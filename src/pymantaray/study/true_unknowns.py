@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.config.sections import StudyConfig
-from pymantaray.estimation import Solution, UnknownsEstimate
+from pymantaray.estimation import GraphSolution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
 from pymantaray.records import SharedUnknowns, Trajectories
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
@@ -53,7 +53,7 @@ def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict
 
 
 def collect_unknowns(
-    solutions: Sequence[Mapping[str, Solution]], truths: Sequence[Mapping[str, Mapping[str, float]]]
+    solutions: Sequence[Mapping[str, GraphSolution]], truths: Sequence[Mapping[str, Mapping[str, float]]]
 ) -> SharedUnknowns | None:
     """Record of the unknowns of all realizations with their true values; None if there are none."""
     by_condition: dict[str, list[UnknownsEstimate | None]] = {}

@@ -14,14 +14,14 @@ from pymantaray.estimation.trilateration import trilaterate
 Array = NDArray[np.float64]
 
 
-class Timeline(NamedTuple):
+class EntryUpdates(NamedTuple):
     """Update at which each factor and each variable enters; -1 for a variable without factors."""
 
     factor_update: NDArray[np.intp]
     variable_update: NDArray[np.intp]
 
 
-def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline:
+def timeline(factors: Any, variable_time: Array, update_time: Array) -> EntryUpdates:
     """Find the update at which each factor and variable enters; a time of minus infinity means always available."""
     of_variable = np.searchsorted(update_time, variable_time)
     last = update_time.size
@@ -31,7 +31,7 @@ def timeline(factors: Any, variable_time: Array, update_time: Array) -> Timeline
         keys = list(factors.at(i).keys())
         of_factor[i] = of_variable[keys].max()
         first_use[keys] = np.minimum(first_use[keys], of_factor[i])
-    return Timeline(of_factor, np.where(first_use == last, -1, first_use))
+    return EntryUpdates(of_factor, np.where(first_use == last, -1, first_use))
 
 
 class Options(NamedTuple):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.paths import travel_time_sensitivity
-from pymantaray.estimation import Prediction, RangeLinks
+from pymantaray.estimation import Prediction, RangeEndpoints
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class AdjustableEigenrays:
         """Assumed ocean, for which all amplitudes are zero."""
         return self._believed.medium
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """Travel times of the direct arrivals."""
         return self._model.predict(links)
 
@@ -63,7 +63,7 @@ class AdjustableEigenrays:
             self._latest = other
         return self._latest
 
-    def sensitivity(self, links: RangeLinks) -> Array:
+    def sensitivity(self, links: RangeEndpoints) -> Array:
         """Derivatives of the travel times by the amplitudes (n, n_modes), zero without an arrival. [s²/m]"""
         pairs = pairs_of(links)
         paths, pair = self._model.paths(pairs)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
-from pymantaray.estimation import Candidates, Mixture, Prediction, RangeLinks
+from pymantaray.estimation import CandidateArrivals, MixtureOptions, Prediction, RangeEndpoints
 from pymantaray.estimation.candidates import of_picks
 from pymantaray.sensing import Picker, ReceptionOptions, Timing
 from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values
@@ -30,7 +30,7 @@ class CandidateRays:
         medium: Medium,
         reception: ReceptionOptions,
         timing: Timing,
-        mixture: Mixture,
+        mixture: MixtureOptions,
         *,
         picker: Picker | None = None,
         sound_speed_sigma: float = 0.0,
@@ -41,7 +41,7 @@ class CandidateRays:
         self._picker, self._sound_speed_sigma, self._currents = picker, sound_speed_sigma, currents
         self._latest: dict[bytes, Receptions] = {}
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """Predict the candidate of the largest weight."""
         found = self.candidates(links)
         picks = np.full(links.time.size, -1)
@@ -49,7 +49,7 @@ class CandidateRays:
         picks[found.row[order]] = order  # the last of a range is the heaviest
         return of_picks(found.prediction, picks)
 
-    def candidates(self, links: RangeLinks) -> Candidates:
+    def candidates(self, links: RangeEndpoints) -> CandidateArrivals:
         """Candidates of all links."""
         pairs = pairs_of(links)
         receptions = self._receptions(pairs.source, pairs.receiver)
@@ -71,7 +71,7 @@ class CandidateRays:
             np.sum(legs(n.astype(float)), axis=0).astype(np.intp)
             for n in (receptions.surface_bounces, receptions.bottom_bounces)
         ]
-        return Candidates.of(
+        return CandidateArrivals.of(
             row,
             time,
             (np.where(back, at_receiver, at_source), np.where(back, at_source, at_receiver)),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pymantaray.config.estimators import ConstantRangeModel
-from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeLinks
+from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeEndpoints
 from pymantaray.study.assemble import fleet_plan
 from pymantaray.study.beliefs import Beliefs
 
@@ -15,5 +15,5 @@ def build(section: ConstantRangeModel, beliefs: Beliefs, realization: int) -> Co
     assert section.belief is not None  # checked by the section; for the type checker
     profile = MeanSlowness(*beliefs.believed(section.belief, realization).profile())
     deepest = max(float(points[:, 2].max()) for points in fleet_plan(beliefs.config).values())
-    down = RangeLinks(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0.0, deepest]]), np.ones(1))
+    down = RangeEndpoints(np.zeros(1), np.zeros((1, 3)), np.array([[0.0, 0.0, deepest]]), np.ones(1))
     return ConstantSpeed(deepest / float(profile.predict(down).travel_time[0]))

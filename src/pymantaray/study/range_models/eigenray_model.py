@@ -16,7 +16,7 @@ from pymantaray.acoustics import (
 )
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.paths import quadrature
-from pymantaray.estimation import Prediction, RangeLinks
+from pymantaray.estimation import Prediction, RangeEndpoints
 from pymantaray.records import Arrivals, RayPaths
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ class EigenrayModel:
         """Give the same model in another medium."""
         return EigenrayModel(medium, spreading_cutoff_db=self._cutoff, currents=self._currents)
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """Travel times, with the slowness vectors at the ends as gradients, the current's part in these left out."""
         pairs = pairs_of(links)
         arrivals = self._solved(pairs)
@@ -112,7 +112,7 @@ class EigenrayModel:
         return current_delays(quadrature(paths), self._currents, arrivals.link.size)
 
 
-def pairs_of(links: RangeLinks) -> Pairs:
+def pairs_of(links: RangeEndpoints) -> Pairs:
     """Unordered pairs of the links' ends, sorted by position, each from the end from which it is solved."""
     backward = solved_backwards(links.transmitter, links.receiver)
     source = np.where(backward[:, None], links.receiver, links.transmitter)

@@ -1,7 +1,7 @@
 """Max-mixture of all arrivals that a receiver may take in an assumed ocean."""
 
 from pymantaray.config.estimators import MixtureRangeModel
-from pymantaray.estimation import Mixture
+from pymantaray.estimation import MixtureOptions
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.range_models.candidate_rays import CandidateRays
 
@@ -15,7 +15,7 @@ def build(section: MixtureRangeModel, beliefs: Beliefs, realization: int) -> Can
         believed.medium,
         beliefs.reception,
         config.ranging.build_timing(),
-        Mixture(section.null_weight, section.null_width, section.persistence_s, section.gate),
+        MixtureOptions(section.null_weight, section.null_width, section.persistence_s, section.gate),
         picker=picker if section.weights == "receiver" else None,
         sound_speed_sigma=section.sound_speed_sigma,
         currents=believed.currents,

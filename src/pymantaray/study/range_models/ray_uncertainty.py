@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.paths import quadrature
-from pymantaray.estimation import RangeLinks
+from pymantaray.estimation import RangeEndpoints
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
 
@@ -34,7 +34,7 @@ class RayUncertainty:
     def __init__(self, model: EigenrayModel, covariance: SoundSpeedCovariance) -> None:
         self._model, self._covariance = model, covariance
 
-    def covariances(self, links: RangeLinks, epoch: NDArray[np.intp]) -> list[Array]:
+    def covariances(self, links: RangeEndpoints, epoch: NDArray[np.intp]) -> list[Array]:
         """Covariances of the links of each epoch (n_links, n_links); there and back is the same ray. [s²]"""
         pairs = pairs_of(links)
         paths, pair = self._model.paths(pairs)

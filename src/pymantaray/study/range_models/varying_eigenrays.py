@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
-from pymantaray.estimation import Prediction, RangeLinks
+from pymantaray.estimation import Prediction, RangeEndpoints
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
 
@@ -25,7 +25,7 @@ class VaryingEigenrays:
     ) -> None:
         self._medium_at, self._currents_at, self._cutoff = medium_at, currents_at, spreading_cutoff_db
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """Travel times of the direct arrivals, ping by ping."""
         n = links.time.size
         out = Prediction(
@@ -38,7 +38,7 @@ class VaryingEigenrays:
                 spreading_cutoff_db=self._cutoff,
                 currents=None if self._currents_at is None else self._currents_at(float(time)),
             )
-            of_ping = model.predict(RangeLinks(*(column[rows] for column in links)))
+            of_ping = model.predict(RangeEndpoints(*(column[rows] for column in links)))
             for whole, part in zip(out[:4], of_ping[:4], strict=True):
                 whole[rows] = part
         return out
