@@ -45,25 +45,19 @@ def reached(cost: float, best: float) -> bool:
     return bool(np.isfinite(cost) and cost <= best + SAME * (1.0 + best))
 
 
-def main() -> None:
-    """Print both tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--random-starts", type=int, default=24)
-    parser.add_argument("--seeds", type=int, default=10)
-    arguments = parser.parse_args()
+def print_files(random_starts: int) -> None:
+    """Print the table of generated files."""
     print(
         "| file | from file | lowest | other search | starts at the lowest | status | certificate | CPU [s] |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for name, text in two_minima.FILES.items():
         begin = time.process_time()
-        result = solved(text(), name, arguments.random_starts, 0)
+        result = solved(text(), name, random_starts, 0)
         seconds = time.process_time() - begin
         own = costs(result)
         best = min(own.values())
-        again = min(costs(solved(text(), name, arguments.random_starts, 1)).values())
+        again = min(costs(solved(text(), name, random_starts, 1)).values())
         proof = certify(result.graph, result.solution.values)
         what = "certified" if proof.certified else proof.reason or f"{proof.least_eigenvalue:.2g}"
         share = np.mean([reached(c, best) for c in own.values()])
@@ -72,16 +66,19 @@ def main() -> None:
             f" | {seconds:.1f} |",
             flush=True,
         )
-    print()
+
+
+def print_noise(random_starts: int, seeds: int) -> None:
+    """Print the table of odometry noise."""
     print("| graph | noise | certified | dead reckoning | chordal | relaxation | random | `--start best` |")
     print("|---|---|---|---|---|---|---|---|")
     for kind, make in (("survey", two_minima.survey), ("cooperative", two_minima.cooperative)):
         for factor in (1.0, 10.0, 100.0):
             rows = []
-            for seed in range(arguments.seeds):
+            for seed in range(seeds):
                 name = "g.g2o" if kind == "survey" else "g.pyfg"
                 text = make(100 + seed, factor)
-                result, plain = (solved(text, name, count, 0) for count in (arguments.random_starts, 0))
+                result, plain = (solved(text, name, count, 0) for count in (random_starts, 0))
                 own = costs(result)
                 best = min(own.values())
                 random = [reached(c, best) for start, c in own.items() if start.startswith("random")]
@@ -99,6 +96,22 @@ def main() -> None:
                 )
             share = 100.0 * np.mean(np.array(rows, dtype=float), axis=0)
             print(f"| {kind} | {factor:g} | {' | '.join(f'{value:.0f} %' for value in share)} |", flush=True)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--random-starts", type=int, default=24)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--tables", nargs="*", default=["files", "noise"], choices=("files", "noise"))
+    arguments = parser.parse_args()
+    if "files" in arguments.tables:
+        print_files(arguments.random_starts)
+        print()
+    if "noise" in arguments.tables:
+        print_noise(arguments.random_starts, arguments.seeds)
 
 
 if __name__ == "__main__":

@@ -504,3 +504,31 @@ def test_the_file_of_a_belief_is_relative_to_the_study_and_an_input_of_it(tmp_pa
     assert again == config
     refused(StudyError, "one.csv: cannot be read: No such file", run_study, config, tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+ODOMETRY_NOISE = {
+    "odometry_rotation_fraction": 1e-6,
+    "odometry_rotation_drift": 5e-7,
+    "odometry_xy_fraction": 0.05,
+    "odometry_z_fraction": 0.001,
+    "odometry_translation_drift": 0.0125,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1.0, 10.0, 100.0])
+def test_from_dead_reckoning_a_study_ends_at_the_minimum_of_the_truth_or_says_that_it_does_not(
+    run_tiny, factor
+):
+    starts = {"straight": "dead-reckoning", "from-truth": "truth"}
+    run = run_tiny(
+        noise={key: factor * value for key, value in ODOMETRY_NOISE.items()},
+        conditions=[{"name": name, "ranges": "straight", "start": start} for name, start in starts.items()],
+    )
+    reckoned, best = run.estimates.final_cost
+    status = run.estimates.solve_status[0]
+    same = reckoned <= best * (1.0 + 1e-6)
+    refused = np.isin(status, [SolveStatus.NOT_CONVERGED, SolveStatus.SECOND_MINIMUM])
+    assert (same | refused).all()
+    if factor < 100.0:
+        assert same.all()
