@@ -12,7 +12,11 @@ from pymantaray.study.realization import RealizationSolver
 @pytest.fixture(scope="module")
 def round_earth(fly_tiny):
     """Mission of one hour on a sphere, deep enough that distances in the flat frame are too long, and its run."""
-    return fly_tiny(fleet={"vehicles": {"1": {"target_depth": 800.0}}}, mission={"duration_h": 1.0}, acoustics={"earth": "sphere"})
+    return fly_tiny(
+        fleet={"vehicles": {"1": {"target_depth": 800.0}}},
+        mission={"duration_h": 1.0},
+        acoustics={"earth": "sphere"},
+    )
 
 
 def links_at_truth(flown):
