@@ -12,8 +12,10 @@ import xarray as xr
 from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
+from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.records import RayStatus, SolveStatus, write_netcdf
 from pymantaray.replay import DetectionRule, Replay
+from pymantaray.sensing import Links
 from pymantaray.study import load_study, open_run, store, study_toml
 
 N_TIME, PERIOD = 121, 600.0
@@ -74,6 +76,10 @@ class Made:
         files = (store.TRUTH, store.MEASUREMENTS, store.RANGING_TRUTH, store.ESTIMATES)
         for name, record in zip(files, self.records(), strict=True):
             record.save(folder / name)
+        nobody, nowhere = np.empty(0, dtype=int), np.empty((0, 3))
+        Links(sample=nobody, first=nobody, second=nobody).save(folder / store.LINKS)
+        water = Medium.from_profile([0.0, 4000.0], [1440.0, 1508.0], bottom_depth=4000.0)
+        find_eigenrays(water, nowhere, nowhere).save(folder / store.ARRIVALS)
         attrs = {"title": self.title, "source": "test", "synthetic": self.synthetic}
         write_netcdf(make_water().assign_attrs(attrs | {"time": "2014-07-15T12:00:00"}), folder / store.OCEAN)
         write_netcdf(make_profile().assign_attrs(attrs), folder / store.PROFILE)

@@ -6,6 +6,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import BoundarySurface, Medium, find_eigenrays
+from pymantaray.errors import StudyError
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.service import RangingService
 from pymantaray.study import measure
@@ -36,9 +37,9 @@ def sea(tmp_path_factory):
 def fly_under(sea, fly_tiny):
     """Mission of one hour with one ping under ice, and its run."""
 
-    def fly(**ice):
-        ocean = sea[0] | ice
-        return fly_tiny(ocean=ocean, mission={"duration_h": 1.0}, acoustics=BOUNCES)
+    def fly(arrival="direct", **ice):
+        acoustics = BOUNCES | {"arrival": arrival}
+        return fly_tiny(ocean=sea[0] | ice, mission={"duration_h": 1.0}, acoustics=acoustics)
 
     return fly
 
@@ -97,3 +98,57 @@ def test_service_and_existing_trajectories_have_the_ice_of_the_study(rough, sea)
     vehicles = np.maximum(m.range_transmitter, m.range_receiver) < rough[0].truth.name.size
     assert np.isfinite(own).sum() > 5
     np.testing.assert_allclose(np.sort(own), np.sort(times_of(rough)[vehicles]), rtol=1e-9)
+
+
+def test_each_realization_has_the_ice_of_its_number(fly_under):
+    each = fly_under("first", **ROUGH, ice_draw="each")[1]
+    assert each.config.study.realizations == 2
+    for realization in range(2):
+        alone = fly_under("first", **ROUGH, ice_draw=realization)[1]
+        own, other = each.noisy_measurements(realization), alone.noisy_measurements(realization)
+        for name in ("range_status", "refracted_range", "straight_range", "depth"):
+            np.testing.assert_array_equal(getattr(own, name), getattr(other, name))
+        true = each.ranging_truth_in(realization)
+        np.testing.assert_array_equal(true.travel_time, alone.ranging_truth.travel_time)
+        np.testing.assert_array_equal(true.arrival_angle, alone.ranging_truth.arrival_angle)
+        assert each.ocean_in(realization).sea_ice_draft.attrs == alone.ocean.sea_ice_draft.attrs
+    times = [each.ranging_truth_in(k).travel_time for k in range(2)]
+    assert not np.array_equal(*times, equal_nan=True)
+    rows = each.tables["ranging_draws"].frame
+    assert rows["realization"].tolist() == [0, 1]
+    assert rows["mean_m"].iloc[0] != rows["mean_m"].iloc[1]
+
+
+@pytest.mark.slow
+def test_estimates_under_the_ice_of_each_realization_do_not_depend_on_workers(run_tiny, sea):
+    sections = {"mission": {"duration_h": 1.0}, "acoustics": BOUNCES | {"arrival": "first"}}
+    ocean = sea[0] | ROUGH
+    one, two, frozen = (
+        run_tiny(workers, ocean=ocean | {"ice_draw": draw}, **sections)
+        for workers, draw in ((1, "each"), (2, "each"), (1, 1))
+    )
+    np.testing.assert_array_equal(one.estimates.position, two.estimates.position)
+    refracted = one.estimates.condition.tolist().index("refracted")
+    of_draw = frozen.estimates.position[refracted, 1]
+    np.testing.assert_array_equal(one.estimates.position[refracted, 1], of_draw)
+    assert (one.estimates.position[refracted, 0] != frozen.estimates.position[refracted, 0]).any()
+
+
+@pytest.mark.parametrize(
+    ("sections", "words"),
+    [
+        ({"ocean": {"ice_slope_deg": None, "ice_draw": "each"}}, "the ice is smooth"),
+        ({"ocean": ROUGH | {"ice_draw": "all"}}, "ice_draw"),
+        (
+            {
+                "ocean": ROUGH | {"ice_draw": "each"},
+                "ranging": {"mistaken": "first-detected", "below_strongest_db": 12.0},
+            },
+            "same ice in all realizations",
+        ),
+    ],
+)
+def test_a_draw_for_each_realization_needs_rough_ice_and_no_mistakes(sections, words, sea, tiny):
+    ocean = {k: v for k, v in (sea[0] | sections["ocean"]).items() if v is not None}
+    with pytest.raises(StudyError, match=words):
+        tiny(**sections | {"ocean": ocean})

@@ -46,6 +46,13 @@ class Ends(NamedTuple):
     cutoff_db: float
 
 
+class SurfaceProfile(NamedTuple):
+    """Depth of the rough surface as a function of north and east, and the spacing at which it is sampled. [m]"""
+
+    depth: Callable[[Array, Array], Array]
+    spacing: float
+
+
 class Losses(NamedTuple):
     """What sound loses besides spreading; None for the boundary's own reflection."""
 
@@ -205,8 +212,8 @@ def _steepest(water: SkipWater, most_bottom: int) -> float:
     return math.acos(min(float(water.speed[water.deck]) / fastest, 1.0))
 
 
-def _surface_of(medium: Medium) -> Callable[[Array, Array], Array]:
-    """Depth of the rough surface at positions."""
+def _surface_of(medium: Medium) -> SurfaceProfile:
+    """Rough surface of a medium."""
     surface, roughness = medium.surface, medium.surface.roughness
 
     def depth(north: Array, east: Array) -> Array:
@@ -219,18 +226,17 @@ def _surface_of(medium: Medium) -> Callable[[Array, Array], Array]:
     depth(np.zeros(1), np.zeros(1))
     length = np.inf if roughness is None else roughness.length
     steps = [float(np.diff(x).min()) for x in (surface.north, surface.east) if x.size > 1]
-    depth.__dict__["spacing"] = min([length / _POINTS_PER_LENGTH, 20.0, *(0.5 * step for step in steps)])
-    return depth
+    return SurfaceProfile(depth, min([length / _POINTS_PER_LENGTH, 20.0, *(0.5 * step for step in steps)]))
 
 
-def _link(surface: Callable[[Array, Array], Array], a: Array, b: Array, bounces: tuple[int, int]) -> SkipLink:
+def _link(surface: SurfaceProfile, a: Array, b: Array, bounces: tuple[int, int]) -> SkipLink:
     """Link with the surface along it."""
     from pymantaray.acoustics._kernels.skips import SkipLink
 
     length = float(np.hypot(*(b - a)[:2]))
-    n = max(math.ceil(length / surface.__dict__["spacing"]), 8) + 1
+    n = max(math.ceil(length / surface.spacing), 8) + 1
     share = np.linspace(0.0, 1.0, n)
-    depth = surface(a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
+    depth = surface.depth(a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
     spacing = length / (n - 1)
     slope = np.gradient(depth, spacing, edge_order=2)
     return SkipLink(float(a[2]), float(b[2]), length, depth, slope, spacing, *bounces)

@@ -290,8 +290,8 @@ class OceanSection(Section):
     """Standard deviation of the slope of the ice's underside along any line, for rays. Default: smooth ice. [degrees]"""
     ice_length: Metres[PositiveFloat] = 20.0
     """Correlation length of the roughness of the ice. [m]"""
-    ice_draw: int = Field(default=0, ge=0)
-    """Number of the draw of the rough ice; the same number always gives the same ice."""
+    ice_draw: Annotated[int, Field(ge=0)] | Literal["each"] = 0
+    """Number of the draw of the rough ice, the same in all realizations; or ``"each"``: realization n of a study has draw n."""
     repair_freezing: bool = False
     """Raise the salinity of casts below the freezing point to the freezing line, instead of a note only."""
     internal_tide: InternalTideSection | None = None
@@ -321,11 +321,20 @@ class OceanSection(Section):
             raise ValueError("thin and smooth cannot be combined; remove one of them")
         if self.ice_slope_deg is not None and self.ice is None:
             raise ValueError("ice_slope_deg is given, but there is no ice; give ice, or remove ice_slope_deg")
+        if self.ice_draw == "each" and self.ice_slope_deg is None:
+            raise ValueError(
+                "ice_draw is each, but the ice is smooth, so all draws are equal; give ice_slope_deg, or remove ice_draw"
+            )
         if self.internal_tide is not None and self.time_varying:
             raise ValueError(
                 "internal_tide needs a single snapshot, but time_varying is true; set time_varying = false or remove it"
             )
         return self
+
+    @property
+    def first_ice_draw(self) -> int:
+        """Draw of the rough ice in the first realization, and where there are no realizations."""
+        return 0 if self.ice_draw == "each" else self.ice_draw
 
     @property
     def standard_names(self) -> dict[str, str]:
@@ -522,6 +531,15 @@ class SoundConfig(Section):
         elif self.detection is not None:
             raise ValueError(
                 "ranging.below_strongest_db and [detection] cannot be combined: both are rules of detection; remove one of them"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _mistakes_need_one_ice(self) -> Self:
+        if self.ranging.mistaken != "none" and self.ocean.ice_draw == "each":
+            raise ValueError(
+                f"ranging.mistaken is {self.ranging.mistaken}, which needs the same ice in all realizations, but ocean.ice_draw is each;"
+                " give ice_draw a number, or remove ranging.mistaken"
             )
         return self
 

@@ -96,6 +96,13 @@ def roughness_of(local: xr.Dataset) -> Roughness | None:
     return Roughness(float(slope), float(length), int(seed), int(draw))
 
 
+def with_ice_draw(local: xr.Dataset, draw: int) -> xr.Dataset:
+    """Return a local ocean with rough ice with another draw of it."""
+    rough = roughness_of(local)
+    assert rough is not None
+    return with_roughness(local, rough.with_draw(draw))
+
+
 def _ice_of(data: xr.Dataset) -> tuple[HorizontalField, float]:
     """Variable with the ice, and the fraction of its values that is under water."""
     named = {

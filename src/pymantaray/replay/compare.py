@@ -271,7 +271,7 @@ def replay_events(
     table["residual_s"] = table["measured_s"] - table["predicted_s"]
     table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
     if merged:
-        more["coverage"] = coverage_table(table)
+        more["coverage"] = coverage_table(table, seed=seed)
     table["gross"] = find_gross_errors(table, every)
     hint = bounce_hint(events, waters, table["predicted_s"].notna().to_numpy())
     earth = _earth_note(events, waters, table["distance_m"].to_numpy())

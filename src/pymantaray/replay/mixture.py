@@ -23,7 +23,6 @@ _COVERED = 0.95  # of the events of even hours, by their intervals
 _MIN_EVENTS = 40  # events; with fewer, intervals are those of the mixture
 _MAX_QUANTILE = 0.9998
 _NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
-_SEED = 20140715  # of the bootstrap
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
 HOUR = 3600.0
 
@@ -261,7 +260,7 @@ def _intervals(
     return pd.DataFrame(columns)
 
 
-def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
+def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
     """
     Residuals and coverage of the predictions of all events, of even hours, from which errors were estimated, and of odd hours.
 
@@ -269,6 +268,8 @@ def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
     ----------
     events : pandas.DataFrame
         Events of a `Replay` with ``prediction_sigma_s``, ``low_s`` and ``high_s``.
+    seed : int
+        Seed of the bootstrap over pairs.
 
     Returns
     -------
@@ -291,7 +292,7 @@ def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
         late = part["residual_s"][ok].abs() / sigma
         inside = part["measured_s"].between(part["low_s"], part["high_s"])[ok]
         pair = part["pair"][ok]
-        low, high = _over_pairs(inside, pair, name)
+        low, high = _over_pairs(inside, pair, stream(seed, 0, "replay", "coverage", name))
         constant, varying = _parts(part["residual_m"][ok], pair)
         rows.append(
             {
@@ -314,12 +315,14 @@ def coverage_table(events: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _over_pairs(inside: "pd.Series[bool]", pair: "pd.Series[str]", group: str) -> tuple[float, float]:
+def _over_pairs(
+    inside: "pd.Series[bool]", pair: "pd.Series[str]", rng: np.random.Generator
+) -> tuple[float, float]:
     """Ends of the 95 % interval of a percentage, from bootstrap samples of pairs."""
     counts = inside.astype(float).groupby(pair).agg(["sum", "size"]).to_numpy()
     if len(counts) < 2:
         return np.nan, np.nan
-    draws = stream(_SEED, 0, "replay", "coverage", group).integers(0, len(counts), (RESAMPLES, len(counts)))
+    draws = rng.integers(0, len(counts), (RESAMPLES, len(counts)))
     hits, events = counts[draws].sum(axis=1).T
     return percentiles(100.0 * hits / events)
 

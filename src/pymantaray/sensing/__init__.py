@@ -11,6 +11,7 @@ from pymantaray.lazy import lazy_exports
 if TYPE_CHECKING:
     from pymantaray.sensing.detection import Detector as Detector
     from pymantaray.sensing.detection import Hearing as Hearing
+    from pymantaray.sensing.draws import RangingDraws as RangingDraws
     from pymantaray.sensing.landmarks import Landmark as Landmark
     from pymantaray.sensing.measure import assemble as assemble
     from pymantaray.sensing.measure import perturb as perturb
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from pymantaray.sensing.picking import find_candidates as find_candidates
     from pymantaray.sensing.ranging import Links as Links
     from pymantaray.sensing.ranging import Ranging as Ranging
+    from pymantaray.sensing.ranging import link_positions as link_positions
     from pymantaray.sensing.ranging import measure_ranges as measure_ranges
     from pymantaray.sensing.receptions import Receptions as Receptions
     from pymantaray.sensing.receptions import SoundPath as SoundPath

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,17 @@ class Links(Record):
     sample: Column = column("link", "1", "index into time", "i4")
     first: Column = column("link", "1", "participant at the source", "i4")
     second: Column = column("link", "1", "participant at the receiver", "i4")
+
+
+def link_positions(
+    truth: Trajectories, landmark_position: Array, links: Links, end: Literal["first", "second"]
+) -> Array:
+    """Positions of one end of each link, shape (n_links, 3). [m]"""
+    who, n_vehicles = getattr(links, end), truth.name.size
+    positions = truth.position[np.minimum(who, n_vehicles - 1), links.sample]
+    fixed = who >= n_vehicles
+    positions[fixed] = landmark_position[who[fixed] - n_vehicles]
+    return np.asarray(positions)
 
 
 class Ranging(NamedTuple):

@@ -98,7 +98,8 @@ class Beliefs:
         drawn = isinstance(section, PerturbedBelief) or (
             isinstance(section, CastBelief) and (section.bias_sigma or section.noise_sigma) > 0.0
         )
-        member = realization if drawn else -1
+        own_ice = isinstance(section, ExactBelief) and self.config.ocean.ice_draw == "each"
+        member = realization if drawn or own_ice else -1
         if section not in self._latest or self._latest[section][0] != member:
             self._latest[section] = member, self._make(section, realization)
         return self._latest[section][1]
@@ -154,6 +155,8 @@ class Beliefs:
     def _make(self, section: AnyBelief, realization: int) -> Belief:
         ocean, acoustics = self.config.ocean, self.config.acoustics
         local, interpolation = self._run.ocean, acoustics.interpolation
+        if isinstance(section, ExactBelief):
+            local = self._run.ocean_in(realization)
         if isinstance(section, FileBelief):
             local = self._from_files(section)
         elif isinstance(section, OffsetBelief):

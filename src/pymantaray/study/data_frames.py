@@ -31,7 +31,7 @@ _UNITS = {
 def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
     """One row per range attempt: measurements, without noise or of a realization, and true values."""
     m = run.measurements if realization is None else run.noisy_measurements(realization)
-    truth, names = run.ranging_truth, np.concatenate([m.name, m.landmark_name])
+    truth, names = run.ranging_truth_in(realization), np.concatenate([m.name, m.landmark_name])
     measured = {name: getattr(m, name) for name in ("straight_range", "refracted_range", "range_sigma")}
     true = {f.name: _column(getattr(truth, f.name)) for f in fields(truth)}
     frame = pd.DataFrame(

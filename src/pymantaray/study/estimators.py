@@ -2,10 +2,12 @@
 
 from pymantaray.config.estimators import ConditionSection, ExactBelief, FixedLagSolver
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
+from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.range_models import build_range_model
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
+from pymantaray.study.range_models.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import true_amplitudes, true_clocks
@@ -21,10 +23,13 @@ class EstimatorFactory:
         """Estimator of one condition, for one realization."""
         truth, start = self._run.truth, section.start or self._run.config.estimator.start
         model = None
+        earth = self._earth(section)
         if (
-            section.range_model.kind != "transmitter" or section.estimates_more
+            section.range_model.kind != "transmitter" or section.estimates_more or earth is not None
         ):  # otherwise ranges are distances without correction
             model = build_range_model(section.range_model, self._beliefs, realization)
+        if earth is not None and isinstance(model, ALONG_CHORDS):
+            model = OnSphere(model, earth)
         uncertainty = None
         if section.uncertainty is not None and isinstance(model, EigenrayModel):
             uncertainty = RayUncertainty(model, self._beliefs.covariance(*section.uncertainty))
@@ -66,6 +71,13 @@ class EstimatorFactory:
         if section.clocks is not None:
             out |= true_clocks(run.config, run.truth.name.tolist(), realization)
         return out
+
+    def _earth(self, section: ConditionSection) -> EarthSphere | None:
+        """Sphere on which an estimator measures distances; None in a flat frame, for incremental solvers and without ranges."""
+        distances = section.solver.kind in {"incremental", "fixed-lag"} or section.ranges == "none"
+        if self._run.config.acoustics.earth != "sphere" or distances:
+            return None
+        return EarthSphere.at_latitude(float(self._run.ocean.attrs["centre_latitude_deg"]))
 
     def _clocks(self, section: ConditionSection) -> ClockPrior | None:
         if section.clocks is None:

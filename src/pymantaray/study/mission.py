@@ -24,6 +24,7 @@ from pymantaray.sensing import (
     Hearing,
     Links,
     Ranging,
+    RangingDraws,
     Schedule,
     assemble,
     find_candidates,
@@ -61,6 +62,8 @@ class Mission:
     """Section through the water along one link, with its rays; None if no link has a ray."""
     candidates: Candidates | None = None
     """Arrivals that each attempt may mistake for the direct one; None if no receiver makes mistakes."""
+    draws: RangingDraws | None = None
+    """Ranges of every realization, if each has its own ice; the other data are then those of the first."""
 
 
 def simulate_mission(
@@ -92,15 +95,24 @@ def simulate_mission(
     with watch.stage("medium"):
         medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
     with watch.stage("rays"):
+        count = ice_draws(config)
         ranging = range_fleet(
             config,
             ocean,
             medium,
             truth,
-            lambda done, total: progress("rays", done, max(total, 1)),
+            lambda done, total: progress("rays", done, count * max(total, 1)),
             schedule=schedule,
         )
         mission = assemble_mission(config, ocean, truth, ranging)
+        draws = range_draws(
+            config,
+            ocean,
+            (medium, truth, ranging),
+            lambda done, total: progress("rays", done, max(total, 1)),
+            schedule=schedule,
+        )
+        mission = replace(mission, draws=draws)
     if note := earth_note(config, mission.ranging_truth):
         LOG.warning(note)
     with watch.stage("picture"):
@@ -173,6 +185,47 @@ def range_fleet(
         timing=config.ranging.build_timing(),
         progress=progress,
     )
+
+
+def ice_draws(config: StudyConfig) -> int:
+    """Number of different draws of rough ice in the realizations of a study."""
+    return config.study.realizations if config.ocean.ice_draw == "each" else 1
+
+
+def range_draws(
+    config: StudyConfig,
+    ocean: OceanFields,
+    first: tuple[Medium | Callable[[float], Medium], Trajectories, Ranging],
+    progress: CountProgress | None = None,
+    *,
+    schedule: Schedule | None = None,
+) -> RangingDraws | None:
+    """Ranges of every realization under its own ice, from medium, trajectories and ranges of the first; None if all have the same ice."""
+    if config.ocean.ice_draw != "each":
+        return None
+    medium, truth, ranging = first
+    count, rangings = ice_draws(config), [ranging]
+    for draw in range(1, count):
+
+        def tell(done: int, total: int, draw: int = draw) -> None:
+            if progress is not None:
+                progress(draw * total + done, count * total)
+
+        rangings.append(range_fleet(config, ocean, _under_draw(medium, draw), truth, tell, schedule=schedule))
+    return RangingDraws.of(rangings)
+
+
+def _under_draw(medium: Medium | Callable[[float], Medium], draw: int) -> Medium | Callable[[float], Medium]:
+    """Medium, or a function that returns it, with another draw of its rough ice."""
+    if callable(medium):
+        return lambda time: _of_draw(medium(time), draw)
+    return _of_draw(medium, draw)
+
+
+def _of_draw(medium: Medium, draw: int) -> Medium:
+    roughness = medium.surface.roughness
+    assert roughness is not None
+    return replace(medium, surface=medium.surface.with_roughness(roughness.with_draw(draw)))
 
 
 def assemble_mission(

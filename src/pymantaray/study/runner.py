@@ -232,6 +232,8 @@ def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
     mission.ranging_truth.save(folder / store.RANGING_TRUTH)
     if mission.hearing is not None:
         mission.hearing.save(folder / store.HEARING)
+    if mission.draws is not None:
+        mission.draws.save(folder / store.RANGING_DRAWS)
     if mission.candidates is not None:
         mission.candidates.save(folder / store.CANDIDATES)
     if mission.picture is not None:

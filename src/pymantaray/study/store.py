@@ -18,6 +18,7 @@ from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import DegreesOfFreedom, error_bound
 from pymantaray.jobs.folder import MANIFEST
+from pymantaray.ocean.ice import with_ice_draw
 from pymantaray.records import (
     Arrivals,
     Estimates,
@@ -35,7 +36,7 @@ from pymantaray.records.notebook import notebook_html
 from pymantaray.records.plotter import plotter
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import ARRIVES
-from pymantaray.sensing import Candidates, Hearing, Links, draw_picks, perturb
+from pymantaray.sensing import Candidates, Hearing, Links, RangingDraws, draw_picks, perturb
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.study.manifest import FORMATS
 from pymantaray.study.tables import SUMMARY, RunTables
@@ -50,7 +51,7 @@ TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
 MEASUREMENTS, RANGING_TRUTH = "measurements.nc", "ranging_truth.nc"
 HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
 COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
-CANDIDATES, RAY_PICTURE = "candidates.nc", "ray_picture.nc"
+CANDIDATES, RAY_PICTURE, RANGING_DRAWS = "candidates.nc", "ray_picture.nc", "ranging_draws.nc"
 PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
 
 
@@ -155,6 +156,17 @@ class Run:
         return RangingTruth.load(self.path / RANGING_TRUTH)
 
     @cached_property
+    def ranging_draws(self) -> RangingDraws | None:
+        """
+        Ranges of every realization, if each has its own ice; None if all have the same.
+
+        ``measurements``, ``ranging_truth``, ``arrivals``, ``hearing`` and ``ocean`` are then those of the first realization.
+        """
+        if self.config.ocean.ice_draw != "each":
+            return None
+        return RangingDraws.load(self.path / RANGING_DRAWS)
+
+    @cached_property
     def hearing(self) -> Hearing | None:
         """Detection probability of each range attempt; None if every arrival is detected."""
         return None if self.config.detection is None else Hearing.load(self.path / HEARING)
@@ -237,18 +249,32 @@ class Run:
             If the run has no such realization.
         """
         self._check(realization)
-        ranging, candidates = self.config.ranging, self.candidates
+        ranging, candidates, draws = self.config.ranging, self.candidates, self.ranging_draws
+        measurements = self.measurements
         probability = None if self.hearing is None else self.hearing.probability
+        if draws is not None:
+            measurements = draws.measurements(measurements, self.ranging_truth, realization)
+            probability = None if probability is None else draws.probability[realization]
         return perturb(
-            self.measurements,
+            measurements,
             root_seed=self.config.study.seed,
             realization=realization,
             timing=ranging.build_timing(),
             clocks=self.config.noise.clocks,
-            ranging_truth=self.ranging_truth,
+            ranging_truth=self.ranging_truth_in(realization),
             detection=probability if candidates is None else candidates,
             correlation_time=ranging.mistaken_correlation_s,
         )
+
+    def ranging_truth_in(self, realization: int | None) -> RangingTruth:
+        """True values of all range attempts in a realization; None for the first."""
+        if self.ranging_draws is None or realization is None:
+            return self.ranging_truth
+        return self.ranging_draws.ranging_truth(self.ranging_truth, realization)
+
+    def ocean_in(self, realization: int) -> xr.Dataset:
+        """Local ocean with the ice of a realization."""
+        return self.ocean if self.ranging_draws is None else with_ice_draw(self.ocean, realization)
 
     def ranges(self, realization: int | None = None) -> pd.DataFrame:
         """
@@ -362,6 +388,7 @@ def run_in_memory(config: StudyConfig, mission: "Mission") -> Run:
         ranging_truth=mission.ranging_truth,
         hearing=mission.hearing,
         candidates=mission.candidates,
+        ranging_draws=mission.draws,
     )
     return run
 

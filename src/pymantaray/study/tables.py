@@ -25,6 +25,7 @@ from pymantaray.evaluation import (
 )
 from pymantaray.records import Estimates, SharedUnknowns, SolveStatus
 from pymantaray.records.result_table import ResultTable
+from pymantaray.study.cone import WIDTHS_DEG, cone_table, has_cone_table
 from pymantaray.study.settings import NOISE, TIMING, settings_table
 
 if TYPE_CHECKING:
@@ -34,6 +35,11 @@ _ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p5_m p25_m p75_m p95_m m
 _BRIEF_ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p95_m"
 SUMMARY = ("dropouts", "range_error", "ate_pooled", "ping_error")
 """Tables that a command prints and a notebook shows after a run."""
+_FANS = {
+    "all_angles_percent": "all angles [%]",
+    "paper_percent": "paper [%]",
+    **{f"fan_{width:g}_deg_percent": f"{width:g} degrees wide [%]" for width in WIDTHS_DEG},
+}
 
 
 @dataclass(frozen=True)
@@ -179,6 +185,19 @@ def _has_unknowns(run: "Run") -> bool:
     return run.unknowns is not None
 
 
+def _ranging_draws(run: "Run") -> pd.DataFrame:
+    """Dropouts and range errors of all links, by realization."""
+    assert run.ranging_draws is not None
+    rows = []
+    for realization in range(run.config.study.realizations):
+        truth = run.ranging_truth_in(realization)
+        m = run.ranging_draws.measurements(run.measurements, run.ranging_truth, realization)
+        lost = dropout_table(m, run.truth).iloc[-1]
+        error = range_error_table(m, truth, run.truth).iloc[-1]
+        rows.append({"realization": realization, **lost.drop("category"), **error.drop(["category", "n"])})
+    return pd.DataFrame(rows)
+
+
 TABLES: dict[str, TableDefinition] = {
     "ate_pooled": TableDefinition(
         "Position error by condition, pooled over vehicles, times and realizations",
@@ -232,6 +251,21 @@ TABLES: dict[str, TableDefinition] = {
         brief="category attempts dropouts percent",
         words={"percent": "dropouts [%]"},
         paper="Table IV",
+    ),
+    "cone": TableDefinition(
+        "Dropouts [%] if transmitters send at all angles, and in fans of these widths about the straight line; the paper counts a link as"
+        " lost if a fan in a cone of 15 degrees has no direct arrival",
+        lambda run: cone_table(run),
+        has_cone_table,
+        words=_FANS,
+    ),
+    "ranging_draws": TableDefinition(
+        "Dropouts and range errors of each realization, which has its own draw of rough ice. All other tables and figures of ranges are"
+        " those of realization 0",
+        lambda run: _ranging_draws(run),
+        lambda run: run.ranging_draws is not None,
+        columns="realization attempts dropouts percent mean_m sd_m",
+        words={"percent": "dropouts [%]"},
     ),
     "range_error": TableDefinition(
         "Signed range error, refracted minus straight, by kind of link",

@@ -68,11 +68,12 @@ class Stages:
     @property
     def medium(self) -> Medium | Callable[[float], Medium]:
         """Medium of the rays; it is not stored, because building it from the ocean is faster than reading it."""
-        key = f"{self._keys[OCEAN]} {self._config.acoustics.interpolation}"
+        search = self._config.acoustics
+        key = f"{self._keys[OCEAN]} {search.interpolation} {search.earth}"
         if _LATEST.get("medium", ("",))[0] != key:
             _LATEST["medium"] = (
                 key,
-                build_medium(self.ocean, self._config.acoustics.interpolation, self._config.acoustics.earth),
+                build_medium(self.ocean, search.interpolation, search.earth),
                 math.nan,
             )
         medium: Medium | Callable[[float], Medium] = _LATEST["medium"][1]

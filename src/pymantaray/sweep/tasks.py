@@ -13,7 +13,7 @@ from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
 from pymantaray.study import Run, StudyConfig, open_run
 from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import assemble_mission, mission_picture
+from pymantaray.study.mission import assemble_mission, mission_picture, range_draws
 from pymantaray.study.realization import RealizationSolver, collect_results
 from pymantaray.study.runner import refuse_too_large, run_study
 from pymantaray.study.store import run_in_memory
@@ -68,6 +68,8 @@ def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
     ocean, truth, ranging = stages.ocean, stages.fleet, stages.rays
     with watch.stage("realizations"):
         mission = assemble_mission(config, ocean, truth, ranging)
+        if config.ocean.ice_draw == "each":
+            mission = replace(mission, draws=range_draws(config, ocean, (stages.medium, truth, ranging)))
         if task.studies:
             assert store.folder is not None  # `run_sweep` accepts studies in a folder only
             folder = store.folder / "studies" / task.key

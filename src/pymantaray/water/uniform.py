@@ -130,7 +130,7 @@ def with_section_ice(section: OceanSection, local: xr.Dataset) -> xr.Dataset:
     if section.ice_slope_deg is None:
         return local
     slope = float(np.radians(section.ice_slope_deg))
-    return with_roughness(local, Roughness(slope, section.ice_length, draw=section.ice_draw))
+    return with_roughness(local, Roughness(slope, section.ice_length, draw=section.first_ice_draw))
 
 
 def label(section: OceanSection, profile: Profile) -> str:

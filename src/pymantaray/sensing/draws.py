@@ -1,0 +1,60 @@
+"""Ranges without noise that differ between realizations, because each has its own draw of rough ice."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.records import Measurements, RangingTruth, RayStatus
+from pymantaray.records.base import Column, Record, column
+from pymantaray.sensing.ranging import Ranging
+
+_OF_TRUTH = ("travel_time", "near_cutoff", "departure_angle", "arrival_angle")
+
+
+@dataclass(frozen=True, eq=False)
+class RangingDraws(Record):
+    """Columns of all range attempts that depend on the ice, by realization; attempts are row by row those of a `Measurements` record."""
+
+    kind: ClassVar[str] = "ranging_draws"
+
+    range_status: Column = column("realization range", "1", "outcome of the attempt", "i1", flags=RayStatus)
+    travel_time: Column = column("realization range", "s", "travel time of the admitted arrival")
+    near_cutoff: Column = column(
+        "realization range",
+        "1",
+        "1 where 1 dB of the cut-off decides which arrival is ranged on, else 0",
+        "i1",
+    )
+    departure_angle: Column = column(
+        "realization range", "rad", "angle from the horizontal at the transmitter, positive down"
+    )
+    arrival_angle: Column = column(
+        "realization range", "rad", "angle from the horizontal at the receiver, positive down"
+    )
+    probability: Column = column(
+        "realization range",
+        "1",
+        "probability of detection, NaN where no arrival exists; 1 without a detector",
+    )
+
+    @classmethod
+    def of(cls, rangings: Sequence[Ranging]) -> Self:
+        """Join the ranges of all realizations, in order."""
+        chances = [np.ones(r.status.size) if r.probability is None else r.probability for r in rangings]
+        columns = {name: np.stack([getattr(r.truth, name) for r in rangings]) for name in _OF_TRUTH}
+        return cls(
+            range_status=np.stack([r.status for r in rangings]), probability=np.stack(chances), **columns
+        )
+
+    def ranging_truth(self, truth: RangingTruth, realization: int) -> RangingTruth:
+        """True values of a realization, from those of any other."""
+        return replace(truth, **{name: getattr(self, name)[realization] for name in _OF_TRUTH})
+
+    def measurements(self, measurements: Measurements, truth: RangingTruth, realization: int) -> Measurements:
+        """Measurements without noise of a realization, from those of any other and true values of any."""
+        own = self.ranging_truth(truth, realization)
+        status: NDArray[np.int8] = self.range_status[realization]
+        return replace(measurements, range_status=status, refracted_range=own.refracted_range)
