@@ -23,7 +23,7 @@ from pymantaray.water import open_water
 
 STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s
 START = StartPose((0.0, -600.0, 60.0), sigma=[0.001, 0.001, 0.01, 2.0, 2.0, 0.2])
-BEACONS = {"B1": Beacon((2500.0, 500.0, 90.0)), "B2": Beacon((-500.0, 2500.0, 90.0))}
+BEACONS = {"B1": Beacon((2500.0, 500.0, 200.0)), "B2": Beacon((-500.0, 2500.0, 200.0))}
 ODOMETRY_SIGMA = np.array([2e-5, 2e-5, 2e-4, 0.01, 0.01, 0.005])  # of a step; heading and speed drift besides
 GYRO_BIAS, SCALE_ERROR = 2e-5, 0.01  # rad/s, 1
 TRAVEL_TIME_SIGMA = 3e-4  # s
@@ -72,7 +72,7 @@ def hear(
 def estimators(profile: Path) -> dict[str, OnlineEstimator]:
     """Three estimators that differ in their ranges only."""
     water = open_water(str(profile), bathymetry=300.0)
-    table = build_table(water, (80.0, 100.0), (40.0, 80.0), (50.0, 4500.0), tolerance=0.1)
+    table = build_table(water, (195.0, 205.0), (50.0, 70.0), (500.0, 4000.0), tolerance=0.1)
     wide = {"lag": 30.0, "gate": np.inf}
     return {
         "dead reckoning": OnlineEstimator(START, {}, 1500.0, **wide),
