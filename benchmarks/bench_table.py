@@ -4,36 +4,43 @@ Run with ``python benchmarks/bench_table.py [MEDIUM ...]``. The media are ``a`` 
 in ../shared/data beside the repository. Each table has source depths of 5 to 200 m, receiver depths of 5 to 1,000 m and ranges of 10 to
 6,000 m, to the north of the middle of the medium. The error is that of the range at the solver's travel time on ``--links`` random links, times ten cosines of the ray's angle if it is
 steeper than 84 degrees. ``wrong`` counts links with a range in the table and no ray, or with the status SHADOW and a ray.
+
+``c`` instead of a medium builds the table of the page docs/how-to/travel-time-table.md, and times 10,000,000 look-ups of random ranges with the C reader.
 """
 
 import argparse
+import subprocess
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import OnlineError
-from pymantaray.online import CellStatus, TravelTimeTable, build_table
+from pymantaray.online import CellStatus, TravelTimeTable, build_table, save_table
+from pymantaray.online.cells import HAS_RANGE
+from pymantaray.online.file import c_header
 from pymantaray.online.samples import Radial
 from pymantaray.water import Water, open_water
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT.parent / "shared" / "data"
 LIMITS = ((5.0, 200.0, 5.0), (5.0, 1000.0, 25.0), (10.0, 6000.0))
 
 
-def waters() -> dict[str, Water]:
-    """Open all media."""
-    found = {}
+def waters(chosen: list[str]) -> Iterator[tuple[str, Water]]:
+    """Open the chosen media, or all if none is chosen."""
     for path in sorted((DATA / "reference").glob("medium_*.npz")):
-        grid = dict(np.load(path))
-        north, east, depth, speed, bed = (
-            grid[key] for key in ("north", "east", "depth", "sound_speed", "bathymetry")
-        )
-        found[path.stem.split("_")[1]] = Water(Medium.from_grid(north, east, depth, speed, bathymetry=bed))
-    file = DATA / "hycom" / "hycom_glby_930_2019030712_t003_ts3z.nc"
-    found["hycom"] = open_water(str(file), bathymetry=3000.0, half_extent=10e3)
-    return found
+        name = path.stem.split("_")[1]
+        if name in (chosen or [name]):
+            grid = dict(np.load(path))
+            axes = (grid[key] for key in ("north", "east", "depth", "sound_speed"))
+            yield name, Water(Medium.from_grid(*axes, bathymetry=grid["bathymetry"]))
+    if "hycom" in (chosen or ["hycom"]):
+        file = DATA / "hycom" / "hycom_glby_930_2019030712_t003_ts3z.nc"
+        yield "hycom", open_water(str(file), bathymetry=3000.0, half_extent=10e3)
 
 
 def print_medium(name: str, water: Water, tolerance: float, links: int) -> None:
@@ -50,13 +57,18 @@ def print_medium(name: str, water: Water, tolerance: float, links: int) -> None:
     seconds = time.process_time() - start
     low, high = np.array([limits[:2] for limits in LIMITS]).T
     places = np.random.default_rng(0).uniform(low, high, (links, 3))
-    error, wrong, border = errors(table, water, places)
+    error, status, wrong, border = errors(table, water, places)
     start = time.process_time()
     table.horizontal_range(*places.T)
     look_up = (time.process_time() - start) / links
+    by_status = ", ".join(
+        f"{one.name.lower()} {error[status == one].max():.4f} m of {np.count_nonzero(status == one)}"
+        for one in HAS_RANGE
+        if np.any(status == one)
+    )
     print(
         f"{name:6} {table.tree.nbytes / 1e3:5.0f} kB {len(table.tree.corner):6d} cells {seconds:6.1f} s of CPU;"
-        f" error median {np.median(error):.4f}, 99.9 % {np.percentile(error, 99.9):.4f}, largest {error.max():.4f} m;"
+        f" error median {np.median(error):.4f}, 99.9 % {np.percentile(error, 99.9):.4f} m; largest: {by_status};"
         f" wrong {wrong}, border {100.0 * border:.1f} %; {1e6 * look_up:.1f} us a look-up in NumPy",
         flush=True,
     )
@@ -68,14 +80,16 @@ def node_of(water: Water) -> tuple[float, float]:
     return float(medium.north.mean()), float(medium.east.mean())
 
 
-def errors(table: TravelTimeTable, water: Water, places: np.ndarray) -> tuple[np.ndarray, int, float]:
-    """Errors of the range, number of wrong outcomes and share of borders."""
+def errors(
+    table: TravelTimeTable, water: Water, places: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int, float]:
+    """Errors of the range, status of their links, number of wrong outcomes and share of borders."""
     medium, _ = water.at_start
     north, east = node_of(water)
     solved = Radial(medium, north=north, east=east)(places)
     time_s = (1.0 + solved.value) / 1500.0 * solved.straight
     at_place = table.travel_time(*places.T)
-    has_range = at_place.status <= CellStatus.AMBIGUOUS
+    has_range = np.isin(at_place.status, HAS_RANGE)
     wrong = has_range & np.isnan(time_s) | (at_place.status == CellStatus.SHADOW) & np.isfinite(time_s)
     ok = has_range & np.isfinite(time_s)
     found = table.horizontal_range(places[ok, 0], places[ok, 1], time_s[ok])
@@ -85,20 +99,49 @@ def errors(table: TravelTimeTable, water: Water, places: np.ndarray) -> tuple[np
     missing = np.isnan(error)
     return (
         error[~missing],
+        at_place.status[ok][~missing],
         int(wrong.sum() + missing.sum()),
         float((at_place.status == CellStatus.BORDER).mean()),
     )
 
 
+def print_c_reader(number: int = 10_000_000) -> None:
+    """Print the time of look-ups of random ranges with the C reader, from the table of the page."""
+    page = (ROOT / "docs" / "how-to" / "travel-time-table.md").read_text()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "profile.csv").write_text(page.split("```csv\n")[1].split("```")[0])
+        limits = (0.0, 200.0, 5.0), (0.0, 1500.0, 25.0), (10.0, 6000.0)
+        table = build_table(open_water(str(folder / "profile.csv"), bathymetry=1500.0), *limits)
+        save_table(table, folder / "table.mtt")
+        (folder / "mantaray_table.h").write_text(c_header())
+        reader = str(ROOT / "tests" / "online" / "read_table.c")
+        subprocess.run(
+            ["cc", "-std=c99", "-O2", f"-I{folder}", reader, "-o", str(folder / "reader"), "-lm"], check=True
+        )
+        low, high = np.array([limit[:2] for limit in limits]).T
+        places = np.random.default_rng(0).uniform(low, high, (200_000, 3))
+        text = "\n".join(" ".join(map(str, [*place, 0.0])) for place in places.tolist())
+        command = [str(folder / "reader"), str(folder / "table.mtt"), str(number)]
+        answer = subprocess.run(command, input=text, capture_output=True, text=True, check=True)
+        found = table.horizontal_range(places[:, 0], places[:, 1], places[:, 2] / 1500.0)
+        share = np.isin(found.status, HAS_RANGE).mean()
+        print(
+            f"c      {(folder / 'table.mtt').stat().st_size / 1e3:.0f} kB; {number:,} look-ups of a range,"
+            f" {100.0 * share:.1f} % with a range: {1e9 * float(answer.stdout.split()[0]):.0f} ns of CPU each"
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("media", nargs="*")
+    parser.add_argument("media", nargs="*", help="a to f, hycom or c")
     parser.add_argument("--tolerance", type=float, default=0.05, help="bound of the error in metres")
     parser.add_argument("--links", type=int, default=100_000)
     options = parser.parse_args()
-    for name, water in waters().items():
-        if name in (options.media or [name]):
-            print_medium(name, water, options.tolerance, options.links)
+    for name, water in waters(options.media):
+        print_medium(name, water, options.tolerance, options.links)
+    if "c" in options.media or not options.media:
+        print_c_reader()
 
 
 if __name__ == "__main__":

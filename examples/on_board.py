@@ -1,40 +1,78 @@
 """
 A vehicle estimates its position on board: dead reckoning, ranges at a constant sound speed, and MantaRay's travel-time table.
 
-`python examples/on_board.py [FIGURE]` runs a mission of 20 minutes below warm surface water. Two beacons ping in turn. A `RangingService`
-computes what the vehicle hears and when. The loop feeds three estimators with the same odometry, depths and travel times,
-prints their errors, and draws truth and estimates.
+`python examples/on_board.py [FIGURE]` runs a mission of 20 minutes below warm surface water (packages: `pymantaray[serve]`). Two beacons
+ping in turn. The program starts `mantaray serve`, which computes what the vehicle hears and when. The loop feeds three estimators with
+the same odometry, depths and travel times, prints their errors, and draws truth and estimates.
 """
 
+import http.client
+import json
+import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 
-from pymantaray.acoustics import Medium
 from pymantaray.geometry.se3 import so3_exp
 from pymantaray.online import Beacon, OnlineEstimator, StartPose, build_table
-from pymantaray.service import RangingService
-from pymantaray.water import Water
+from pymantaray.water import open_water
 
 STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s
 START = StartPose((0.0, -600.0, 60.0), sigma=[0.001, 0.001, 0.01, 2.0, 2.0, 0.2])
-BEACONS = {"B1": Beacon((2500.0, 500.0, 90.0)), "B2": Beacon((-500.0, 2500.0, 90.0))}
+BEACONS = {"B1": Beacon((2500.0, 500.0, 200.0)), "B2": Beacon((-500.0, 2500.0, 200.0))}
 ODOMETRY_SIGMA = np.array([2e-5, 2e-5, 2e-4, 0.01, 0.01, 0.005])  # of a step; heading and speed drift besides
 GYRO_BIAS, SCALE_ERROR = 2e-5, 0.01  # rad/s, 1
 TRAVEL_TIME_SIGMA = 3e-4  # s
 
 
-def water() -> Medium:
-    """Water with a warm surface layer, 300 m deep."""
+def write_profile(file: Path) -> None:
+    """Write a profile with a warm surface layer, 300 m deep."""
     depth = np.linspace(0.0, 300.0, 61)
-    return Medium.from_profile(
-        depth, 1465.0 + 25.0 / (1.0 + np.exp((depth - 35.0) / 8.0)) + 0.016 * depth, bottom_depth=300.0
-    )
+    speed = 1465.0 + 25.0 / (1.0 + np.exp((depth - 35.0) / 8.0)) + 0.016 * depth
+    rows = [f"{z:g},{c:.3f}" for z, c in zip(depth, speed, strict=True)]
+    file.write_text("\n".join(["depth_m,sound_speed", *rows, ""]))
 
 
-def estimators(medium: Medium) -> dict[str, OnlineEstimator]:
+@contextmanager
+def server(profile: Path) -> Iterator[http.client.HTTPConnection]:
+    """Run `mantaray serve` on a free port, and connect to it."""
+    command = [sys.executable, "-m", "pymantaray", "serve", str(profile), "--sea-floor", "300", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            ready = next((line for line in process.stdout if line.startswith("listening on ")), None)
+            if ready is None:
+                sys.exit("on_board.py: the server did not start")
+            yield http.client.HTTPConnection(ready.split("//")[1].strip(), timeout=60)
+        finally:
+            process.terminate()
+
+
+def hear(
+    connection: http.client.HTTPConnection, now: float, source: Beacon, vehicle: np.ndarray
+) -> tuple[float, float] | None:
+    """Arrival time and travel time of a ping at the vehicle; None if it hears nothing. [s]"""
+    ends = [
+        dict(zip(("north", "east", "depth"), map(float, place), strict=True))
+        for place in (source.position, vehicle)
+    ]
+    ping = {"time": now, "source": ends[0], "receivers": [{"name": "vehicle", **ends[1]}]}
+    connection.request("POST", "/ping", json.dumps(ping))
+    answer = json.loads(connection.getresponse().read())
+    if "error" in answer:
+        raise RuntimeError(answer["error"])
+    found = answer["receivers"][0]
+    return None if found["arrival_time"] is None else (found["arrival_time"], found["travel_time"])
+
+
+def estimators(profile: Path) -> dict[str, OnlineEstimator]:
     """Three estimators that differ in their ranges only."""
-    table = build_table(Water(medium), (80.0, 100.0), (40.0, 80.0), (50.0, 4500.0), tolerance=0.1)
+    water = open_water(str(profile), bathymetry=300.0)
+    table = build_table(water, (195.0, 205.0), (50.0, 70.0), (500.0, 4000.0), tolerance=0.1)
     wide = {"lag": 30.0, "gate": np.inf}
     return {
         "dead reckoning": OnlineEstimator(START, {}, 1500.0, **wide),
@@ -45,47 +83,59 @@ def estimators(medium: Medium) -> dict[str, OnlineEstimator]:
 
 def main(figure: str | None = None) -> None:
     """Run the mission, print the errors, and draw the tracks if there is a file for them."""
-    rng, medium = np.random.default_rng(2), water()
-    fleet = estimators(medium)
-    rotation, position = np.eye(3), np.array(START.position)
-    tracks: dict[str, list[np.ndarray]] = {"truth": [], **{name: [] for name in fleet}}
-    on_its_way: list[tuple[float, float, str, float]] = []
-    with RangingService(medium) as service:
-        for k in range(1, round(DURATION / STEP) + 1):
-            now = k * STEP
-            turn = np.array([0.0, 0.0, 0.004 * np.sin(2.0 * np.pi * now / 900.0) * STEP])
-            way = np.array([1.5 * STEP, 0.0, 0.0])
-            position, rotation = position + rotation @ way, rotation @ so3_exp(turn)
-            noise = ODOMETRY_SIGMA * rng.standard_normal(6)
-            odometry = (
-                (1.0 + SCALE_ERROR) * way + noise[3:],
-                turn + noise[:3] + [0.0, 0.0, GYRO_BIAS * STEP],
-                ODOMETRY_SIGMA,
-            )
-            depth = position[2] + 0.1 * rng.standard_normal()
-            for name, estimator in fleet.items():
-                estimator.add_odometry(now, *odometry)
-                if k % 10 == 0:
-                    estimator.add_depth(now, depth, 0.1)
-                if k % 100 == 0:
-                    tracks[name].append(estimator.position())
-            if k % 100 == 0:
-                tracks["truth"].append(position)
-            if k % round(PING / STEP) == 0:
-                beacon = list(BEACONS)[k // round(PING / STEP) % len(BEACONS)]
-                ping = service.ping(now, BEACONS[beacon].position, [position])
-                if np.isfinite(ping.arrival_time[0]):
-                    measured = float(ping.travel_time[0]) + TRAVEL_TIME_SIGMA * rng.standard_normal()
-                    on_its_way.append((float(ping.arrival_time[0]), now, beacon, measured))
-            # decoding takes a second; the service's travel time belongs to the vehicle's position at the ping
-            while on_its_way and on_its_way[0][0] + 1.0 <= now:
-                _, sent, beacon, measured = on_its_way.pop(0)
-                for estimator in fleet.values():
-                    if beacon in estimator.beacons:
-                        estimator.add_range(sent, beacon, measured, TRAVEL_TIME_SIGMA)
+    with tempfile.TemporaryDirectory() as folder:
+        profile = Path(folder) / "profile.csv"
+        write_profile(profile)
+        fleet = estimators(profile)
+        with server(profile) as connection:
+            tracks = fly(fleet, connection)
     print_errors(fleet, tracks)
     if figure is not None:
         draw({name: np.array(track) for name, track in tracks.items()}, figure)
+
+
+def fly(
+    fleet: dict[str, OnlineEstimator], connection: http.client.HTTPConnection
+) -> dict[str, list[np.ndarray]]:
+    """Move the vehicle, and feed the estimators; positions each 10 s."""
+    rng = np.random.default_rng(2)
+    rotation, position = np.eye(3), np.array(START.position)
+    tracks: dict[str, list[np.ndarray]] = {"truth": [], **{name: [] for name in fleet}}
+    on_its_way: list[tuple[float, float, str, float]] = []
+    for k in range(1, round(DURATION / STEP) + 1):
+        now = k * STEP
+        turn = np.array([0.0, 0.0, 0.004 * np.sin(2.0 * np.pi * now / 900.0) * STEP])
+        way = np.array([1.5 * STEP, 0.0, 0.0])
+        position, rotation = position + rotation @ way, rotation @ so3_exp(turn)
+        noise = ODOMETRY_SIGMA * rng.standard_normal(6)
+        odometry = (
+            (1.0 + SCALE_ERROR) * way + noise[3:],
+            turn + noise[:3] + [0.0, 0.0, GYRO_BIAS * STEP],
+            ODOMETRY_SIGMA,
+        )
+        depth = position[2] + 0.1 * rng.standard_normal()
+        for name, estimator in fleet.items():
+            estimator.add_odometry(now, *odometry)
+            if k % 10 == 0:
+                estimator.add_depth(now, depth, 0.1)
+            if k % 100 == 0:
+                tracks[name].append(estimator.position())
+        if k % 100 == 0:
+            tracks["truth"].append(position)
+        if k % round(PING / STEP) == 0:
+            beacon = list(BEACONS)[k // round(PING / STEP) % len(BEACONS)]
+            heard = hear(connection, now, BEACONS[beacon], position)
+            if heard is not None:
+                arrival, travel_time = heard
+                measured = travel_time + TRAVEL_TIME_SIGMA * rng.standard_normal()
+                on_its_way.append((arrival, now, beacon, measured))
+        # decoding takes a second; the server's travel time belongs to the vehicle's position at the ping
+        while on_its_way and on_its_way[0][0] + 1.0 <= now:
+            _, sent, beacon, measured = on_its_way.pop(0)
+            for estimator in fleet.values():
+                if beacon in estimator.beacons:
+                    estimator.add_range(sent, beacon, measured, TRAVEL_TIME_SIGMA)
+    return tracks
 
 
 def print_errors(fleet: dict[str, OnlineEstimator], tracks: dict[str, list[np.ndarray]]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "on_board.py"
+pytest.importorskip("waitress")
 
 
 @pytest.mark.slow

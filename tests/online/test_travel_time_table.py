@@ -8,9 +8,12 @@ import pytest
 from pymantaray.acoustics import choose_arrivals, find_eigenrays
 from pymantaray.errors import OnlineError
 from pymantaray.online import CellStatus, TravelTimeTable, build_table, open_table, save_table
+from pymantaray.online.build import Box, build_tree
+from pymantaray.online.samples import Samples
 from pymantaray.water import Water
 
 WITH_RANGE = (CellStatus.DIRECT, CellStatus.BOUNCED, CellStatus.AMBIGUOUS)
+POCKET, POCKET_SIZE = np.array([28.1, 53.1, 1390.6]), np.array([2.0, 3.0, 10.0])  # centre and semi-axes [m]
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +56,43 @@ def test_range_and_travel_time_are_inverse(table: TravelTimeTable, places: np.nd
     ok = np.isin(there.status, WITH_RANGE)
     np.testing.assert_allclose(back.horizontal_range[ok], places[ok, 2], atol=1e-8)
     np.testing.assert_array_equal(back.status[ok], there.status[ok])
+
+
+def _two_arrivals(places: np.ndarray) -> Samples:
+    """Straight rays at 1,500 m/s, and arrivals that are earlier by up to 1 m in a small ellipsoid only."""
+    off = (places - POCKET) / POCKET_SIZE
+    lead = ((off * off).sum(axis=1) - 1.0) / 1500.0  # s, of the straight ray
+    by_place = 2.0 * off / POCKET_SIZE / 1500.0
+    straight = np.hypot(places[:, 1] - places[:, 0], places[:, 2])
+    unit = np.column_stack([places[:, :2] @ [[1.0, -1.0], [-1.0, 1.0]], places[:, 2]]) / straight[:, None]
+    second = np.minimum(lead, 0.0)
+    gradient = (by_place * (lead < 0.0)[:, None] - (second / straight)[:, None] * unit) / straight[:, None]
+    zero = np.zeros(len(places), dtype=np.int64)
+    return Samples(
+        value=1500.0 * second / straight,
+        gradient=1500.0 * gradient,
+        straight=straight,
+        slowness=unit[:, 2] / 1500.0 + by_place[:, 2] * (lead < 0.0),
+        family=zero,
+        bounces=np.zeros((len(places), 2), dtype=np.int64),
+        several=zero == 0,
+        lead=np.abs(lead),
+        lead_gradient=np.sign(lead)[:, None] * by_place,
+    )
+
+
+def test_a_small_region_with_an_earlier_arrival_between_the_tested_points_is_found() -> None:
+    box = Box((0.0, 0.0, 1000.0), (100.0, 200.0, 2000.0), (5.0, 5.0, 20.0))
+    table = TravelTimeTable(box.lower, box.upper, 0.05, build_tree(box, [_two_arrivals], 0.05))
+    places = POCKET + POCKET_SIZE * np.random.default_rng(2).uniform(-5.0, 5.0, (40_000, 3))
+    solved = _two_arrivals(places)
+    assert (solved.value < 0.0).sum() > 100
+    found = table.travel_time(*places.T)
+    ok = np.isin(found.status, WITH_RANGE)
+    time = (1.0 + solved.value) / 1500.0 * solved.straight
+    assert ok.sum() > 100
+    assert np.abs(found.travel_time - time)[ok].max() * 1500.0 < table.tolerance
+    assert table.shares()["border"] < 0.01
 
 
 @pytest.mark.parametrize(

@@ -172,9 +172,11 @@ def _judge(
     size = np.exp2(cells.log_size) * store.step
     corners = rows[:, _CORNER_ROWS]
     error[regular] = _errors(samples, corners[regular], size[regular], rows[regular], 0.5 * _HALVES)
+    jump = np.zeros((*rows.shape, 3))
+    jump[regular] = _jumps(samples, rows[regular], size[regular])
     halvings = top - cells.log_size
     early = np.any(halvings < _FIRST_HALVINGS, axis=1)
-    accurate = np.max(error, axis=1) <= _MARGIN * tolerance
+    accurate = np.maximum(error, jump.sum(axis=2)).max(axis=1) <= _MARGIN * tolerance
     accurate &= _accurate_within(store, cells, corners, accurate & ~early, _MARGIN * tolerance)
     can = cells.log_size > _FINEST
     done = ~early & (accurate | (alike & (family[:, 0] < 0))) | ~can.any(axis=1)
@@ -186,7 +188,7 @@ def _judge(
     return (
         done,
         status.astype(np.int64),
-        _axis(family, error, cells.log_size, early[:, None] & (halvings < _FIRST_HALVINGS)),
+        _axis(family, error, jump, cells.log_size, early[:, None] & (halvings < _FIRST_HALVINGS)),
     )
 
 
@@ -215,12 +217,30 @@ def _errors(samples: Samples, corners: Whole, size: Array, rows: Whole, at: Arra
         np.repeat(samples.value[corners], repeat, axis=0),
         np.repeat(samples.gradient[corners], repeat, axis=0),
     ).value.reshape(rows.shape)
-    slope = np.maximum(samples.slowness[rows], _MIN_COSINE * REFERENCE_SLOWNESS)
     difference = np.abs(interpolated - samples.value[rows]) * samples.straight[rows]
-    return difference * REFERENCE_SLOWNESS / slope
+    return difference * REFERENCE_SLOWNESS / _slope(samples, rows)
 
 
-def _axis(family: Whole, error: Array, log_size: Whole, early: NDArray[np.bool_]) -> Whole:
+def _slope(samples: Samples, rows: Whole) -> Array:
+    """Change of travel time per metre of range in the conversion of errors. [s/m]"""
+    return np.asarray(np.maximum(samples.slowness[rows], _MIN_COSINE * REFERENCE_SLOWNESS))
+
+
+def _jumps(samples: Samples, rows: Whole, size: Array) -> Array:
+    """
+    Largest jumps of the range near points of cells, if the next arrival becomes the first, shape (n, 27, 3).
+
+    A small region in which another arrival is the first may lie between the points. Each point covers a quarter of the cell on
+    both sides along each axis; the lead over the next arrival is extrapolated over this distance. The jump of a point is
+    the sum over the axes, each with its share. [m]
+    """
+    change = np.abs(samples.lead_gradient[rows]) * (0.25 * size[:, None])
+    total = change.sum(axis=2)
+    excess = np.maximum(total - samples.lead[rows], 0.0) / _slope(samples, rows)
+    return np.asarray(change * (excess / np.where(total > 0.0, total, 1.0))[..., None])
+
+
+def _axis(family: Whole, error: Array, jump: Array, log_size: Whole, early: NDArray[np.bool_]) -> Whole:
     """Axis along which to halve each cell: one along which the family changes, or the one with the largest error."""
     n = len(family)
     cube_family, cube_error = family.reshape(n, 3, 3, 3), error.reshape(n, 3, 3, 3)
@@ -229,9 +249,8 @@ def _axis(family: Whole, error: Array, log_size: Whole, early: NDArray[np.bool_]
         lines = np.moveaxis(cube_family, axis + 1, 1)
         changes = np.any(lines[:, 1:] != lines[:, :-1], axis=(1, 2, 3))
         middle = np.moveaxis(cube_error, axis + 1, 1)[:, 1][:, ::2, ::2].max(axis=(1, 2))
-        score[:, axis] = np.where(
-            changes, 1e6 * log_size[:, axis], np.where(np.isfinite(middle), middle, 0.0)
-        )
+        middle = np.maximum(np.where(np.isfinite(middle), middle, 0.0), jump[:, :, axis].max(axis=1))
+        score[:, axis] = np.where(changes, 1e6 * log_size[:, axis], middle)
     score += 1e-9 * log_size + np.where(early, 1e9, 0.0)
     return np.asarray(np.argmax(np.where(log_size > _FINEST, score, -1.0), axis=1))
 

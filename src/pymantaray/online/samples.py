@@ -37,6 +37,10 @@ class Samples(NamedTuple):
         Reflections at the surface and at the bottom.
     several : ndarray of bool, shape (n,)
         True if other arrivals have the same numbers of reflections.
+    lead : ndarray, shape (n,)
+        Time until the next arrival that the rule could select; infinite without one, and for the rule ``strongest``. [s]
+    lead_gradient : ndarray, shape (n, 3)
+        Its derivatives by source depth, receiver depth and range. [s/m]
     """
 
     value: Array
@@ -46,6 +50,8 @@ class Samples(NamedTuple):
     family: NDArray[np.int64]
     bounces: NDArray[np.int64]
     several: NDArray[np.bool_]
+    lead: Array
+    lead_gradient: Array
 
 
 Sampler = Callable[[Array], Samples]
@@ -99,11 +105,14 @@ class Radial:
         link, row = choose_arrivals(arrivals, self.rule)
         time = np.full(len(places), np.nan)
         by_place = np.full((len(places), 3), np.nan)
-        time[link] = arrivals.travel_time[row]
-        at_receiver = arrivals.receiver_slowness[row]
-        by_place[link] = np.column_stack(
-            [-arrivals.source_slowness[row, 2], at_receiver[:, 2], at_receiver[:, :2] @ along]
+        derivatives = np.column_stack(
+            [
+                -arrivals.source_slowness[:, 2],
+                arrivals.receiver_slowness[:, 2],
+                arrivals.receiver_slowness[:, :2] @ along,
+            ]
         )
+        time[link], by_place[link] = arrivals.travel_time[row], derivatives[row]
         bounces = np.zeros((len(places), 2), dtype=np.int64)
         bounces[link] = np.column_stack([arrivals.surface_bounces[row], arrivals.bottom_bounces[row]])
         family = np.where(arrivals.status == RayStatus.OUTSIDE, OUTSIDE, NO_ARRIVAL).astype(np.int64)
@@ -112,7 +121,15 @@ class Radial:
             arrivals.bottom_bounces == bounces[arrivals.link, 1]
         )
         several = np.bincount(arrivals.link[alike], minlength=len(places)) > 1
-        return Samples(*_mean_slowness(places, time, by_place), by_place[:, 2], family, bounces, several)
+        lead, lead_gradient = np.full(len(places), np.inf), np.zeros((len(places), 3))
+        if self.rule != "strongest":
+            others = np.ones(arrivals.link.size, dtype=bool)
+            others[row] = False
+            later, next_row = choose_arrivals(arrivals, self.rule, detected=others)
+            lead[later] = arrivals.travel_time[next_row] - time[later]
+            lead_gradient[later] = derivatives[next_row] - by_place[later]
+        mean = _mean_slowness(places, time, by_place)
+        return Samples(*mean, by_place[:, 2], family, bounces, several, lead, lead_gradient)
 
 
 def _mean_slowness(places: Array, time: Array, by_place: Array) -> tuple[Array, Array, Array]:

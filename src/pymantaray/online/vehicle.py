@@ -371,7 +371,7 @@ class OnlineEstimator:
         ndarray, shape (3,)
         """
         who, _, state = self._state(time, vehicle)
-        return state.position[who].copy()
+        return np.array(state.position[who])
 
     def covariance(self, time: float | None = None, *, vehicle: str | None = None) -> Array:
         """
@@ -390,7 +390,7 @@ class OnlineEstimator:
         """
         who, _, state = self._state(time, vehicle)
         own = slice(SIZE * who + 3, SIZE * (who + 1))
-        return state.covariance[own, own].copy()
+        return np.array(state.covariance[own, own])
 
     def counts(self) -> dict[str, int]:
         """
