@@ -48,10 +48,12 @@ def preset_text(name: str) -> str:
     Parameters
     ----------
     name : str
+        Name of the preset.
 
     Returns
     -------
     str
+        Text for `load_study`.
 
     Raises
     ------
