@@ -100,7 +100,7 @@ class RangingSection(Section):
     turn_around_s: Seconds[NonNegativeFloat] = 0.0
     """Time from the reception of a ping to the answer; for two-way times. [s]"""
     mistaken: Literal["none", "first-detected", "strongest-detected"] = "none"
-    """Errors of receivers: none (they find the direct arrival), or they take the first or the strongest arrival that they detect."""
+    """Errors of receivers: ``"none"`` if they find the direct arrival; otherwise they take the first or the strongest detected arrival."""
     below_strongest_db: NonNegativeFloat | None = None
     """Arrivals are detected if they are at most this much weaker than the strongest of their link; only without ``[detection]``. [dB]"""
     mistaken_correlation_s: Seconds[NonNegativeFloat] = 0.0
@@ -643,10 +643,11 @@ class StudyConfig(SoundConfig):
     def __repr__(self) -> str:
         """One line; `study_toml` returns the whole configuration."""
         own = self.fleet.trajectories and "duration_h" not in self.mission.model_fields_set
+        count = self.study.realizations
         lasts = "as long as their trajectories" if own else f"{self.mission.duration_h:g} h"
         return (
             f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles, {lasts},"
-            f" {self.study.realizations} realizations, ocean {', '.join(self.ocean.source)}>"
+            f" {count} realization{'' if count == 1 else 's'}, ocean {', '.join(self.ocean.source)}>"
         )
 
     __str__ = __repr__
