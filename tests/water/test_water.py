@@ -1,13 +1,16 @@
 """Water from any source is the same water, and the same options mean the same."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from refusals import refused
 
+from pymantaray import load_study, measure
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, thin_profile
+from pymantaray.atlas import Atlas
 from pymantaray.config import load_sound
-from pymantaray.errors import MantaRayError, OceanError, WaterError
+from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
 from pymantaray.ocean import open_ocean, to_local, with_ice
 from pymantaray.records import RayStatus
 from pymantaray.water import Water, open_water, open_waters
@@ -154,3 +157,17 @@ def test_an_unknown_option_names_the_nearest():
         ice=1.0,
     )
     refused(MantaRayError, "ocean.thin .--thin. applies to a profile", open_water, "synthetic:fram", thin=0.1)
+
+
+def test_an_object_that_is_no_source_is_refused_with_the_types_that_are():
+    water = open_water("synthetic:fram", half_extent=HALF)
+    for call in (open_water, Atlas, lambda source: measure(poses(), source, 300.0)):
+        refused(WaterError, "source is an opened Water; give the source that open_water had", call, water)
+        refused(WaterError, "source is of type int; it must be a name, a path", call, 3)
+    refused(StudyError, "ocean is of type Water; it must be a name, a path", load_study, "quick", ocean=water)
+
+
+def poses():
+    return pd.DataFrame(
+        {"time": [0.0, 600.0] * 2, "vehicle": ["A", "A", "B", "B"], "north": 0.0, "east": 0.0, "depth": 50.0}
+    )

@@ -38,7 +38,7 @@ class ExactBelief(Section):
     kind: Literal["exact"]
     """The true ocean."""
     time_varying: bool = False
-    """Whether the assumed ocean varies with time instead of being the first snapshot."""
+    """True if the assumed ocean varies with time; otherwise it is the first snapshot."""
 
 
 class PerturbedBelief(Section):
@@ -156,7 +156,7 @@ class OtherDayBelief(Section):
     days_earlier: Days[float]
     """Time before the start of the study. [days]"""
     time_varying: bool = False
-    """Whether the ocean varies from that time on."""
+    """True if the assumed ocean varies from that time on."""
 
 
 class FileBelief(Section):
@@ -382,7 +382,7 @@ class FixedLagSolver(Section):
     lag_h: Hours[PositiveFloat]
     """Lag: time after which poses are marginalized. [h]"""
     incremental: bool = False
-    """Whether each sample updates the estimate by iSAM2, in place of a batch at each ping; this bounds the time of an update."""
+    """True for an update by iSAM2 at each sample instead of a batch at each ping, which bounds the time of an update."""
 
 
 class KalmanFilter(Section):
@@ -446,7 +446,7 @@ class ConditionSection(Section):
     range_sigma: Metres[PositiveFloat] | Literal["fitted"] | None = None
     """Assumed standard deviation of ranges. Default: that of the study. ``"fitted"``: the value at which the cost equals its expectation. [m]"""
     directions: Literal["each", "mean"] = "each"
-    """Whether each range of a pair is used, or the mean of both directions."""
+    """Use each range of a pair, or the mean of both directions."""
     scale_sigma: PositiveFloat | None = None
     """Prior standard deviation of a common scale of all travel times; if given, the scale is estimated. [-]"""
     bias_sigma: Metres[PositiveFloat] | None = None

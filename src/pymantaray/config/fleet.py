@@ -165,7 +165,7 @@ class TwistVehicle(_Placed):
     ] = Field(strict=False)
     """Angular velocity about, and velocity along, forward, right and down. [rad/s, m/s]"""
     current: bool = False
-    """Whether the current moves the vehicle in addition."""
+    """True if the current moves the vehicle in addition."""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
         """Behaviour with the twist."""
@@ -192,9 +192,9 @@ class WaypointVehicle(_Placed):
     capture_radius: Metres[PositiveFloat] = 20.0
     """Distance at which a waypoint is reached; at least the turning radius. [m]"""
     loop: bool = False
-    """Whether the vehicle continues from the last waypoint to the first; otherwise it stops."""
+    """True if the vehicle continues from the last waypoint to the first; otherwise it stops."""
     current: bool = False
-    """Whether the current moves the vehicle."""
+    """True if the current moves the vehicle."""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
         """Behaviour with the waypoints."""
@@ -230,7 +230,7 @@ class FleetSection(Section):
     trajectories: InputFiles = ()
     """Files with existing trajectories, instead of ``vehicles``; relative to this file."""
     enu: bool = False
-    """Whether TUM files use ROS's axes: world east, north, up; body forward, left, up."""
+    """True if TUM files use ROS's axes: world east, north, up; body forward, left, up."""
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:

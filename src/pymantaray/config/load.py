@@ -48,10 +48,12 @@ def preset_text(name: str) -> str:
     Parameters
     ----------
     name : str
+        Name of the preset.
 
     Returns
     -------
     str
+        Text for `load_study`.
 
     Raises
     ------
@@ -203,8 +205,14 @@ def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[st
         return [str(ocean)]
     if isinstance(ocean, Sequence):
         return [str(source) for source in ocean]
+    import xarray as xr
+
     from pymantaray.ocean import stored_ocean
 
+    if not isinstance(ocean, xr.Dataset):
+        raise StudyError(
+            f"ocean is of type {type(ocean).__name__}; it must be a name, a path, a sequence of them, or an xarray.Dataset"
+        )
     return [str(stored_ocean(ocean))]
 
 

@@ -66,7 +66,7 @@ class AcousticsSection(Section):
     arrival: Literal["direct", "first", "strongest"] = "direct"
     """Arrival that is the range: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
     currents: bool = False
-    """Whether currents change travel times along the rays."""
+    """True if currents change travel times along the rays."""
     cone_deg: Degrees[Annotated[float, Field(gt=0.0, le=180.0)]] | None = None
     """Width of the transmitter's fan about the chord, half of it on either side; rays launched outside are lost. None without a limit. [degrees]"""
     earth: Earth = "flat"
@@ -100,7 +100,7 @@ class RangingSection(Section):
     turn_around_s: Seconds[NonNegativeFloat] = 0.0
     """Time from the reception of a ping to the answer; for two-way times. [s]"""
     mistaken: Literal["none", "first-detected", "strongest-detected"] = "none"
-    """Errors of receivers: none (they find the direct arrival), or they take the first or the strongest arrival that they detect."""
+    """Errors of receivers: ``"none"`` if they find the direct arrival; otherwise they take the first or the strongest detected arrival."""
     below_strongest_db: NonNegativeFloat | None = None
     """Arrivals are detected if they are at most this much weaker than the strongest of their link; only without ``[detection]``. [dB]"""
     mistaken_correlation_s: Seconds[NonNegativeFloat] = 0.0
@@ -113,7 +113,7 @@ class RangingSection(Section):
         return OneWay() if self.timing == "one-way" else TwoWay(turn_around=self.turn_around_s)
 
     def build_picker(self, sonar: "Sonar | None") -> "Picker | None":
-        """Build the rule by which receivers select the direct arrival; None if they never err."""
+        """Build the rule by which receivers select the direct arrival; None if receivers make no mistakes."""
         from pymantaray.sensing import Picker
 
         if self.mistaken == "none":
@@ -176,9 +176,9 @@ class DetectionSection(Section):
     absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
     """Formula of absorption by sea water."""
     coherent: bool | Literal["auto"] = "auto"
-    """Whether arrivals of one ping interfere: ``"auto"`` as far as the band does not separate them, true as for a tone, false never."""
+    """Interference of the arrivals of a ping: ``"auto"`` if the band does not separate them, true always, as for a tone, false never."""
     leakage: bool = False
-    """Whether sound reaches receivers in shadow zones by leakage from the nearest ray."""
+    """True if sound leaks from the nearest ray to receivers in shadow zones."""
     leakage_reach_m: Metres[PositiveFloat] = 200.0
     """Maximum distance of leakage from the nearest ray. [m]"""
     scatter_db: NonNegativeFloat | None = None
@@ -275,9 +275,9 @@ class OceanSection(Section):
     time: Instant | None = None
     """Time of the ocean (UTC), and start of the mission if it varies. Default: the only time of the files."""
     time_varying: bool = False
-    """Whether the ocean varies during the mission."""
+    """True if the ocean varies during the mission."""
     currents: Literal["required", "rest"] = "required"
-    """Whether files must have currents, or an ocean without currents is at rest."""
+    """If the ocean has no currents: ``"required"`` is an error, ``"rest"`` sets them to zero."""
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
     """Equation of sound speed from temperature, salinity and pressure."""
     bathymetry: Metres[PositiveFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
@@ -661,10 +661,11 @@ class StudyConfig(SoundConfig):
     def __repr__(self) -> str:
         """One line; `study_toml` returns the whole configuration."""
         own = self.fleet.trajectories and "duration_h" not in self.mission.model_fields_set
+        count = self.study.realizations
         lasts = "as long as their trajectories" if own else f"{self.mission.duration_h:g} h"
         return (
             f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles, {lasts},"
-            f" {self.study.realizations} realizations, ocean {', '.join(self.ocean.source)}>"
+            f" {count} realization{'' if count == 1 else 's'}, ocean {', '.join(self.ocean.source)}>"
         )
 
     __str__ = __repr__

@@ -283,7 +283,7 @@ def solve_graph(
         Add a prior of 1 mm and 1 mrad to the first pose of each free part, instead of refusing the graph. A graph without
         any anchor always gets these priors.
     truth : bool
-        Whether the file's vertices are the ground truth, as in PyFactorGraph files.
+        True if the file's vertices are the ground truth, as in PyFactorGraph files.
     report : callable, optional
         Called with the number of each step of a named estimator and the cost after it.
 

@@ -171,7 +171,7 @@ def _current(water, north, east, depth, now):
 
 @kernel
 def _carry(water, p, swum, now, dt):
-    """Position after a step through the water that the current at its middle displaces."""
+    """Position after a step in a current that is constant at its value in the middle of the step."""
     north, east, depth = 0.5 * (p[0] + swum[0]), 0.5 * (p[1] + swum[1]), 0.5 * (p[2] + swum[2])
     middle = now + 0.5 * dt
     u, v = _current(water, north, east, depth, middle)

@@ -27,7 +27,7 @@ from pymantaray.records import Trajectories
 
 Array = NDArray[np.float64]
 _DIMS = ("north", "east", "depth")
-_POSE_BYTES = 114  # a pose and its status, twice: during the simulation and in the record
+_POSE_BYTES = 114  # pose and status, during the simulation and again in the record
 
 
 def simulate(

@@ -55,9 +55,9 @@ def column(
     """
     Declare an array field of a record, with dimensions separated by spaces and units in CF notation.
 
-    A column that may lack has no rows if it is not given, or not in a file of an older version. A column with a default has this
-    value everywhere then. One that labels its dimension is the coordinate of that name in a data set. Flags are the values that a column of integers has, and their
-    meanings.
+    An optional column without a default is empty if it is not given, or absent in a file of an older version; one with a default then
+    has this value everywhere. A column that labels its dimension is the coordinate of that name in a data set. Flags are the allowed
+    values of an integer column, with their meanings.
     """
     metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
     metadata |= {"dtype": dtype, "labels": labels, "flags": flags, "default": default}

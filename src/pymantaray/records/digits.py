@@ -59,8 +59,8 @@ def number_format(numbers: NDArray[np.float64]) -> str:
     """
     Format for all numbers of one quantity, which then have equal decimals.
 
-    The largest has four digits and at least two decimals, if each number but 0 then shows a digit. Else there are as many
-    decimals as the smallest needs, or an exponent if these are too many.
+    The largest has four digits and at least two decimals, if each number but 0 then shows a digit. Otherwise it has as
+    many decimals as the smallest needs, or an exponent if these are too many.
     """
     if (form := compact_format(numbers)) is not None:
         return form

@@ -15,8 +15,10 @@ class RayStatus(IntEnum):
     STOPPED = 5  # one of the vehicles has stopped and is silent
     UNHEARD = 6  # an existing arrival was not detected, by chance (detection by the sonar equation)
     UNRESOLVED = 7  # the search stopped without an arrival because there were too many rays
-    LEAKED = 8  # no ray, but sound that leaks past the nearest ray arrives (a model, off by default)
-    SCATTERED = 9  # no ray, but scattered sound arrives, louder than leaked sound (a model, off by default)
+    LEAKED = 8  # no ray arrives, but sound leaks past the nearest ray (a model, off by default)
+    SCATTERED = (
+        9  # no ray arrives, but scattered sound, which is louder than leaked sound (a model, off by default)
+    )
 
 
 ARRIVES = (RayStatus.OK, RayStatus.LEAKED, RayStatus.SCATTERED)
@@ -48,9 +50,9 @@ RAY_STATUS_WORDS = {
         "search stopped early", "The search stopped without an arrival because there were too many rays."
     ),
     RayStatus.LEAKED: RayStatusWords(
-        "leaked, no ray", "No ray arrives, but sound that leaks past the nearest ray."
+        "leaked, no ray", "No ray arrives, but sound leaks past the nearest ray."
     ),
-    RayStatus.SCATTERED: RayStatusWords("scattered, no ray", "No ray arrives, but scattered sound."),
+    RayStatus.SCATTERED: RayStatusWords("scattered, no ray", "No ray arrives, but scattered sound does."),
 }
 """Outcomes other than OK as text for figures, pages, their glossary and commands."""
 

@@ -52,8 +52,8 @@ class Detector:
     surface : Reflection, optional
         Reflection at the surface; by default that of the medium's surface.
     coherent : bool or "auto"
-        Whether arrivals of a link interfere, see `pymantaray.acoustics.received_loss_db`; by default as far as the sonar's band does
-        not separate them.
+        Interference of the arrivals of a link, see `pymantaray.acoustics.received_loss_db`; by default, arrivals interfere
+        if the sonar's band does not separate them.
     """
 
     sonar: Sonar

@@ -108,8 +108,8 @@ class Schedule(ABC):
         if (off > 1e-6).any():
             epoch = epochs[np.argmax(off > 1e-6)]
             raise SensingError(
-                f"{self}: the ping at {epoch:g} s is no sample time; samples are every {time[1] - time[0]:g} s: make the"
-                " pings whole numbers of sampling periods, or give the truth samples there"
+                f"{self}: the ping at {epoch:g} s is not at a sample time; samples are every {time[1] - time[0]:g} s:"
+                " ping at multiples of the sampling period, or add samples to the truth at the pings"
             )
         return nearest.astype(np.int64)
 

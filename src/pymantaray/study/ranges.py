@@ -25,6 +25,7 @@ from pymantaray.study.mission import simulate_mission
 from pymantaray.study.store import Run, run_in_memory
 from pymantaray.study.tracks import centre_note, with_tracks
 from pymantaray.water import Source as WaterSource
+from pymantaray.water.water import source_words
 
 
 def measure(
@@ -131,7 +132,7 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
     elif isinstance(ocean, Medium):
         raise StudyError("measure: a medium has no grid for vehicles; give a local ocean, or an ocean")
     else:
-        words = [str(one) for one in ([ocean] if isinstance(ocean, str | Path) else ocean)]
+        words = source_words(ocean)
         if names_configuration(words):
             return _dump(load_sound(words[0]))
     return {"ocean": {"source": words}}

@@ -103,7 +103,7 @@ def centre_note(config: StudyConfig, ocean: Mapping[Hashable, Any], tracks: Trac
     return (
         f"{tracks.poses[0].file}: positions are local and no file gives the centre of their frame; the middle of the ocean is"
         f" used, {latitude(lat)}, {longitude(lon)}; for another centre give --centre"
-        " (in Python and TOML ocean.centre_lat and centre_lon)"
+        " (in Python: centre=(lat, lon); in TOML: ocean.centre_lat and centre_lon)"
     )
 
 

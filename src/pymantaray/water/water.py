@@ -316,11 +316,25 @@ def configuration_of(source: Any, options: dict[str, Any]) -> SoundConfig:
     changes = dotted_keys(options)
     if isinstance(source, SoundConfig):
         return source.with_(**changes) if changes else source
-    words = [str(word) for word in ([source] if isinstance(source, str | Path) else source)]
+    words = source_words(source)
     if names_configuration(words):
         return load_sound(words[0], **changes)
     config = parse(SoundConfig, {"ocean": {"source": words, "currents": "rest"}}, "ocean", None)
     return config.with_(**changes) if changes else config
+
+
+def source_words(source: Any) -> list[str]:
+    """Words of a source that consists of names or files; an object of another type raises an error."""
+    if isinstance(source, str | Path):
+        return [str(source)]
+    if isinstance(source, Water):
+        raise WaterError("source is an opened Water; give the source that open_water had, and its options")
+    if not isinstance(source, Sequence):
+        raise WaterError(
+            f"source is of type {type(source).__name__}; it must be a name, a path, a sequence of them, an xarray.Dataset,"
+            " a SoundConfig or a Medium"
+        )
+    return [str(word) for word in source]
 
 
 def _frame(local: xr.Dataset) -> LocalFrame | None:

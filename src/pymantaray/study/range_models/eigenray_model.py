@@ -30,7 +30,7 @@ class Pairs(NamedTuple):
     pair: NDArray[np.intp]
     """Row of the pair of each link."""
     backward: NDArray[np.bool_]
-    """Whether the link runs from the pair's receiver to its source."""
+    """True if the link runs from the pair's receiver to its source."""
 
 
 class EigenrayModel:
