@@ -149,12 +149,14 @@ def serving(*words: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
 
 
 def cpu_of(process: subprocess.Popen[str]) -> float:
-    """CPU time of a process and its ended children; NaN where there is no /proc. [s]"""
+    """CPU time of a process and its children; NaN where there is no /proc. [s]"""
     try:
-        fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (process.pid, *children)]
     except OSError:
         return np.nan
-    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+    ticks = sum(sum(map(int, stat.rpartition(")")[2].split()[11:15])) for stat in stats)
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def body_of(place: Place) -> bytes:
@@ -170,8 +172,13 @@ def ask(connection: http.client.HTTPConnection, body: bytes) -> int:
 
 
 def over_http() -> None:
-    for n_receivers, n_pings, clients in ((10, 500, 1), (10, 500, CLIENTS), (1000, 10, 1)):
-        with serving() as (process, port):
+    for n_receivers, n_pings, clients, workers in (
+        (10, 500, 1, 0),
+        (10, 500, CLIENTS, 0),
+        (10, 500, CLIENTS, 2),
+        (1000, 10, 1, 0),
+    ):
+        with serving("--workers", str(workers)) as (process, port):
             free = [http.client.HTTPConnection("127.0.0.1", port) for _ in range(clients)]
             pings = [(body_of(p), None) for p in places(n_pings, n_receivers)]
 
@@ -180,7 +187,7 @@ def over_http() -> None:
                 ask(connection, place[0])
                 free.append(connection)
 
-            what = f"HTTP, clients {clients}: 1 x {n_receivers:,} (CPU of the server)"
+            what = f"HTTP, clients {clients}, workers {workers}: 1 x {n_receivers:,} (CPU of the server)"
             together(what, ping, pings, lambda p=process: cpu_of(p), clients)
 
 

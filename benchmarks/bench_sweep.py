@@ -58,7 +58,7 @@ def noises(config, count):
     return Sweep(config, cross={"noise.range_sigma": [1.0 + 1e-4 * k for k in range(count)]})
 
 
-def start_for_nothing(work: pool.Work) -> pool.Work:
+def start_for_nothing(work: pool.TaskFunction) -> pool.TaskFunction:
     """A worker whose points take no time: the first one's summary stands for all."""
     solve, first = tasks._solve, {}
 

@@ -24,6 +24,9 @@ def main() -> None:
         from pymantaray.cli.main import main as run
 
         signal.signal(signal.SIGINT, before)
+    from pymantaray.installation import collect_garbage_rarely
+
+    collect_garbage_rarely()
     run()
 
 

@@ -434,7 +434,7 @@ def test_a_service_whose_workers_all_end_is_unavailable_and_not_the_request_wron
             raise WorkerEndedError("a worker process ended early, by SIGKILL; try fewer workers")
 
         with monkeypatch.context() as patch:
-            patch.setattr(service, "ping", lambda *_, **__: end(None))
+            patch.setattr(service, "call", lambda *_, **__: end(None))
             status, answer = ask(port, json.dumps(GOOD))
         assert status == 503
         assert answer["error"].endswith("try fewer workers; ask again")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -136,11 +136,7 @@ class Medium:
             raise AcousticsError(f"depth: {z.size} level; a medium needs at least 2")
         c = checked_array(AcousticsError, "sound_speed", sound_speed, (n.size, e.size, z.size))
         z, c = up_to_surface(z, c)
-        if c.min() < _SLOWEST or c.max() > _FASTEST:
-            raise AcousticsError(
-                f"sound_speed: {c.min():g} to {c.max():g} m/s; it must be {_SLOWEST:g} to {_FASTEST:g} m/s in sea water;"
-                " check the units"
-            )
+        _check_speed(c)
         if interpolation not in ("smooth", "linear"):
             raise AcousticsError(f"interpolation: {interpolation!r}; allowed are 'smooth' and 'linear'")
         from pymantaray.acoustics._kernels.field import LUT_SIZE, depth_lut
@@ -279,6 +275,53 @@ class Medium:
             earth=_sphere_of(ocean, earth),
         )
 
+    def plus(self, profiles: ArrayLike, fields: ArrayLike) -> Self:
+        """
+        Add products of profiles and horizontal fields to the sound speed.
+
+        Spline coefficients are linear in the sound speed, so only those of the profiles and fields are computed.
+
+        Parameters
+        ----------
+        profiles : array_like, shape (n, n_depth)
+            Values at the levels of this medium. [m/s]
+        fields : array_like, shape (n, n_north, n_east)
+            Factors at the grid points of this medium. [-]
+
+        Returns
+        -------
+        Medium
+            A medium with the same grid, sea bed and surface.
+
+        Raises
+        ------
+        AcousticsError
+            If a shape does not fit, or the sum is not finite or outside 1000 to 2500 m/s.
+        """
+        size = self.sound_speed.shape
+        down = checked_array(AcousticsError, "profiles", profiles, (None, size[2]))
+        across = checked_array(AcousticsError, "fields", fields, (len(down), *size[:2]))
+        speed = self.sound_speed + _product(down, across)
+        _check_speed(speed)
+        if self.earth is not None:
+            down = down * self.earth.stretch(self.depth)
+        if self.interpolation == "smooth":
+            from scipy.interpolate import CubicSpline
+
+            from pymantaray.ocean.local import spline_coefficients
+
+            levels = self.depth if self.earth is None else self.earth.flattened_depth(self.depth)
+            down = np.hstack([down, CubicSpline(levels, down, axis=1, bc_type="natural")(levels, 1)])
+            for k, axis in enumerate((self.north, self.east), start=1):
+                across, _ = spline_coefficients(axis, across, axis=k)
+        field = self.field + _product(down, across)
+        for array in (speed, field):
+            array.setflags(write=False)
+        uniform = bool((speed == speed[0, 0]).all())
+        return replace(
+            self, sound_speed=speed, field=field, uniform=uniform, layered=self.layered and uniform
+        )
+
     def straight_distance(self, source: ArrayLike, receiver: ArrayLike) -> Array:
         """
         Straight distance between positions: in the frame, or through the Earth if it is a sphere.
@@ -404,6 +447,20 @@ def _parts(count: int, size: int) -> list[slice]:
     """Slices of slabs with a size, so small that intermediate arrays need little memory."""
     step = max(_VALUES_PER_PART // size, 1)
     return [slice(start, start + step) for start in range(0, count, step)]
+
+
+def _product(profiles: Array, fields: Array) -> Array:
+    """Sum over modes of profiles (n, n_depth) times fields (n, n_north, n_east), at the grid points of a medium."""
+    return np.asarray(np.tensordot(fields, profiles, axes=(0, 0)))
+
+
+def _check_speed(speed: Array) -> None:
+    """Raise an error for sound speeds that sea water cannot have."""
+    if speed.min() < _SLOWEST or speed.max() > _FASTEST:
+        raise AcousticsError(
+            f"sound_speed: {speed.min():g} to {speed.max():g} m/s; it must be {_SLOWEST:g} to {_FASTEST:g} m/s in sea water;"
+            " check the units"
+        )
 
 
 def _axis(name: str, values: ArrayLike) -> Array:

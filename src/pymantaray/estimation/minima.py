@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from pymantaray.estimation.chordal_problem import ChordalProblem
 from pymantaray.estimation.graph import FactorGraph, GraphValues
@@ -81,7 +81,7 @@ def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) 
     freedom of one position.
     """
     best = lowest(outcomes)
-    limit = best.cost + 0.5 * chi2.ppf(_PLAUSIBLE, 2 if graph.planar else 3)
+    limit = best.cost + 0.5 * chdtri(2 if graph.planar else 3, 1.0 - _PLAUSIBLE)
     others = [o for o in outcomes if o.cost <= limit and not same_minimum(best, o)]
     return min(others, key=lambda o: o.cost) if others else None
 

@@ -22,7 +22,7 @@ from queue import SimpleQueue
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
 from pymantaray.errors import JobError
-from pymantaray.installation import peak_memory_mib
+from pymantaray.installation import collect_garbage_rarely, peak_memory_mib
 
 # numerical libraries read these variables at start; more threads than cores are slower
 _ONE_THREAD = (
@@ -155,6 +155,7 @@ def _answer(process: "subprocess.Popen[bytes]", message: object) -> tuple[object
 
 def serve() -> NoReturn:
     """Main loop of a process of `Workers`."""
+    collect_garbage_rarely()
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # printed text must not mix with the results
     logging.getLogger("pymantaray").setLevel(logging.ERROR)  # the parent has logged warnings already

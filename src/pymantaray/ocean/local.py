@@ -222,16 +222,16 @@ class TensorSpline:
     """
     Tensor-product spline through values on a rectangular grid, evaluated at fixed points inside the grid.
 
-    Degree 1 is bilinear. Degree 3 is the C2 cubic spline with not-a-knot ends. The weights of the points are computed once.
-    One sparse product then interpolates all levels of a field.
+    Degree 1 is bilinear. Degree 3 is the C2 cubic spline with not-a-knot ends. The weights of the points and the factors of
+    the axes are computed once. One sparse product then interpolates all levels of a field.
     """
 
     def __init__(
         self, rows: Array, columns: Array, at_rows: Array, at_columns: Array, *, degree: int = 3
     ) -> None:
-        self._axes, self._degree, self._shape = (rows, columns), degree, at_rows.shape
+        self._axes, self._shape = [AxisSpline(axis, degree) for axis in (rows, columns)], at_rows.shape
         places = np.stack([_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1).reshape(-1, 2)
-        knots = tuple(make_interp_spline(axis, axis, k=degree).t for axis in self._axes)
+        knots = tuple(axis.knots for axis in self._axes)
         weights = NdBSpline.design_matrix(places, knots, (degree, degree))
         self._weights = sp.csr_array(  # its last columns may be empty
             (weights.data, weights.indices, weights.indptr), shape=(len(places), rows.size * columns.size)
@@ -241,27 +241,39 @@ class TensorSpline:
         """Values (..., levels) at the points, from a field (levels, rows, columns) without NaN."""
         coefficients = field
         for k, axis in enumerate(self._axes, start=1):
-            coefficients, _ = spline_coefficients(axis, coefficients, axis=k, degree=self._degree)
+            coefficients = axis.coefficients(coefficients, axis=k)
         flat = coefficients.reshape(len(field), -1)
         return np.asarray(self._weights @ flat.T).reshape(*self._shape, len(field))
 
 
-def spline_coefficients(points: Array, values: Array, *, axis: int, degree: int = 3) -> tuple[Array, Array]:
+class AxisSpline:
     """
-    Coefficients and knots of the B-spline through values along one axis, with not-a-knot ends.
+    B-splines through values at the points of one axis, with not-a-knot ends.
 
     The degree is at most n - 1 for n points. With one point, the knots are 0 and 1, and the spline is constant. The solver is
     a sparse factorization, because LAPACK's banded solver waits for its own threads.
     """
-    if points.size == 1:
-        return values, np.array([0.0, 1.0])
-    degree = min(degree, points.size - 1)
-    knots = make_interp_spline(points, points, k=degree).t
-    solver = splu(BSpline.design_matrix(points, knots, degree).tocsc())
-    lines = np.moveaxis(values, axis, 0)
-    solved = solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1)))
-    coefficients = np.moveaxis(solved.reshape(lines.shape), 0, axis)
-    return np.ascontiguousarray(coefficients), np.ascontiguousarray(knots)
+
+    def __init__(self, points: Array, degree: int = 3) -> None:
+        self.knots, self._solver = np.array([0.0, 1.0]), None
+        if points.size > 1:
+            degree = min(degree, points.size - 1)
+            self.knots = np.ascontiguousarray(make_interp_spline(points, points, k=degree).t)
+            self._solver = splu(BSpline.design_matrix(points, self.knots, degree).tocsc())
+
+    def coefficients(self, values: Array, *, axis: int) -> Array:
+        """Coefficients of the splines through values along one axis."""
+        if self._solver is None:
+            return values
+        lines = np.moveaxis(values, axis, 0)
+        solved = self._solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1)))
+        return np.ascontiguousarray(np.moveaxis(solved.reshape(lines.shape), 0, axis))
+
+
+def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
+    """Coefficients and knots of the cubic B-spline through values along one axis, as in `AxisSpline`."""
+    spline = AxisSpline(points)
+    return spline.coefficients(values, axis=axis), spline.knots
 
 
 def _on_axis(axis: Array, points: Array) -> Array:

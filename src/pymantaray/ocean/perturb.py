@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import gsw
 import numpy as np
@@ -71,6 +72,51 @@ def perturb_ocean(
     Currents are unchanged and no longer balance the density. The same generator state gives errors in proportion to
     ``rms``. Water may become colder than its freezing point.
     """
+    error = draw_sound_speed_error(
+        ocean,
+        rms=rms,
+        horizontal_scale=horizontal_scale,
+        rng=rng,
+        modes=modes,
+        down_to=down_to,
+        equation=equation,
+    )
+    profiles = error.profiles(np.asarray(ocean["depth"].values, dtype=float))
+    change = np.einsum("kz,kyx->zyx", profiles, error.fields)
+    member = change_sound_speed(ocean, change, equation=equation)
+    layer = "the water column" if down_to is None else f"the upper {down_to:g} m"
+    return with_history(
+        member,
+        f"sound speed perturbed by {len(profiles)} vertical modes, expected {rms:g} m/s rms over {layer}, horizontal"
+        f" scale {horizontal_scale:g} m, by temperature ({equation}); no longer in balance with the currents",
+    )
+
+
+class SoundSpeedError(NamedTuple):
+    """Random error of sound speed: the sum over vertical modes of a profile times a horizontal field."""
+
+    modes: VerticalModes
+    scale: Array
+    """Standard deviation of the amplitude of each mode. [m/s]"""
+    fields: Array
+    """Amplitudes (n_modes, lat, lon) with variance 1."""
+
+    def profiles(self, depth: Array) -> Array:
+        """Profiles (n_modes, depth) of the modes at depths [m]. [m/s]"""
+        return self.scale[:, None] * self.modes.at(depth)
+
+
+def draw_sound_speed_error(
+    ocean: xr.Dataset,
+    *,
+    rms: float,
+    horizontal_scale: float,
+    rng: np.random.Generator,
+    modes: VerticalModes | int | None = None,
+    down_to: float | None = None,
+    equation: Equation = "teos-10",
+) -> SoundSpeedError:
+    """Draw the error of sound speed of `perturb_ocean`, with the same arguments."""
     validate_ocean(ocean)
     for name, value in (("rms", rms), ("horizontal_scale", horizontal_scale), ("down_to", down_to)):
         if value is not None and not value > 0.0:
@@ -78,17 +124,9 @@ def perturb_ocean(
     if not isinstance(modes, VerticalModes):
         modes = vertical_modes(ocean, n_modes=modes, equation=equation)
     lat, lon, depth = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon", "depth"))
-    shapes, variance = modes.at(depth), modes.variance
-    factor = rms / pooled_rms(ocean, variance @ shapes**2, down_to)
-    fields = random_fields(lat, lon, count=variance.size, scale=horizontal_scale, rng=rng)
-    error = factor * np.einsum("kz,kyx->zyx", np.sqrt(variance)[:, None] * shapes, fields)
-    member = change_sound_speed(ocean, error, equation=equation)
-    layer = "the water column" if down_to is None else f"the upper {down_to:g} m"
-    return with_history(
-        member,
-        f"sound speed perturbed by {variance.size} vertical modes, expected {rms:g} m/s rms over {layer}, horizontal"
-        f" scale {horizontal_scale:g} m, by temperature ({equation}); no longer in balance with the currents",
-    )
+    factor = rms / pooled_rms(ocean, modes.variance @ modes.at(depth) ** 2, down_to)
+    fields = random_fields(lat, lon, count=modes.variance.size, scale=horizontal_scale, rng=rng)
+    return SoundSpeedError(modes, factor * np.sqrt(modes.variance), fields)
 
 
 def mean_ocean(ocean: xr.Dataset) -> xr.Dataset:

@@ -165,6 +165,11 @@ def answer(service: RangingService, request: PingRequest) -> PingAnswer:
     )
 
 
+def answer_body(service: RangingService, body: bytes) -> bytes:
+    """Body of the answer to the body of a request; a malformed one is refused in one line."""
+    return answer(service, read_request(body)).model_dump_json().encode()
+
+
 _NUMBERS = ReceiverAnswer.model_fields.keys() - {"name", "status", "arrivals"}
 
 

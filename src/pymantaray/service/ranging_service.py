@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -26,6 +27,8 @@ from pymantaray.water import Source, Water, open_water
 from pymantaray.water.water import configuration_of
 
 Array = NDArray[np.float64]
+ArgumentT = TypeVar("ArgumentT")
+ResultT = TypeVar("ResultT")
 
 
 def _water(ocean: Source | Water, options: dict[str, Any]) -> Water:
@@ -109,9 +112,11 @@ class RangingService:
         with ExitStack() as running:
             if workers:
                 one_thread = replace(self.water, reception=self.water.reception._replace(threads=1))
-                start = partial(Pinger, one_thread, water_interval)
+                start = partial(_Worker, one_thread, water_interval)
                 self._workers = running.enter_context(Workers(start, workers))
-                first = [self._workers.submit(self._pinger.down_the_deepest()) for _ in range(workers)]
+                first = [
+                    self._workers.submit((_ping, self._pinger.down_the_deepest())) for _ in range(workers)
+                ]
                 for ping in first:  # one for each process, which builds what it needs with it
                     ping.result()
             self._running = running.pop_all()
@@ -190,19 +195,33 @@ class RangingService:
             ),
             velocities[0],
         )
-        if self._workers is None:
-            return self._pinger(participants)
-        return self._by_a_worker(participants, self._workers)
+        return self.call(_ping, participants)
 
-    @staticmethod
-    def _by_a_worker(participants: Participants, workers: Workers) -> Ping:
-        """Outcome of a ping; repeated once if a worker ends meanwhile, because another replaces it."""
-        answer: Ping
+    def call(self, function: Callable[[RangingService, ArgumentT], ResultT], argument: ArgumentT) -> ResultT:
+        """
+        Return ``function(service, argument)``, computed in a worker process if the service has some.
+
+        It is repeated once if a worker ends meanwhile, because another replaces it.
+
+        Parameters
+        ----------
+        function : callable
+            Function of a module, with this service or, in a worker, an equal one.
+        argument : object
+            Any object that can be pickled, as must be the result.
+
+        Returns
+        -------
+        object
+        """
+        if self._workers is None:
+            return function(self, argument)
+        result: ResultT
         try:
-            answer = workers.submit(participants).result()
+            result = self._workers.submit((function, argument)).result()
         except WorkerEndedError:
-            answer = workers.submit(participants).result()
-        return answer
+            result = self._workers.submit((function, argument)).result()
+        return result
 
     def _local(
         self, places: Array, velocity: ArrayLike | None, name: str, geographic: bool
@@ -212,6 +231,21 @@ class RangingService:
         if along.shape != places.shape:
             raise ServiceError(f"{name}: {len(along)} velocities for {len(places)} positions; each needs one")
         return self.water.to_local(places, along) if geographic else (places, along)
+
+
+def _ping(service: RangingService, participants: Participants) -> Ping:
+    return service._pinger(participants)
+
+
+class _Worker:
+    """Service of a worker process; a message is a function and its argument."""
+
+    def __init__(self, water: Water, water_interval: float) -> None:
+        self._service = RangingService(water, water_interval=water_interval)
+
+    def __call__(self, message: tuple[Callable[[RangingService, Any], Any], Any]) -> Any:
+        function, argument = message
+        return function(self._service, argument)
 
 
 def _rows(name: str, values: ArrayLike) -> Array:

@@ -15,7 +15,7 @@ import pymantaray
 from pymantaray.errors import MantaRayError, ServiceError
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.service.facts import facts as facts_of
-from pymantaray.service.messages import answer, error_body, read_request, schema
+from pymantaray.service.messages import answer_body, error_body, schema
 from pymantaray.service.ranging_service import RangingService
 
 MAX_BYTES = 4 * 2**20  # of a request's body
@@ -64,13 +64,13 @@ def application(
             line = f"the request has {length:,} bytes; {MAX_BYTES:,} are allowed: ask for fewer receivers at a time"
             return HTTPStatus.REQUEST_ENTITY_TOO_LARGE, error_body(line)
         try:
-            ping = answer(service, read_request(environ["wsgi.input"].read(length)))
+            body = service.call(answer_body, environ["wsgi.input"].read(length))
         except WorkerEndedError as error:
             _log.error("POST /ping: %s", error)
             return HTTPStatus.SERVICE_UNAVAILABLE, error_body(f"{error}; ask again")
         except MantaRayError as error:
             return HTTPStatus.BAD_REQUEST, error_body(str(error))
-        return HTTPStatus.OK, ping.model_dump_json().encode()
+        return HTTPStatus.OK, body
 
     def call(environ: Environment, begin: Begin) -> Iterable[bytes]:
         try:

@@ -30,19 +30,21 @@ from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean import (
     Cast,
     SoundSpeedCovariance,
+    VerticalModes,
     cast_ocean,
     column_ocean,
     holds_casts,
     mean_ocean,
     ocean_times,
     open_ocean,
-    perturb_ocean,
     pooled_rms,
     read_cast,
     read_casts,
     sea_floor_depth,
     vertical_modes,
 )
+from pymantaray.ocean.local import TensorSpline
+from pymantaray.ocean.perturb import draw_sound_speed_error
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window
 from pymantaray.sensing import ReceptionOptions
@@ -92,6 +94,7 @@ class Beliefs:
         self.config, self._run = run.config, run
         self._latest: dict[AnyBelief, tuple[int, Belief]] = {}
         self._over_time: dict[AnyBelief, OceanFields] = {}
+        self._modes: dict[int | None, VerticalModes] = {}
 
     def believed(self, section: AnyBelief, realization: int) -> Belief:
         """Ocean that an estimator assumes; if the true ocean varies in time, a snapshot at its start."""
@@ -101,7 +104,8 @@ class Beliefs:
         own_ice = isinstance(section, ExactBelief) and self.config.ocean.ice_draw == "each"
         member = realization if drawn or own_ice else -1
         if section not in self._latest or self._latest[section][0] != member:
-            self._latest[section] = member, self._make(section, realization)
+            belief = self._draw(section, realization) if drawn else self._make(section)
+            self._latest[section] = member, belief
         return self._latest[section][1]
 
     def varying(self, section: AnyBelief) -> OceanFields:
@@ -145,14 +149,66 @@ class Beliefs:
     ) -> tuple[Array, Array, Array]:
         """Levels, shapes and standard deviations of the modes of the ocean, or of casts in files."""
         ocean = self._true
-        columns = self._read_casts(casts) if casts else ocean
-        modes = vertical_modes(columns, equation=self.config.ocean.equation)
+        if casts:
+            modes = vertical_modes(self._read_casts(casts), equation=self.config.ocean.equation)
+        else:
+            modes = self._ocean_modes(None)
         depth = np.asarray(ocean["depth"].values, dtype=float)
         shapes = modes.at(depth)
         factor = 1.0 if rms is None else rms / pooled_rms(ocean, modes.variance @ shapes**2, down_to)
         return depth, shapes, factor * np.sqrt(modes.variance)
 
-    def _make(self, section: AnyBelief, realization: int) -> Belief:
+    def _ocean_modes(self, count: int | None) -> VerticalModes:
+        """Vertical modes of the ocean: a number of them, or those with 99.99 % of the variance."""
+        if count not in self._modes:
+            equation = self.config.ocean.equation
+            self._modes[count] = vertical_modes(self._true, n_modes=count, equation=equation)
+        return self._modes[count]
+
+    def _draw(self, section: AnyBelief, realization: int) -> Belief:
+        """Draw a random ocean: an ocean without random errors, and its errors of sound speed."""
+        if isinstance(section, PerturbedBelief):
+            base = self.believed(ExactBelief(kind="exact"), realization)
+            profiles, fields = self._perturbation(section, base.medium.depth, realization)
+        else:
+            assert isinstance(section, CastBelief)  # for the type checker; no other belief is random
+            without = section.model_copy(update={"bias_sigma": 0.0, "noise_sigma": 0.0})
+            base = self.believed(without, realization)
+            n_levels = base.local["depth"].size
+            error = self._instrument_error(section, n_levels, realization)
+            above = base.medium.depth.size - n_levels  # levels that the medium adds up to the surface
+            profiles = np.pad(error, (above, 0), mode="edge")[None]
+            fields = np.ones((1, *base.medium.sound_speed.shape[:2]))
+        medium = base.medium.plus(profiles, fields)
+        return replace(base, local=_with_speed_of(base.local, medium), medium=medium)
+
+    def _perturbation(self, section: PerturbedBelief, depth: Array, realization: int) -> tuple[Array, Array]:
+        """Profiles [m/s] at levels [m], and horizontal fields at the nodes of the local ocean, of a random error."""
+        config = self.config
+        try:
+            error = draw_sound_speed_error(
+                self._true,
+                rms=section.rms,
+                horizontal_scale=section.horizontal_scale,
+                down_to=section.down_to,
+                modes=self._ocean_modes(section.n_modes),
+                rng=stream(config.study.seed, realization, "belief", "perturbed"),
+                equation=config.ocean.equation,
+            )
+        except OceanError as problem:
+            raise OceanError(
+                f"belief perturbed by {section.rms:g} m/s, realization {realization}: {problem}"
+            ) from None
+        return error.profiles(depth), np.moveaxis(self._to_nodes(error.fields), -1, 0)
+
+    @cached_property
+    def _to_nodes(self) -> TensorSpline:
+        """Interpolation from the geographic ocean to the nodes of the local ocean."""
+        window = Window.of(self._true, self._centre)
+        north, east = (np.asarray(self._run.ocean[name].values, dtype=float) for name in ("north", "east"))
+        return TensorSpline(window.lat, window.lon, *window.geographic(north[:, None], east[None, :]))
+
+    def _make(self, section: AnyBelief) -> Belief:
         ocean, acoustics = self.config.ocean, self.config.acoustics
         local, interpolation = self._run.ocean, acoustics.interpolation
         if isinstance(section, ExactBelief):
@@ -169,10 +225,7 @@ class Beliefs:
             geographic = self._true.isel(depth=_every(self._true["depth"].size, section.every_level))
             local = self._local_by(equation, geographic)
         elif not isinstance(section, ExactBelief):
-            geographic = self._geographic_belief(section, realization)
-            local = self._local_by(ocean.equation, geographic)
-        if isinstance(section, CastBelief):
-            local = self._with_instrument_error(local, section, realization)
+            local = self._local_by(ocean.equation, self._geographic_belief(section))
         return Belief(
             local=local,
             medium=Medium.from_dataset(local, interpolation=interpolation, earth=acoustics.earth),
@@ -185,11 +238,11 @@ class Beliefs:
         section = self.config.ocean.model_copy(update={"equation": equation})
         return local_ocean(section, geographic, build_sea_floor(section, self._true))
 
-    def _with_instrument_error(self, local: xr.Dataset, section: CastBelief, realization: int) -> xr.Dataset:
-        """Local ocean with the bias of a cast, and its noise at each level."""
+    def _instrument_error(self, section: CastBelief, n_levels: int, realization: int) -> Array:
+        """Bias of a cast plus its noise at each level. [m/s]"""
         rng = stream(self.config.study.seed, realization, "belief", "cast")
-        bias, noise = rng.standard_normal(), rng.standard_normal(local["depth"].size)
-        return _offset(local, section.bias_sigma * bias + section.noise_sigma * noise)
+        bias, noise = rng.standard_normal(), rng.standard_normal(n_levels)
+        return np.asarray(section.bias_sigma * bias + section.noise_sigma * noise)
 
     def _from_files(self, section: FileBelief) -> xr.Dataset:
         """Local ocean of files or of a cast, over the part of the study's domain that they cover; it must contain the fleet."""
@@ -264,23 +317,8 @@ class Beliefs:
                 f" {far_north}, {far_east} and {deep} m; give a larger ocean"
             )
 
-    def _geographic_belief(self, section: AnyBelief, realization: int) -> xr.Dataset:
+    def _geographic_belief(self, section: AnyBelief) -> xr.Dataset:
         true, config = self._true, self.config
-        if isinstance(section, PerturbedBelief):
-            try:
-                return perturb_ocean(
-                    true,
-                    rms=section.rms,
-                    horizontal_scale=section.horizontal_scale,
-                    down_to=section.down_to,
-                    modes=section.n_modes,
-                    rng=stream(config.study.seed, realization, "belief", "perturbed"),
-                    equation=config.ocean.equation,
-                )
-            except OceanError as error:
-                raise OceanError(
-                    f"belief perturbed by {section.rms:g} m/s, realization {realization}: {error}"
-                ) from None
         if isinstance(section, MeanBelief):
             return mean_ocean(true)
         if isinstance(section, CastBelief):
@@ -321,6 +359,14 @@ def _offset(local: xr.Dataset, by_level: Array) -> xr.Dataset:
     """Local ocean with an error of sound speed at each level. [m/s]"""
     speed = local["sound_speed"]
     return local.assign(sound_speed=(speed + xr.DataArray(by_level, dims="depth")).assign_attrs(speed.attrs))
+
+
+def _with_speed_of(local: xr.Dataset, medium: Medium) -> xr.Dataset:
+    """Local ocean with the sound speed of a medium on its grid, which may have more levels above."""
+    speed = local["sound_speed"]
+    values = medium.sound_speed[..., -local["depth"].size :]
+    changed = xr.DataArray(values, dims=("north", "east", "depth")).transpose(*speed.dims)
+    return local.assign(sound_speed=speed.copy(data=changed.values))
 
 
 def _every(size: int, step: int) -> NDArray[np.intp]:
