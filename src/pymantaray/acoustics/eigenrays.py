@@ -34,8 +34,8 @@ Device = Literal["cpu", "cuda"]
 T = TypeVar("T")
 MAX_ARRIVALS = 64  # stored per link
 _LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
-_MAX_BLOCK_ROWS = 64  # rows of a block, at most
-_BLOCK_SECONDS = 0.02  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
+_MAX_BLOCK_ROWS = 512  # rows of a block, at most
+_BLOCK_SECONDS = 0.05  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
 
 
@@ -281,7 +281,7 @@ def in_blocks(
 ) -> Generator[T, None, None]:
     """Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
 
-    A block has at most 64 rows and takes about 0.02 s, as estimated from recent blocks. The first block is one row, so kernels
+    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first block is one row, so kernels
     are compiled once before the threads start. Without rows there is one empty block. The result of a row must not depend on the
     block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
     """
