@@ -232,20 +232,20 @@ def _solve_on_processor(
     threads: int | None = None,
 ) -> Generator[Results, None, None]:
     """Solve links in threads, block by block; memory does not grow with the number of blocks."""
-    from pymantaray.acoustics._kernels.layout import workspace
+    from pymantaray.acoustics._kernels.layout import solver_room
     from pymantaray.acoustics._kernels.link import solve_links
 
     own = threading.local()  # new arrays for each block would cause page faults
 
     def solve(start: int, stop: int) -> Results:
         if not hasattr(own, "room"):
-            own.room, own.work = _empty_results(_MAX_BLOCK_ROWS), workspace(domain.depth.size)
-        room, n = own.room, stop - start
-        part = type(room)(*(x[:n] for x in room))
+            own.results, own.room = _empty_results(_MAX_BLOCK_ROWS), solver_room(domain.depth.size)
+        results, n = own.results, stop - start
+        part = type(results)(*(x[:n] for x in results))
         if n:  # no compilation without a link
             ends = source[start:stop], receiver[start:stop]
-            solve_links(domain, bounces, settings, *ends, (0, 1), own.work, part)
-        return _compact(room, n)
+            solve_links(domain, bounces, settings, *ends, (0, 1), own.room, part)
+        return _compact(results, n)
 
     return in_blocks(solve, len(source), threads=threads)
 

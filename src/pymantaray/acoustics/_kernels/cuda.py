@@ -20,6 +20,7 @@ from pymantaray.acoustics._kernels.layout import (
     N_STATE,
     Domain,
     Results,
+    Room,
     Settings,
     Work,
     least_shapes,
@@ -61,9 +62,10 @@ def _solve_wave(domain, bounces, settings, source, receiver, work, results):
         work.kinds[t],
         work.brackets[t],
         work.rows[t],
-        None,
     )
-    solve_links(domain, bounces, settings, source, receiver, (t, work.path.shape[0]), own, results)
+    solve_links(
+        domain, bounces, settings, source, receiver, (t, work.path.shape[0]), Room(own, None), results
+    )
 
 
 solve_wave = cached_on_disk(cuda.jit, _solve_wave)

@@ -49,7 +49,6 @@ def own_work(work, flights, k, columns):
         flights.kinds[k],
         flights.brackets[k],
         work.rows,
-        flights,
     )
 
 

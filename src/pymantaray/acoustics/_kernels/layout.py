@@ -194,17 +194,19 @@ _ANGLES = 768  # nodes of a first fan without those of the levels: twice the wid
 
 Work = namedtuple(
     "Work",
-    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes nodes rays stack halves kinds brackets rows flights",
+    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes nodes rays stack halves kinds brackets rows",
 )
 Work.__doc__ = """
 Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
 
-rays contains two rows for each interval that waits for rays, and then the fan. flights contains the workspaces of the links whose rays are
-traced together; it is None on CUDA and in plain Python, where rays are traced one after another.
+rays contains two rows for each interval that waits for rays, and then the fan.
 """
 
 Flights = namedtuple("Flights", "links lanes wall_breaks nodes rays stack halves kinds brackets")
 Flights.__doc__ = """Links whose rays are traced together: a row (N_FLIGHT) of each, the rows of `march`, and arrays of `Work`, one of each link."""
+
+Room = namedtuple("Room", "work flights")
+Room.__doc__ = """Workspaces of `link.solve_links`; flights is None on CUDA and in plain Python, where rays are traced one after another."""
 
 
 def shapes(
@@ -239,7 +241,6 @@ def shapes(
         kinds=(halved,),
         brackets=(MAX_ROOTS, 2, N_BRACKET),
         rows=(MAX_ROOTS, N_ARRIVAL),
-        flights=(1,),  # a placeholder
     )
 
 
@@ -263,6 +264,11 @@ def least_shapes(domain: Any, longest: float) -> Work:
 
 def workspace(n_depth: int) -> Work:
     """Workspaces of one thread for any link."""
-    own = shapes(n_depth)
-    flights = None if PLAIN else Flights(*(np.empty(shape) for shape in flight_shapes(own)))
-    return Work(*(np.empty(shape) for shape in own[:-1]), flights)
+    return Work(*(np.empty(shape) for shape in shapes(n_depth)))
+
+
+def solver_room(n_depth: int) -> Room:
+    """Workspaces of one thread that solves any links."""
+    work = workspace(n_depth)
+    arrays = flight_shapes(shapes(n_depth))
+    return Room(work, None if PLAIN else Flights(*(np.empty(shape) for shape in arrays)))

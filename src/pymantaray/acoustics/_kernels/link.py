@@ -543,11 +543,11 @@ def _ends(settings, ends, i):
 
 
 @entry
-def solve_links(domain, bounces, settings, source, receiver, share, work, results):
+def solve_links(domain, bounces, settings, source, receiver, share, room, results):
     """
     Solve the links first, first + every, ... of share (first, every); the results contain the first arrivals that have room.
 
     With bounces None, only direct rays. With settings.canonical, the solver starts from the deeper end of each link (ties: north, east)
     and reverses the results.
     """
-    _solve(domain, bounces, settings, (source, receiver), share, work, work.flights, results)
+    _solve(domain, bounces, settings, (source, receiver), share, room.work, room.flights, results)
