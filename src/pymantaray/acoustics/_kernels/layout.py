@@ -182,7 +182,7 @@ Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the sta
 path (n, N_PATH) receives every accepted step of a full ray if it has rows.
 """
 
-N_LANES = 57  # rows of eight numbers, see `march`
+N_LANES = 57  # rows of sixteen numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096
@@ -247,7 +247,7 @@ def shapes(
 def flight_shapes(own: Work, count: int = MAX_FLIGHTS) -> Flights:
     """Shapes of the workspaces of links whose rays are traced together, from those of one link."""
     arrays = {name: (count, *getattr(own, name)) for name in Flights._fields[2:]}
-    return Flights(links=(count, N_FLIGHT), lanes=(N_LANES, 8), **arrays)
+    return Flights(links=(count, N_FLIGHT), lanes=(N_LANES, 16), **arrays)
 
 
 def least_shapes(domain: Any, longest: float) -> Work:

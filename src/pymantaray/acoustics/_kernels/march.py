@@ -1,7 +1,7 @@
 """
-Integration of eight direct rays at a time through SMOOTH sections, each with its own steps: a queue of the rays of several links.
+Integration of sixteen direct rays at a time through SMOOTH sections, each with its own steps: a queue of the rays of several links.
 
-Equations, formula and error control are those of `step` and `trace`. The eight rays share only the processor's instructions, so a ray does
+Equations, formula and error control are those of `step` and `trace`. The sixteen rays share only the processor's instructions, so a ray does
 not depend on the others. When a ray reaches the end, the next ray takes its lane. `trace` traces rays that fail here.
 """
 
@@ -73,7 +73,7 @@ def needs_more(miss, tol, growth, expected):
 
 @inlined
 def _level(s, z):
-    """Layers of eight rays, and their depths in the layers; as `field.find_level`."""
+    """Layers of sixteen rays, and their depths in the layers; as `field.find_level`."""
     i = floor((z - s.depth[0]) * s.lut_scale)
     k, top, below, after = gather(s.lut, 4.0 * choose(i < LUT_SIZE - 1.0, i, LUT_SIZE - 1.0))
     deeper = below < z
@@ -88,7 +88,7 @@ def _level(s, z):
 
 @inlined
 def _derivative(s, data, rows, slopes, pos, state):
-    """Write the right-hand side of eight rays to the rows from slopes; return (h c)^2 minus its lower limit."""
+    """Write the right-hand side of sixteen rays to the rows from slopes; return (h c)^2 minus its lower limit."""
     w, p, xi, eta = state
     last = s.depth.size - 1
     top, low = s.depth[0], s.depth[last]
@@ -173,7 +173,7 @@ def _step(s, data, rows, pos, h, state):
 
 @inlined
 def _to_level(s, z, down):
-    """Length of the step of eight rays to just beyond the next level; as `trace._to_level`, but a level at the ray counts as one layer away."""
+    """Length of the step of sixteen rays to just beyond the next level; as `trace._to_level`, but a level at the ray counts as one layer away."""
     last = s.depth.size - 1
     inside = choose(z < s.depth[0], s.depth[0], z)
     inside = choose(inside < s.depth[last], inside, s.depth[last])
@@ -320,7 +320,7 @@ def _exit(rows, above, state, top):
 
 @inlined
 def _note_extremes(rows, state):
-    """Update the smallest and the largest offset of eight rays on their paths, with the derivatives there."""
+    """Update the smallest and the largest offset of sixteen rays on their paths, with the derivatives there."""
     w, _, xi, _ = state
     top, low = load(rows, _TOP), load(rows, _LOW)
     store(rows, _TOP_RATE, choose(w < top, xi, load(rows, _TOP_RATE)))
@@ -331,7 +331,7 @@ def _note_extremes(rows, state):
 
 @inlined
 def _loaded(rows):
-    """State, position, step and other data of eight rays."""
+    """State, position, step and other data of sixteen rays."""
     state = load(rows, at.W), load(rows, at.P), load(rows, at.XI), load(rows, at.ETA)
     return state, load(rows, _POS), load(rows, _LENGTH), load(rows, _GONE), load(rows, _GROWN)
 
