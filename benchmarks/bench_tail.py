@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.acoustics import Medium
-from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, RAYS, Results, Settings, workspace
+from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, RAYS, Results, Settings, solver_room
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics.eigenrays import MAX_ARRIVALS
 from pymantaray.ocean import open_ocean, read_cast, to_local
@@ -40,7 +40,7 @@ class Cost(NamedTuple):
 
 def solve_each(medium: Medium, ends: Ends, surface_bounces: int = 0, *, canonical: bool = True) -> Cost:
     """Solve links one by one, canonical from their deeper ends, else from the first ones."""
-    domain, work = medium.domain(), workspace(medium.depth.size)
+    domain, room = medium.domain(), solver_room(medium.depth.size)
     bounces = (surface_bounces, 0) if surface_bounces else None
     settings = Settings(15.0, 1e-3, canonical)
     n = len(ends[0])
@@ -51,7 +51,7 @@ def solve_each(medium: Medium, ends: Ends, surface_bounces: int = 0, *, canonica
         one = slice(i, i + 1)
         start = time.thread_time_ns()
         results = Results(rows, counts[one], status[one], info[one])
-        solve_links(domain, bounces, settings, ends[0][one], ends[1][one], (0, 1), work, results)
+        solve_links(domain, bounces, settings, ends[0][one], ends[1][one], (0, 1), room, results)
         seconds[i] = 1e-9 * (time.thread_time_ns() - start)
     return Cost(seconds, info[:, RAYS], status, counts)
 

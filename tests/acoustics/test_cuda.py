@@ -120,9 +120,12 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
     from pymantaray.acoustics._kernels.layout import (
         N_ARRIVAL,
         N_INFO,
+        Flights,
         Results,
+        Room,
         Settings,
         Work,
+        flight_shapes,
         least_shapes,
         shapes,
     )  # fmt: skip
@@ -136,14 +139,16 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
         results = []
         # of two brackets of one ray the first counts: their order goes with the number of intervals halved at a time
         for sizes in (shapes(Z.size, halved=1), least_shapes(domain, longest)):
-            blocks = [np.full(np.prod(size, dtype=int) + 2 * guard, dirt) for size in sizes]
-            work = Work(*(b[guard:-guard].reshape(size) for b, size in zip(blocks, sizes, strict=True)))
+            both = (*sizes, *flight_shapes(sizes, 2))
+            blocks = [np.full(np.prod(size, dtype=int) + 2 * guard, dirt) for size in both]
+            arrays = [b[guard:-guard].reshape(size) for b, size in zip(blocks, both, strict=True)]
+            room = Room(Work(*arrays[: len(sizes)]), Flights(*arrays[len(sizes) :]))
             counts, status = np.zeros(4, dtype=np.int64), np.zeros(4, dtype=np.int8)
             out = Results(np.zeros((4, 64, N_ARRIVAL)), counts, status, np.empty((4, N_INFO)))
             for first in (1, 0):
                 ends, share = (SOURCE[some], RECEIVER[some]), (first, 2)
-                solve_links(domain, (1, 1), Settings(15.0, 1e-3, True), *ends, share, work, out)
-            for name, block in zip(Work._fields, blocks, strict=True):
+                solve_links(domain, (1, 1), Settings(15.0, 1e-3, True), *ends, share, room, out)
+            for name, block in zip((*Work._fields, *Flights._fields), blocks, strict=True):
                 edges = np.concatenate([block[:guard], block[-guard:]])
                 assert np.array_equal(edges, np.full(2 * guard, dirt), equal_nan=True), name
             results.append(out)

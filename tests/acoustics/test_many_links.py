@@ -58,7 +58,7 @@ def test_blocks_hold_every_row_once_and_in_order(n, threads, each):
     runs = list(in_blocks(lambda start, stop: time.sleep(each) or range(start, stop), n, threads=threads))
     assert [i for run in runs for i in run] == list(range(n))
     assert len(runs[0]) == min(n, 1)
-    assert max(len(run) for run in runs) <= 64
+    assert max(len(run) for run in runs) <= 512
 
 
 @pytest.fixture

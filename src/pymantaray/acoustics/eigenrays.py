@@ -34,8 +34,8 @@ Device = Literal["cpu", "cuda"]
 T = TypeVar("T")
 MAX_ARRIVALS = 64  # stored per link
 _LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
-_MAX_BLOCK_ROWS = 64  # rows of a block, at most
-_BLOCK_SECONDS = 0.02  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
+_MAX_BLOCK_ROWS = 512  # rows of a block, at most
+_BLOCK_SECONDS = 0.05  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
 
 
@@ -232,20 +232,20 @@ def _solve_on_processor(
     threads: int | None = None,
 ) -> Generator[Results, None, None]:
     """Solve links in threads, block by block; memory does not grow with the number of blocks."""
-    from pymantaray.acoustics._kernels.layout import workspace
+    from pymantaray.acoustics._kernels.layout import solver_room
     from pymantaray.acoustics._kernels.link import solve_links
 
     own = threading.local()  # new arrays for each block would cause page faults
 
     def solve(start: int, stop: int) -> Results:
         if not hasattr(own, "room"):
-            own.room, own.work = _empty_results(_MAX_BLOCK_ROWS), workspace(domain.depth.size)
-        room, n = own.room, stop - start
-        part = type(room)(*(x[:n] for x in room))
+            own.results, own.room = _empty_results(_MAX_BLOCK_ROWS), solver_room(domain.depth.size)
+        results, n = own.results, stop - start
+        part = type(results)(*(x[:n] for x in results))
         if n:  # no compilation without a link
             ends = source[start:stop], receiver[start:stop]
-            solve_links(domain, bounces, settings, *ends, (0, 1), own.work, part)
-        return _compact(room, n)
+            solve_links(domain, bounces, settings, *ends, (0, 1), own.room, part)
+        return _compact(results, n)
 
     return in_blocks(solve, len(source), threads=threads)
 
@@ -281,7 +281,7 @@ def in_blocks(
 ) -> Generator[T, None, None]:
     """Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
 
-    A block has at most 64 rows and takes about 0.02 s, as estimated from recent blocks. The first block is one row, so kernels
+    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first block is one row, so kernels
     are compiled once before the threads start. Without rows there is one empty block. The result of a row must not depend on the
     block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
     """

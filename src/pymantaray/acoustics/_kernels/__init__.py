@@ -3,12 +3,12 @@ Compiled ray tracing: only Numba, no allocation in the inner loops, workspaces a
 
 Each module uses the modules before it in this list. `layout` names all columns and tuples (`at.NAME`). `field` computes the sound
 speed in a vertical section along a link, a `FieldSection`. `step` contains the ray equations and one integration step. `boundary`
-contains sea bed and surface: intersections with rays, and reflections. `lanes` is arithmetic on eight numbers at once. Three tracers
-solve the same equations: `arcs` in closed form through layers of constant gradient; `march` for eight direct rays of a fan at a time,
-through smooth sound speed; `trace` for any ray, including those that the other two cannot trace. `search` launches a fan and
+contains sea bed and surface: intersections with rays, and reflections. `lanes` is arithmetic on sixteen numbers at once. Three tracers
+solve the same equations: `arcs` in closed form through layers of constant gradient; `march` for sixteen direct rays of any
+links at a time, through smooth sound speed; `trace` for any ray, including those that the other two cannot trace. `search` launches a fan and
 brackets the zeros of the miss; `refine` finds a zero by Newton's method and fills the row of an arrival; `cells` does the same for
-reflected rays over a gridded bed, for given cells; `search_reflected` searches both fans of reflected rays. `link` solves one link,
-`paths` traces an eigenray again to record its path, and `cuda` solves links on a device.
+reflected rays over a gridded bed, for given cells; `search_reflected` searches both fans of reflected rays. `flights` contains the links whose rays
+`march` traces together. `link` solves links, `paths` traces an eigenray again to record its path, and `cuda` solves links on a device.
 
 XI, the derivative of a ray's offset by its launch angle, changes its sign at every reflection. A zero anywhere else is a caustic.
 

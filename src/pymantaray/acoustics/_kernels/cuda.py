@@ -20,6 +20,7 @@ from pymantaray.acoustics._kernels.layout import (
     N_STATE,
     Domain,
     Results,
+    Room,
     Settings,
     Work,
     least_shapes,
@@ -53,17 +54,18 @@ def _solve_wave(domain, bounces, settings, source, receiver, work, results):
         work.acc[t],
         work.store[t],
         work.cuts[t],
-        work.nodes[t],
-        work.fan[t],
         work.extremes[t],
+        work.nodes[t],
+        work.rays[t],
         work.stack[t],
         work.halves[t],
-        work.middles[t],
+        work.kinds[t],
         work.brackets[t],
         work.rows[t],
-        None,
     )
-    solve_links(domain, bounces, settings, source, receiver, (t, work.path.shape[0]), own, results)
+    solve_links(
+        domain, bounces, settings, source, receiver, (t, work.path.shape[0]), Room(own, None), results
+    )
 
 
 solve_wave = cached_on_disk(cuda.jit, _solve_wave)

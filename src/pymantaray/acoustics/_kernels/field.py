@@ -269,14 +269,22 @@ def _cut_linear(domain, line, breaks, n_cells, data):
             data[b, k, 5] = 2.0 * f11 * bn * be
 
 
+@kernel
+def column_count(domain, horizontal, most):
+    """Number of columns of the section of a link with a horizontal distance; for LINEAR, as many as there are."""
+    if domain.kind == at.LINEAR:
+        return most
+    if domain.uniform:
+        return 2
+    return min(max(int(math.ceil(horizontal / domain.column_step)) + 1, 2), most)
+
+
 @shared
 def cut_section(domain, line, horizontal, work):
     """Compute the section of the medium along a baseline into work.store."""
     store, breaks, levels = work.store, work.breaks, (domain.depth, domain.lut, domain.lut_scale)
     if domain.kind == at.SMOOTH:
-        count = 2
-        if not domain.uniform:
-            count = min(max(int(math.ceil(horizontal / domain.column_step)) + 1, 2), store.shape[0])
+        count = column_count(domain, horizontal, store.shape[0])
         # columns at both ends; beyond them, rays of short and steep links use the polynomial of the first cell
         step = max(horizontal / (count - 1), _LEAST_STEP)
         _cut_smooth(domain, line, step, count, work)

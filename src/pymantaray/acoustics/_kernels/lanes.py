@@ -1,5 +1,5 @@
 """
-Arithmetic on eight numbers in a vector register of the processor (`Lanes`), for eight rays at a time.
+Arithmetic on sixteen numbers in vector registers of the processor (`Lanes`), for sixteen rays at a time.
 
 Comparisons return a mask for `choose` and `any_lane`. A product and a sum may be combined with a single rounding. There is no plain
 Python version.
@@ -15,17 +15,17 @@ from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, models, register_model
 
-WIDTH = 8
+WIDTH = 16  # two vectors of the widest processors: while one waits for a result, the other proceeds
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _QUAD = ir.VectorType(ir.DoubleType(), 4)
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """Numba type of eight numbers in a vector register; the name identifies it in kernels on disk."""
+    """Numba type of sixteen numbers in vector registers; the name identifies it in kernels on disk."""
 
 
 class Mask(types.Type):  # type: ignore[misc]
-    """Numba type of eight logical values."""
+    """Numba type of sixteen logical values."""
 
 
 def _kind(kind, element):
@@ -42,7 +42,7 @@ LANES, MASK = _kind(Lanes, ir.DoubleType()), _kind(Mask, ir.IntType(1))
 
 
 def _splat(builder, value):
-    """Vector with eight equal numbers."""
+    """Vector with sixteen equal numbers."""
     if isinstance(value.type, ir.VectorType):
         return value
     empty = ir.Constant(_VECTOR, ir.Undefined)
@@ -75,7 +75,7 @@ _define(operator.and_, MASK, lambda builder, a, b: builder.and_(a, b), ((MASK, M
 
 
 def _unary(name):
-    """LLVM intrinsic for eight numbers."""
+    """LLVM intrinsic for sixteen numbers."""
 
     @intrinsic
     def function(_context, _x):
@@ -122,7 +122,7 @@ def _pointer(context, builder, kind, array, index):
 
 @intrinsic
 def load(_context, rows, _i):
-    """Load a row of an array (n, 8)."""
+    """Load a row of an array (n, 16)."""
 
     def generate(context, builder, signature, args):
         at = builder.mul(args[1], args[1].type(WIDTH))
@@ -134,7 +134,7 @@ def load(_context, rows, _i):
 
 @intrinsic
 def store(_context, rows, _i, value):
-    """Store eight numbers in a row of an array (n, 8)."""
+    """Store sixteen numbers in a row of an array (n, 16)."""
 
     def generate(context, builder, signature, args):
         at = builder.mul(args[1], args[1].type(WIDTH))
@@ -151,8 +151,15 @@ def _shuffled(builder, a, b, order):
 
 
 def _transposed(context, builder, quads):
+    """Transpose sixteen vectors of four numbers to four vectors of sixteen."""
+    halves = [_transposed_half(builder, quads[i : i + 8]) for i in (0, 8)]
+    columns = [_shuffled(builder, a, b, range(WIDTH)) for a, b in zip(*halves, strict=True)]
+    return context.make_tuple(builder, types.UniTuple(LANES, 4), columns)
+
+
+def _transposed_half(builder, quads):
     """Transpose eight vectors of four numbers to four vectors of eight."""
-    pairs = [_shuffled(builder, quads[i], quads[i + 1], (0, 4, 1, 5, 2, 6, 3, 7)) for i in range(0, WIDTH, 2)]
+    pairs = [_shuffled(builder, quads[i], quads[i + 1], (0, 4, 1, 5, 2, 6, 3, 7)) for i in range(0, 8, 2)]
     low, high = (0, 1, 8, 9, 2, 3, 10, 11), (4, 5, 12, 13, 6, 7, 14, 15)
     columns = []
     for half in (low, high):
@@ -160,11 +167,11 @@ def _transposed(context, builder, quads):
         columns += [
             _shuffled(builder, left, right, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4)
         ]
-    return context.make_tuple(builder, types.UniTuple(LANES, 4), columns)
+    return columns
 
 
 def _indices(builder, lanes):
-    """Integer parts of eight non-negative numbers, as eight integers."""
+    """Integer parts of sixteen non-negative numbers, as sixteen integers."""
     long, short = ir.IntType(64), ir.IntType(32)
     whole = builder.fptosi(lanes, ir.VectorType(long, WIDTH))
     return [builder.extract_element(whole, short(i)) for i in range(WIDTH)]
@@ -193,7 +200,7 @@ def _quad(context, builder, kind, array, index):
 
 @intrinsic
 def gather(_context, data, place):
-    """Load four successive numbers from each of eight positions in data."""
+    """Load four successive numbers from each of sixteen positions in data."""
 
     def generate(context, builder, signature, args):
         kind = signature.args[0]

@@ -40,6 +40,17 @@ INTERVAL = DEFECT
 N_RAY = 17
 N_BRACKET = 7  # number of these columns, from the first, that an end of a bracket has
 
+# A link in the queue of `march`: its number (negative: none), columns of its section, their distance [m], first number of the section
+# in the store, number of breaks of its boundaries, derivative of c_ref / c by depth at the source [1/m], 1 if steps end at the levels,
+# first, next and last + 1 of the rows of rays to be traced, and number of these rays that are not finished; then its `Baseline`, `Link`
+# and `Progress`.
+FLIGHT_LINK, FLIGHT_COLUMNS, FLIGHT_STEP, FLIGHT_STORE, FLIGHT_BREAKS, FLIGHT_GRADIENT, FLIGHT_LEVELS = range(
+    7
+)
+FLIGHT_FIRST, FLIGHT_NEXT, FLIGHT_LAST, FLIGHT_PENDING = range(7, 11)
+FLIGHT_LINE, FLIGHT_ENDS, FLIGHT_PROGRESS = 11, 15, 23
+N_FLIGHT = 31
+
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
 # both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis of integration, and caustics.
 TRAVEL_TIME, LAUNCH_ANGLE, ARRIVAL_ANGLE, SPREADING_DB, TURNING_POINTS = range(5)
@@ -146,6 +157,12 @@ ArcRates.__doc__ = """Derivatives of sine, cosine and range by the launch angle 
 Snell = namedtuple("Snell", "a da sine_squared c_ref")
 Snell.__doc__ = """Constants of a ray through layers: a = cos / c and its derivative by the launch angle; squared sine and c at the source."""
 
+Progress = namedtuple("Progress", "asked top left right brackets margin rays complete")
+Progress.__doc__ = """
+Progress of a search: intervals that wait for rays, intervals on the stack, first and last interval of the fan that is not yet judged,
+number of brackets, smallest miss, number of rays, and 1 if the limits were sufficient. All are floats.
+"""
+
 Link = namedtuple("Link", "z0 z1 c0 c1 horizontal length unit_north unit_east")
 Link.__doc__ = """Ends of a link: depths, sound speeds, distances and direction."""
 
@@ -165,24 +182,31 @@ Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the sta
 path (n, N_PATH) receives every accepted step of a full ray if it has rows.
 """
 
-N_LANES = 47  # rows of eight numbers, see `march`
+N_LANES = 57  # rows of sixteen numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
-MAX_HALVED = 8  # intervals halved at a time
+MAX_HALVED = 8  # intervals of a link that wait for rays at a time
+MAX_FLIGHTS = 24  # links whose rays are traced together
 MAX_CANDIDATES = 96
 _ANGLES = 768  # nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
 
 Work = namedtuple(
     "Work",
-    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts nodes fan extremes stack halves middles brackets rows lanes",
+    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes nodes rays stack halves kinds brackets rows",
 )
 Work.__doc__ = """
 Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
 
-lanes is None on CUDA and in plain Python; the rays of a fan are then traced one after another.
+rays contains two rows for each interval that waits for rays, and then the fan.
 """
+
+Flights = namedtuple("Flights", "links lanes wall_breaks nodes rays stack halves kinds brackets")
+Flights.__doc__ = """Links whose rays are traced together: a row (N_FLIGHT) of each, the rows of `march`, and arrays of `Work`, one of each link."""
+
+Room = namedtuple("Room", "work flights")
+Room.__doc__ = """Workspaces of `link.solve_links`; flights is None on CUDA and in plain Python, where rays are traced one after another."""
 
 
 def shapes(
@@ -209,16 +233,21 @@ def shapes(
         acc=(4, 2 * n_depth),
         store=(columns, n_depth, 16),
         cuts=(n_depth + columns + 4,),
-        nodes=(nodes,),
-        fan=(nodes, N_RAY),
         extremes=(2, n_depth),
+        nodes=(nodes,),
+        rays=(2 * halved + nodes, N_RAY),
         stack=(20 + 16 * halved, 2, N_RAY),
         halves=(halved, 2, N_RAY),
-        middles=(halved, N_RAY),
+        kinds=(halved,),
         brackets=(MAX_ROOTS, 2, N_BRACKET),
         rows=(MAX_ROOTS, N_ARRIVAL),
-        lanes=(N_LANES, 8),
     )
+
+
+def flight_shapes(own: Work, count: int = MAX_FLIGHTS) -> Flights:
+    """Shapes of the workspaces of links whose rays are traced together, from those of one link."""
+    arrays = {name: (count, *getattr(own, name)) for name in Flights._fields[2:]}
+    return Flights(links=(count, N_FLIGHT), lanes=(N_LANES, 16), **arrays)
 
 
 def least_shapes(domain: Any, longest: float) -> Work:
@@ -235,5 +264,11 @@ def least_shapes(domain: Any, longest: float) -> Work:
 
 def workspace(n_depth: int) -> Work:
     """Workspaces of one thread for any link."""
-    work = Work(*(np.empty(shape) for shape in shapes(n_depth)))
-    return work._replace(lanes=None) if PLAIN else work
+    return Work(*(np.empty(shape) for shape in shapes(n_depth)))
+
+
+def solver_room(n_depth: int) -> Room:
+    """Workspaces of one thread that solves any links."""
+    work = workspace(n_depth)
+    arrays = flight_shapes(shapes(n_depth))
+    return Room(work, None if PLAIN else Flights(*(np.empty(shape) for shape in arrays)))

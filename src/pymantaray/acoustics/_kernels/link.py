@@ -1,4 +1,4 @@
-"""Solver of one link: compute the section, search, refine, and check that the rays stay in the water."""
+"""Solver of links: compute the section, search, refine, and check that the rays stay in the water."""
 
 import math
 
@@ -13,7 +13,16 @@ from pymantaray.acoustics._kernels.field import (
     sort_breaks,
     sort_head,
 )
+from pymantaray.acoustics._kernels.flights import (
+    own_work,
+    progress_of,
+    put_flight,
+    put_progress,
+    section_of,
+    share_store,
+)
 from pymantaray.acoustics._kernels.layout import Accuracy, Baseline, Link, Walls
+from pymantaray.acoustics._kernels.march import march
 from pymantaray.acoustics._kernels.refine import (
     RESOLUTION,
     Launch,
@@ -29,18 +38,21 @@ from pymantaray.acoustics._kernels.search import (
     BEYOND,
     STEEP,
     Search,
+    advance,
     copy_ray,
     fan_nodes,
     find_brackets,
     is_steep,
     is_weak,
+    put_fan,
     shoot,
+    shoot_waiting,
     snell_limit,
     speed_extremes,
     turning_limits,
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
-from pymantaray.acoustics._kernels.trace import direct_course, full_ray, trace
+from pymantaray.acoustics._kernels.trace import course_to_levels, direct_course, full_ray, trace
 from pymantaray.compile import entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
@@ -188,23 +200,43 @@ def sphere_chord_time(s, link, radius, cuts):
 
 
 @kernel
-def solve_link(domain, bounces, settings, source, receiver, work, info):
-    """
-    Find all eigenrays of one link with up to bounces reflections at the surface and the bottom; with None, only direct ones.
+def _tolerances(s, link, settings):
+    """Tolerances of a link's rays, and the slope of the miss above which rays are too weak."""
+    tol = settings.tolerance * max(1.0, link.length / _FULL_TOLERANCE_LENGTH)
+    fine, coarse = min(tol, 1e-4 * link.length), min(30.0 * tol, 1e-2 * link.length)
+    if s.kind == at.LINEAR:  # a ray that enters the next layer by a centimetre leaves it metres away
+        fine = min(1e-3 * tol, 1e-8 * link.length)
+        coarse = fine
+    return Accuracy(coarse, fine, min(1e-2, 1e-6 * link.length)), link.length * 10.0 ** (
+        0.1 * settings.cutoff_db + 1.0
+    )
 
-    work.rows receives the arrivals. Returns their number and the status.
-    """
-    for i in range(at.N_INFO):
-        info[i] = np.nan
-    info[at.RAYS], info[at.COMPLETE] = 0.0, 1.0
-    if _outside(domain, source) or _outside(domain, receiver):
-        return 0, OUTSIDE
-    s, walls, link = prepare(domain, source, receiver, work)
+
+@kernel
+def _direct_search(s, link, settings):
+    """Settings of the search of direct rays."""
+    accuracy, weak_slope = _tolerances(s, link, settings)
+    return Search(accuracy.coarse, accuracy.fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0)
+
+
+@kernel
+def _spacing(s):
+    """Spacing of the first fan, and distance within which nodes are merged. [rad]"""
+    return _SPACING_LINEAR if s.kind == at.LINEAR else _SPACING_SMOOTH
+
+
+@kernel
+def _begin(domain, section, i, work, results):
+    """Begin to solve link i: put the angles of its fan into work.nodes; return their number, 0 for a steep link, -1 if it is solved."""
+    s, _, link = section
+    info = results.info[i]
     info[at.SOURCE_SPEED], info[at.RECEIVER_SPEED] = link.c0, link.c1
     if link.length == 0.0:
         info[at.CHORD_TIME], info[at.MARGIN] = 0.0, 0.0
         _same_place(work.rows[0])
-        return 1, OK
+        _put_rows(1, i, work, results)
+        results.status[i] = OK
+        return -1
     if domain.radius > 0.0:
         info[at.CHORD_TIME] = sphere_chord_time(s, link, domain.radius, work.cuts)
     else:
@@ -212,29 +244,82 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     variation = speed_extremes(s, work.extremes)
     limits = turning_limits(s, link.c0, link.z0, link.z1, link.horizontal, variation, work.extremes)
     slope = math.atan2(link.z1 - link.z0, link.horizontal)
-    course = direct_course(link, is_steep(slope, max(limits[0], limits[1])))
-    tol = settings.tolerance * max(1.0, link.length / _FULL_TOLERANCE_LENGTH)
-    fine, coarse = min(tol, 1e-4 * link.length), min(30.0 * tol, 1e-2 * link.length)
-    spacing = _SPACING_SMOOTH
-    if s.kind == at.LINEAR:  # a ray that enters the next layer by a centimetre leaves it metres away
-        fine = min(1e-3 * tol, 1e-8 * link.length)
-        coarse = fine
-        spacing = _SPACING_LINEAR
-    accuracy = Accuracy(coarse, fine, min(1e-2, 1e-6 * link.length))
-    weak_slope = link.length * 10.0 ** (0.1 * settings.cutoff_db + 1.0)
-    if course.axis.sb != 0.0:
-        n, margin, rays, complete = _chord_bracket(s, walls, course, coarse, work)
+    if is_steep(slope, max(limits[0], limits[1])):
+        return 0
+    # a ray that turns is within the limits; a ray that does not turn is as steep as the chord at some depth
+    lo = -math.acos(math.cos(limits[0]) * math.cos(min(slope, 0.0))) - BEYOND
+    hi = math.acos(math.cos(limits[1]) * math.cos(max(slope, 0.0))) + BEYOND
+    return fan_nodes(s, lo, hi, _spacing(s), link.c0, work.nodes)
+
+
+@kernel
+def _start(domain, bounces, settings, ends, place, work, flights, results):
+    """
+    Start to solve link i of place (i, k); return True if its rays now wait in place k of the queue, False if it is solved.
+
+    Rays along a chord, those of a LINEAR medium, and all rays if flights is None are traced one by one.
+    """
+    i = place[0]
+    for j in range(at.N_INFO):
+        results.info[i, j] = np.nan
+    results.info[i, at.RAYS], results.info[i, at.COMPLETE] = 0.0, 1.0
+    results.counts[i], results.status[i] = 0, OUTSIDE
+    if _outside(domain, ends[0]) or _outside(domain, ends[1]):
+        return False
+    section = prepare(domain, ends[0], ends[1], work)
+    n_nodes = _begin(domain, section, i, work, results)
+    if n_nodes < 0:
+        return False
+    s, walls, link = section
+    search = _direct_search(s, link, settings)
+    together = n_nodes > 0 and s.kind == at.SMOOTH
+    if flights is not None and together:  # for None, Numba omits this branch
+        put_flight(section, place, put_fan(n_nodes, search.coarse, work), work, flights)
+        return True
+    course = direct_course(link, n_nodes == 0)
+    if n_nodes == 0:
+        found = _chord_bracket(s, walls, course, search.coarse, work)
     else:
-        # a ray that turns is within the limits; a ray that does not turn is as steep as the chord at some depth
-        lo = -math.acos(math.cos(limits[0]) * math.cos(min(slope, 0.0))) - BEYOND
-        hi = math.acos(math.cos(limits[1]) * math.cos(max(slope, 0.0))) + BEYOND
-        search = Search(coarse, fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0)
-        n_nodes = fan_nodes(s, lo, hi, spacing, link.c0, work.nodes)
-        n, margin, rays, complete = find_brackets(s, walls, course, n_nodes, search, work)
+        found = find_brackets(s, walls, course, n_nodes, search, work)
+    _end(section, course, found, bounces, settings, i, work, results)
+    return False
+
+
+@kernel
+def _continue(domain, bounces, settings, row, work, results):
+    """Continue to solve the link in a row of the queue after its rays were traced; return True if rays wait again, False if it is solved."""
+    section, progress = section_of(domain, row, work), progress_of(row)
+    s, walls, link = section
+    course, search = direct_course(link, False), _direct_search(s, link, settings)
+    levels = course_to_levels(s, course)
+    first, last = int(row[at.FLIGHT_FIRST]), int(row[at.FLIGHT_LAST])
+    shoot_waiting(s, walls, levels if row[at.FLIGHT_LEVELS] > 0.0 else course, first, last, work)
+    progress = advance(s.n_range > 1, course, search, progress, work)
+    if progress.asked > 0.0:
+        row[at.FLIGHT_LEVELS] = 1.0
+        put_progress(row, 0, 2 * int(progress.asked), progress, work)
+        return True
+    found = int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
+    _end(section, course, found, bounces, settings, int(row[at.FLIGHT_LINK]), work, results)
+    return False
+
+
+@kernel
+def _end(section, course, found, bounces, settings, i, work, results):
+    """
+    Find the eigenrays in the brackets of link i, and the reflected ones with up to bounces reflections at the surface and the bottom.
+
+    With bounces None, only direct ones. found is what `find_brackets` returned; the results receive the arrivals and the status.
+    """
+    s, walls, link = section
+    n, margin, rays, complete = found
+    info = results.info[i]
+    accuracy, weak_slope = _tolerances(s, link, settings)
     count, through_surface, blocked, weak = _keep_direct(
         s, walls, link, (n, course), (settings.cutoff_db, weak_slope), accuracy, work
     )
     if bounces is not None and bounces[0] + bounces[1] > 0:  # for None, Numba omits this branch
+        variation = speed_extremes(s, work.extremes)
         limit = snell_limit(s, link.c0, 0.0, math.inf, variation, work.extremes)[0] + STEEP
         hunt = Hunt(
             link,
@@ -244,7 +329,7 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
             settings.cutoff_db,
             10.0 * weak_slope,
             limit,
-            spacing,
+            _spacing(s),
         )
         count, more_weak, more_rays, all_there = add_reflected(s, walls, hunt, count, work)
         weak += more_weak
@@ -255,16 +340,18 @@ def solve_link(domain, bounces, settings, source, receiver, work, info):
     info[at.COMPLETE] = 1.0 if complete else 0.0
     if count > 0:
         sort_rows(work.rows, count)
-        return count, OK
-    if not complete:
-        return 0, UNRESOLVED
-    if weak > 0:
-        return 0, WEAK
-    if blocked > 0:
-        return 0, BLOCKED
-    if through_surface > 0 or margin == 0.0:
-        info[at.MARGIN] = math.nan  # rays through the surface have no miss
-    return 0, SHADOW
+        results.status[i] = OK
+    elif not complete:
+        results.status[i] = UNRESOLVED
+    elif weak > 0:
+        results.status[i] = WEAK
+    elif blocked > 0:
+        results.status[i] = BLOCKED
+    else:
+        results.status[i] = SHADOW
+        if through_surface > 0 or margin == 0.0:
+            info[at.MARGIN] = math.nan  # rays through the surface have no miss
+    _put_rows(count, i, work, results)
 
 
 @kernel
@@ -374,44 +461,93 @@ def _keep_row(rows, count):
     return count + 1
 
 
+@kernel
+def _put_rows(n, i, work, results):
+    """Write n arrivals to the results of link i, as many as there is room for."""
+    if n > results.rows.shape[1]:
+        n = results.rows.shape[1]
+        results.info[i, at.COMPLETE] = 0.0
+    results.counts[i] = n
+    for j in range(n):
+        for k in range(at.N_ARRIVAL):
+            results.rows[i, j, k] = work.rows[j, k]
+
+
+@kernel
+def _reverse(rows, info):
+    """Exchange both ends in the arrivals of a link."""
+    for row in rows:
+        launch, arrival = row[at.LAUNCH_ANGLE], row[at.ARRIVAL_ANGLE]
+        row[at.LAUNCH_ANGLE], row[at.ARRIVAL_ANGLE] = -arrival, -launch
+        for k in range(3):
+            at_source, at_receiver = row[at.SOURCE_SLOWNESS + k], row[at.RECEIVER_SLOWNESS + k]
+            row[at.SOURCE_SLOWNESS + k], row[at.RECEIVER_SLOWNESS + k] = -at_receiver, -at_source
+    info[at.SOURCE_SPEED], info[at.RECEIVER_SPEED] = info[at.RECEIVER_SPEED], info[at.SOURCE_SPEED]
+
+
+@kernel
+def _upwards(a, b):
+    """True if a link's canonical direction, from the deeper end (ties: north, east), is from b to a."""
+    for k in (2, 0, 1):
+        if a[k] != b[k]:
+            return a[k] < b[k]
+    return False
+
+
+@kernel
+def _finish(settings, source, receiver, i, results):
+    """Reverse the results of link i if it was solved from its receiver."""
+    if settings.canonical and _upwards(source[i], receiver[i]):
+        _reverse(results.rows[i, : results.counts[i]], results.info[i])
+
+
+@kernel
+def _solve(domain, bounces, settings, ends, share, work, flights, results):
+    """As `solve_links`; with flights, the rays of several links are traced together."""
+    source, receiver = ends
+    following, every = share
+    if flights is None:
+        for i in range(following, source.shape[0], every):
+            _start(domain, bounces, settings, _ends(settings, ends, i), (i, 0), work, flights, results)
+            _finish(settings, source, receiver, i, results)
+    else:
+        columns, count = share_store(domain, source, receiver, work, flights)
+        rows, busy = flights.links, True
+        while busy:
+            busy = False
+            for k in range(count):
+                row = rows[k]
+                if row[at.FLIGHT_LINK] >= 0.0 and row[at.FLIGHT_PENDING] > 0.0:
+                    busy = True
+                    continue
+                own = own_work(work, flights, k, columns)
+                if row[at.FLIGHT_LINK] >= 0.0 and not _continue(domain, bounces, settings, row, own, results):
+                    _finish(settings, source, receiver, int(row[at.FLIGHT_LINK]), results)
+                    row[at.FLIGHT_LINK] = -1.0
+                while row[at.FLIGHT_LINK] < 0.0 and following < source.shape[0]:
+                    i, place = following, _ends(settings, ends, following)
+                    following += every
+                    if not _start(domain, bounces, settings, place, (i, k), own, flights, results):
+                        _finish(settings, source, receiver, i, results)
+                busy = busy or row[at.FLIGHT_LINK] >= 0.0
+            march(domain, flights, count, work.store)
+
+
+@kernel
+def _ends(settings, ends, i):
+    """Ends of link i in the direction in which it is solved."""
+    a, b = ends[0][i], ends[1][i]
+    if settings.canonical and _upwards(a, b):
+        return b, a
+    return a, b
+
+
 @entry
-def solve_links(domain, bounces, settings, source, receiver, share, work, results):
+def solve_links(domain, bounces, settings, source, receiver, share, room, results):
     """
     Solve the links first, first + every, ... of share (first, every); the results contain the first arrivals that have room.
 
-    With settings.canonical, the solver starts from the deeper end of each link (ties: north, east) and reverses the results.
+    With bounces None, only direct rays. With settings.canonical, the solver starts from the deeper end of each link (ties: north, east)
+    and reverses the results.
     """
-    first, every = share
-    rows, info = work.rows, results.info
-    for i in range(first, source.shape[0], every):
-        a, b = source[i], receiver[i]
-        turned = False
-        if settings.canonical:
-            for k in (2, 0, 1):
-                if a[k] != b[k]:
-                    turned = a[k] < b[k]
-                    break
-        if turned:
-            a, b = b, a
-        n, results.status[i] = solve_link(domain, bounces, settings, a, b, work, info[i])
-        if n > results.rows.shape[1]:
-            n = results.rows.shape[1]
-            info[i, at.COMPLETE] = 0.0
-        results.counts[i] = n
-        for j in range(n):
-            row = results.rows[i, j]
-            for k in range(at.N_ARRIVAL):
-                row[k] = rows[j, k]
-            if turned:
-                row[at.LAUNCH_ANGLE], row[at.ARRIVAL_ANGLE] = (
-                    -rows[j, at.ARRIVAL_ANGLE],
-                    -rows[j, at.LAUNCH_ANGLE],
-                )
-                for k in range(3):
-                    row[at.SOURCE_SLOWNESS + k] = -rows[j, at.RECEIVER_SLOWNESS + k]
-                    row[at.RECEIVER_SLOWNESS + k] = -rows[j, at.SOURCE_SLOWNESS + k]
-        if turned:
-            info[i, at.SOURCE_SPEED], info[i, at.RECEIVER_SPEED] = (
-                info[i, at.RECEIVER_SPEED],
-                info[i, at.SOURCE_SPEED],
-            )
+    _solve(domain, bounces, settings, (source, receiver), share, room.work, room.flights, results)

@@ -1,14 +1,13 @@
 """
-Integration of eight direct rays of a fan at a time through a SMOOTH section, each with its own steps.
+Integration of sixteen direct rays at a time through SMOOTH sections, each with its own steps: a queue of the rays of several links.
 
-Equations, formula and error control are those of `step` and `trace`. The eight rays share only the processor's instructions. When a
-ray reaches the end, the next ray takes its lane. `trace` traces rays that fail here.
+Equations, formula and error control are those of `step` and `trace`. The sixteen rays share only the processor's instructions, so a ray does
+not depend on the others. When a ray reaches the end, the next ray takes its lane. `trace` traces rays that fail here.
 """
 
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.boundary import surface_at
 from pymantaray.acoustics._kernels.field import ABOVE_SCALE, BELOW_SCALE, LUT_SIZE
 from pymantaray.acoustics._kernels.lanes import (
     WIDTH,
@@ -24,11 +23,18 @@ from pymantaray.acoustics._kernels.lanes import (
     take,
 )
 from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, FAN_TUBE, LEAST_WIDTH, A, C
-from pymantaray.compile import inlined, kernel
+from pymantaray.compile import inlined, kernel, shared
+from pymantaray.geometry.boundary_kernels import depth_at
 
 # Rows of the workspace: state, its derivatives at the seven stages of a step, and data of each ray
-_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _NEXT, _RATE, _BEND, _TOL, _EXPECTED = 4, *range(32, 43)
-_TOP, _TOP_RATE, _LOW, _LOW_RATE = range(43, 47)
+_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _RATE, _BEND, _TOL, _EXPECTED = 4, *range(32, 42)
+_TOP, _TOP_RATE, _LOW, _LOW_RATE = range(42, 46)
+# of the link: its number in the queue, first number and last column of its section, distance of the columns and its inverse, source's depth
+# and sound speed, length and its inverse, 1 if steps end at the levels, derivative of c_ref / c at the source
+_LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _LEVELS, _GRADIENT = range(
+    46, 57
+)
+WAITING = -1.0  # GOOD of a ray that has not been traced
 FIRST_STEP = 60.0  # m
 _COME, _FAILED = 1.0, 2.0
 # Errors on the path of a ray grow with its divergence, relative to straight rays.
@@ -52,6 +58,14 @@ def allowed(tol, growth, to_levels):
 
 
 @kernel
+def again(miss, tol, growth, expected, to_levels):
+    """True if a ray near the receiver diverges so strongly that it must be traced again, with the tolerance of its divergence."""
+    if not needs_more(miss, tol, growth, expected):
+        return False
+    return expected == 0.0 or allowed(tol, growth, to_levels) != allowed(tol, expected, to_levels)
+
+
+@kernel
 def needs_more(miss, tol, growth, expected):
     """True if a ray near the receiver diverges strongly and needs a smaller tolerance."""
     return max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS and abs(miss) <= ERRING * tol * growth
@@ -59,7 +73,7 @@ def needs_more(miss, tol, growth, expected):
 
 @inlined
 def _level(s, z):
-    """Layers of eight rays, and their depths in the layers; as `field.find_level`."""
+    """Layers of sixteen rays, and their depths in the layers; as `field.find_level`."""
     i = floor((z - s.depth[0]) * s.lut_scale)
     k, top, below, after = gather(s.lut, 4.0 * choose(i < LUT_SIZE - 1.0, i, LUT_SIZE - 1.0))
     deeper = below < z
@@ -73,29 +87,29 @@ def _level(s, z):
 
 
 @inlined
-def _derivative(s, rows, slopes, pos, state, axis):
-    """Write the right-hand side of eight rays to the rows from slopes; return (h c)^2 minus its lower limit."""
+def _derivative(s, data, rows, slopes, pos, state):
+    """Write the right-hand side of sixteen rays to the rows from slopes; return (h c)^2 minus its lower limit."""
     w, p, xi, eta = state
-    z_source, c_ref = axis
     last = s.depth.size - 1
     top, low = s.depth[0], s.depth[last]
-    z = w + z_source
+    z = w + load(rows, _SOURCE)
     inside = choose(z < top, top, z)
     inside = choose(inside < low, inside, low)
     k, x = _level(s, inside)
-    t = pos * (1.0 / s.r_step)
-    column = floor(t)
-    column = choose(column < s.n_range - 2.0, column, s.n_range - 2.0)
+    t = pos * load(rows, _PER_STEP)
+    column, last_column, r_step = floor(t), load(rows, _COLUMNS), load(rows, _STEP)
+    column = choose(column < last_column, column, last_column)
     t = t - column
-    stride = s.data.shape[1] * 16
+    stride = data.shape[1] * 16
     u = 1.0 - t
     weights = (
         u * u * (1.0 + 2.0 * t),
-        u * u * t * s.r_step,
+        u * u * t * r_step,
         t * t * (3.0 - 2.0 * t),
-        t * t * u * (-s.r_step),
+        t * t * u * (-1.0 * r_step),
     )
-    a0, a1, a2, a3 = blend(s.data, column * float(stride) + 16.0 * k, stride, weights)
+    place = load(rows, _STORE) + column * float(stride) + 16.0 * k
+    a0, a1, a2, a3 = blend(data, place, stride, weights)
     c = a0 + x * (a1 + x * (a2 + x * a3))
     cz = a1 + x * (2.0 * a2 + 3.0 * x * a3)
     czz = 2.0 * a2 + 6.0 * x * a3
@@ -108,7 +122,7 @@ def _derivative(s, rows, slopes, pos, state, axis):
         czz = choose(absolute(beyond) > 0.0, -3.0 * q * f * f * g * cz / scale, czz)
         c = c + beyond * g * cz
         cz = f * g * cz
-    least = 1e-6 * c * c
+    least, c_ref = 1e-6 * c * c, load(rows, _C_REF)
     square = c_ref * c_ref - c * c * (p * p)
     room = square - least
     hc = root(choose(room > 0.0, square, least))
@@ -141,25 +155,25 @@ def _embedded(rows, i):
 
 
 @inlined
-def _step(s, rows, pos, h, state, first_stage, axis):
+def _step(s, data, rows, pos, h, state):
     """One step of Dormand and Prince; return the new state, and the smallest result of `_derivative`."""
     w, p, xi, eta = state
     w1, p1, xi1, eta1, room = w, p, xi, eta, pos + 1.0
-    for stage in range(first_stage, 7):
+    for stage in range(1, 7):
         dw, dp, dxi, deta = 0.0 * w, 0.0 * w, 0.0 * w, 0.0 * w
         for j in range(stage):
             a, k = A[stage, j], _SLOPES + 4 * j
             dw, dp = dw + a * load(rows, k), dp + a * load(rows, k + 1)
             dxi, deta = dxi + a * load(rows, k + 2), deta + a * load(rows, k + 3)
         w1, p1, xi1, eta1 = w + h * dw, p + h * dp, xi + h * dxi, eta + h * deta
-        here = _derivative(s, rows, _SLOPES + 4 * stage, pos + C[stage] * h, (w1, p1, xi1, eta1), axis)
+        here = _derivative(s, data, rows, _SLOPES + 4 * stage, pos + C[stage] * h, (w1, p1, xi1, eta1))
         room = choose(here < room, here, room)
     return w1, p1, xi1, eta1, room
 
 
 @inlined
 def _to_level(s, z, down):
-    """Length of the step of eight rays to just beyond the next level; as `trace._to_level`, but a level at the ray counts as one layer away."""
+    """Length of the step of sixteen rays to just beyond the next level; as `trace._to_level`, but a level at the ray counts as one layer away."""
     last = s.depth.size - 1
     inside = choose(z < s.depth[0], s.depth[0], z)
     inside = choose(inside < s.depth[last], inside, s.depth[last])
@@ -172,59 +186,127 @@ def _to_level(s, z, down):
 
 
 @kernel
-def _launch(rows, lane, fan, n_rays, course):
-    """Start the next ray of the fan in a lane, or repeat the first ray after the last; return True for a new ray."""
-    ray = int(rows[_NEXT, 0])
-    rows[_NEXT, 0] += 1.0
-    node = fan[ray if ray < n_rays else 0]
-    angle = node[at.ANGLE]
-    for row in (at.W, at.XI, _POS, _GONE, _GROWN, _TOP, _TOP_RATE, _LOW, _LOW_RATE):
-        rows[row, lane] = 0.0
-    rows[at.P, lane], rows[at.ETA, lane] = math.sin(angle), math.cos(angle)
-    rows[_LENGTH, lane], rows[_RAY, lane] = min(course.length, FIRST_STEP), ray
-    rows[_EXPECTED, lane] = node[at.GROWTH]
-    rows[_TOL, lane] = allowed(node[at.TOL], node[at.GROWTH], course.to_levels) / course.length
-    return ray < n_rays
+def free_lanes(rows):
+    """Remove all rays from the lanes."""
+    for lane in range(WIDTH):
+        rows[_RAY, lane] = -1.0
 
 
 @kernel
-def _relay(rows, fan, n_rays, course):
-    """Write finished and failed rays to their nodes and start new rays in their lanes; return the change of the number of active rays."""
-    change = 0
+def _launch_next(flights, n_links, rows, lane):
+    """Start the next ray that waits in a lane; return True if there is one."""
+    for k in range(n_links):
+        link = flights.links[k]
+        if link[at.FLIGHT_LINK] < 0.0:
+            continue
+        i = int(link[at.FLIGHT_NEXT])
+        while i < link[at.FLIGHT_LAST] and flights.rays[k, i, at.GOOD] != WAITING:
+            i += 1
+        link[at.FLIGHT_NEXT] = i + 1
+        if i < link[at.FLIGHT_LAST]:
+            node = flights.rays[k, i]
+            rows[_LINK, lane], rows[_RAY, lane], rows[_STORE, lane] = k, i, link[at.FLIGHT_STORE]
+            rows[_COLUMNS, lane], rows[_STEP, lane] = link[at.FLIGHT_COLUMNS] - 2.0, link[at.FLIGHT_STEP]
+            rows[_PER_STEP, lane] = 1.0 / link[at.FLIGHT_STEP]
+            rows[_SOURCE, lane], rows[_C_REF, lane] = link[at.FLIGHT_ENDS], link[at.FLIGHT_ENDS + 2]
+            rows[_SPAN, lane] = link[at.FLIGHT_ENDS + 4]
+            rows[_PER_SPAN, lane], rows[_GRADIENT, lane] = 1.0 / rows[_SPAN, lane], link[at.FLIGHT_GRADIENT]
+            _launch(node, node[at.GROWTH], link[at.FLIGHT_LEVELS], rows, lane)
+            return True
+    return False
+
+
+@kernel
+def _start(angle, rows, lane):
+    """Put the initial state of a ray and its derivative into a lane."""
+    for row in (at.W, at.XI, _POS, _GONE, _GROWN, _TOP, _TOP_RATE, _LOW, _LOW_RATE):
+        rows[row, lane] = 0.0
+    p, h, gradient = math.sin(angle), math.cos(angle), rows[_GRADIENT, lane]
+    rows[at.P, lane], rows[at.ETA, lane] = p, h
+    rows[_SLOPES + at.W, lane], rows[_SLOPES + at.P, lane] = p / h, gradient / h
+    rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = 1.0 / (h * h), gradient * p / (h * h)
+    rows[_LENGTH, lane] = min(rows[_SPAN, lane], FIRST_STEP)
+
+
+@kernel
+def _launch(node, growth, to_levels, rows, lane):
+    """Start a ray with an expected divergence in a lane that has the numbers of its link; steps of a diverging ray end at the levels."""
+    _start(node[at.ANGLE], rows, lane)
+    levels = to_levels > 0.0 or growth > 0.0
+    rows[_EXPECTED, lane], rows[_LEVELS, lane] = growth, 1.0 if levels else 0.0
+    rows[_TOL, lane] = allowed(node[at.TOL], growth, levels) / rows[_SPAN, lane]
+
+
+@kernel
+def _fill(flights, n_links, rows):
+    """Start waiting rays in the free lanes; return the number of rays in all lanes. Level rays keep the remaining lanes busy."""
+    running, used = 0, 0
+    for lane in range(WIDTH):
+        if rows[_RAY, lane] >= 0.0 or _launch_next(flights, n_links, rows, lane):
+            running, used = running + 1, lane
+    for lane in range(WIDTH if running > 0 else 0):
+        if rows[_RAY, lane] < 0.0:
+            for row in range(_LINK, rows.shape[0]):
+                rows[row, lane] = rows[row, used]
+            rows[_TOL, lane] = rows[_TOL, used]
+            _start(0.0, rows, lane)
+    return running
+
+
+@kernel
+def _relay(flights, n_links, rows):
+    """Write finished rays to their nodes, start rays again that need a smaller tolerance, and start new rays in the other lanes.
+
+    Returns the number of rays that ended without a next one in their lane, and of links without another ray to be traced. A failed
+    ray remains WAITING.
+    """
+    ended, ready = 0, 0
     for lane in range(WIDTH):
         if rows[_DONE, lane] == 0.0:
             continue
-        if rows[_RAY, lane] < n_rays:
-            node = fan[int(rows[_RAY, lane])]
-            node[at.MISS], node[at.SLOPE] = rows[at.W, lane] - course.target, rows[at.XI, lane]
+        if rows[_RAY, lane] < 0.0:
+            _start(0.0, rows, lane)
+            continue
+        k = int(rows[_LINK, lane])
+        link = flights.links[k]
+        node = flights.rays[k, int(rows[_RAY, lane])]
+        if rows[_DONE, lane] == _COME:
+            target = link[at.FLIGHT_ENDS + 1] - link[at.FLIGHT_ENDS]
+            miss, grown = rows[at.W, lane] - target, rows[_GROWN, lane] / rows[_SPAN, lane]
+            left, expected = rows[_GONE, lane], rows[_EXPECTED, lane]
+            if left == 0.0 and again(miss, node[at.TOL], grown, expected, True):
+                _launch(node, grown, 1.0, rows, lane)
+                continue
+            node[at.MISS], node[at.SLOPE] = miss, rows[at.XI, lane]
             node[at.SLOWNESS], node[at.SLOWNESS_SLOPE] = rows[at.P, lane], rows[at.ETA, lane]
-            node[at.GOOD], node[at.CODE] = 1.0 if rows[_DONE, lane] == _COME else 0.0, 0.0
-            node[at.LEFT] = rows[_GONE, lane]
+            node[at.GOOD], node[at.CODE], node[at.LEFT] = 1.0, 0.0, left
             node[at.LEFT_RATE], node[at.LEFT_BEND] = rows[_RATE, lane], rows[_BEND, lane]
             node[at.TOP], node[at.TOP_RATE] = rows[_TOP, lane], rows[_TOP_RATE, lane]
             node[at.LOW], node[at.LOW_RATE] = rows[_LOW, lane], rows[_LOW_RATE, lane]
-            node[at.GROWTH] = rows[_GROWN, lane] / course.length
-            more = needs_more(node[at.MISS], node[at.TOL], node[at.GROWTH], rows[_EXPECTED, lane])
-            if node[at.LEFT] == 0.0 and more:
-                node[at.GOOD] = 0.0
-            change -= 1
-        if _launch(rows, lane, fan, n_rays, course):
-            change += 1
-    return change
+            node[at.GROWTH] = grown
+        link[at.FLIGHT_PENDING] -= 1.0
+        ready += 1 if link[at.FLIGHT_PENDING] == 0.0 else 0
+        if not _launch_next(flights, n_links, rows, lane):
+            rows[_RAY, lane] = -1.0
+            _start(0.0, rows, lane)
+            ended += 1
+    return ended, ready
 
 
 @kernel
-def _under_ice(walls, rows, z_source):
+def _under_ice(surface, flights, rows):
     """Remove the mark DONE from rays below varying ice."""
     for lane in range(WIDTH):
-        r = rows[_POS, lane]
-        if z_source + rows[at.W, lane] >= surface_at(walls, r, 0.0, r)[0]:
+        link, r = flights.links[int(rows[_LINK, lane])], rows[_POS, lane]
+        north = link[at.FLIGHT_LINE] + r * link[at.FLIGHT_LINE + 2]
+        east = link[at.FLIGHT_LINE + 1] + r * link[at.FLIGHT_LINE + 3]
+        if rows[_SOURCE, lane] + rows[at.W, lane] >= depth_at(surface, north, east):
             rows[_DONE, lane] = 0.0
 
 
 @inlined
 def _exit(rows, above, state, top):
-    """Record the exit of rays from the water at an offset top (NaN: at their position), as `trace`; return the distance to it."""
+    """Record the exit of rays from the water at an offset top (infinite: at their position), as `trace`; return the distance to it."""
     w, _, xi, _ = state
     dw, dp, dxi = load(rows, _SLOPES), load(rows, _SLOPES + 1), load(rows, _SLOPES + 2)
     back = (top - w) / dw
@@ -238,7 +320,7 @@ def _exit(rows, above, state, top):
 
 @inlined
 def _note_extremes(rows, state):
-    """Update the smallest and the largest offset of eight rays on their paths, with the derivatives there."""
+    """Update the smallest and the largest offset of sixteen rays on their paths, with the derivatives there."""
     w, _, xi, _ = state
     top, low = load(rows, _TOP), load(rows, _LOW)
     store(rows, _TOP_RATE, choose(w < top, xi, load(rows, _TOP_RATE)))
@@ -249,7 +331,7 @@ def _note_extremes(rows, state):
 
 @inlined
 def _loaded(rows):
-    """State, position, step and other data of eight rays."""
+    """State, position, step and other data of sixteen rays."""
     state = load(rows, at.W), load(rows, at.P), load(rows, at.XI), load(rows, at.ETA)
     return state, load(rows, _POS), load(rows, _LENGTH), load(rows, _GONE), load(rows, _GROWN)
 
@@ -266,17 +348,18 @@ def _stored(rows, state, pos, h, gone, grown):
 
 
 @inlined
-def _controlled(rows, h, left, room, width, to_levels):
+def _controlled(rows, h, left, room, width, levels):
     """
     Masks of steps that are accurate enough and of steps that are too short to continue, and the factor of the next length.
 
-    If steps end at the levels, the error of the variation, relative to the ray's length, counts as in `step.step_error`. Derivatives at
+    For masks `levels` of rays whose steps end at the levels, the error of the variation, relative to the ray's length, counts as in `step.step_error`. Derivatives at
     the end of an accepted step become those at the start of the next.
     """
     error = h * (_embedded(rows, at.W) + left * _embedded(rows, at.P)) + 1e-300
-    if to_levels:
+    if any_lane(levels):
         width = choose(width < LEAST_WIDTH, LEAST_WIDTH, width)
-        error = error + h * load(rows, _TOL) / (FAN_TUBE * width) * _embedded(rows, at.XI)
+        tube = h * load(rows, _TOL) / (FAN_TUBE * width) * _embedded(rows, at.XI)
+        error = error + choose(levels, tube, 0.0)
     most = load(rows, _TOL) * h
     factor = root(root(most / error))
     forward = room > 0.0
@@ -290,25 +373,25 @@ def _controlled(rows, h, left, room, width, to_levels):
     return good, choose(good, larger, smaller)
 
 
-@kernel
-def march(s, walls, course, fan, n_rays, rows):
-    """Trace rays of a fan from ANGLE, TOL and expected GROWTH into its rows as `search.shoot` does; GOOD is 0 for rays that it must trace."""
-    z_source, _, _, c_ref = course.axis
-    length = course.length
-    flat = walls.surface.depth.size == 1
-    lowest = walls.surface.depth[0, 0] if flat else math.inf
-    running = 0
-    rows[_NEXT, 0] = 0.0
-    for lane in range(WIDTH):
-        running += 1 if _launch(rows, lane, fan, n_rays, course) else 0
+@shared
+def march(domain, flights, n_links, data):
+    """
+    Trace waiting rays of the first n_links links as `search.shoot` does, until a lane has no ray and a link none that is to be traced.
+
+    The other rays remain in their lanes for the next call. Rays that `search.shoot` must trace remain WAITING.
+    """
+    rows, surface = flights.lanes, domain.surface
+    flat = surface.depth.size == 1
+    lowest = surface.depth[0, 0] if flat else math.inf
+    running, ready = _fill(flights, n_links, rows), 0
     state, pos, h, gone, grown = _loaded(rows)
-    first_stage = 0
-    while running > 0:
+    while running == WIDTH or (running > 0 and ready == 0):
+        length, levels = load(rows, _SPAN), load(rows, _LEVELS) > 0.0
         left = length - pos
         last = left < h * (1.0 + 1e-12)
         h = choose(last, left, h)
-        w, p, xi, eta, room = _step(s, rows, pos, h, state, first_stage, (z_source, c_ref))
-        good, factor = _controlled(rows, h, left, room, absolute(xi) * (1.0 / length), course.to_levels)
+        w, p, xi, eta, room = _step(domain, data, rows, pos, h, state)
+        good, factor = _controlled(rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), levels)
         failed = h < 1e-9 * length
         state = (
             choose(good, w, state[0]),
@@ -318,25 +401,25 @@ def march(s, walls, course, fan, n_rays, rows):
         )
         pos = choose(good, choose(last, length, pos + h), pos)
         h = h * factor
-        if course.to_levels:
-            ahead = _to_level(s, state[0] + z_source, load(rows, _SLOPES))
-            h = choose(ahead < h, ahead, h)
+        source = load(rows, _SOURCE)
+        if any_lane(levels):
+            ahead = _to_level(domain, state[0] + source, load(rows, _SLOPES))
+            h = choose(levels & (ahead < h), ahead, h)
         grown = choose(grown < absolute(state[2]), absolute(state[2]), grown)
         _note_extremes(rows, state)
-        above = (state[0] < lowest - z_source) & (gone < 1e-300) & good
+        above = (state[0] < lowest - source) & (gone < 1e-300) & good
         if any_lane(above):
             if not flat:
                 _stored(rows, state, pos, h, gone, grown)
                 store(rows, _DONE, choose(above, _COME, 0.0))
-                _under_ice(walls, rows, z_source)
+                _under_ice(surface, flights, rows)
                 above = load(rows, _DONE) > 0.0
-            back = _exit(rows, above, state, lowest - z_source if flat else math.nan)
+            back = _exit(rows, above, state, lowest - source)
             gone = choose(above, pos + back, gone)
         done = choose(good & last, _COME, choose(failed, _FAILED, 0.0))
-        first_stage = 1
         if any_lane(done > 0.0):
             _stored(rows, state, pos, h, gone, grown)
             store(rows, _DONE, done)
-            running += _relay(rows, fan, n_rays, course)
+            ended, more = _relay(flights, n_links, rows)
+            running, ready = running - ended, ready + more
             state, pos, h, gone, grown = _loaded(rows)
-            first_stage = 0

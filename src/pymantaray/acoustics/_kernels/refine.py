@@ -186,7 +186,7 @@ def _in_plane(s, walls, course, bracket, accuracy, work):
     """Launch angle of the root of the miss in a bracket, in the plane of the link, and False if it cannot be found."""
     lo, hi, fa, code = bracket[0, at.ANGLE], bracket[1, at.ANGLE], bracket[0, at.MISS], bracket[0, at.CODE]
     m = 0.5 * (lo + hi)
-    node = work.middles[0]
+    node = work.rays[0]
     previous = math.inf
     for it in range(60):
         shoot(s, walls, course, m, accuracy.fine, 0.0, node, work)

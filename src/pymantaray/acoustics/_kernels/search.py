@@ -15,8 +15,8 @@ import numpy as np
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
-from pymantaray.acoustics._kernels.layout import Course
-from pymantaray.acoustics._kernels.march import ERRING, allowed, march, needs_more
+from pymantaray.acoustics._kernels.layout import Course, Progress
+from pymantaray.acoustics._kernels.march import ERRING, WAITING, again, allowed
 from pymantaray.acoustics._kernels.trace import course_to_levels, fan_ray, trace
 from pymantaray.compile import inlined, kernel, shared
 
@@ -30,7 +30,6 @@ _WEAK_WIDTH = 5e-5  # rad; a narrower interval between two weak rays is not divi
 _CUBIC_DEPARTURE = (
     16.0 / 27.0
 )  # bound of the distance between a cubic Hermite polynomial and its chord, per slope defect, times four
-_MAX_SINGLE_RAYS = 2  # up to this number, rays are traced one by one
 _EXIT_GAP = 0.25  # of the link; rays whose exits from the water are farther apart left it at different cycles
 _LEAST_RISE = (
     0.3  # of the steepness at the exit must remain within an interval whose rays all leave the water
@@ -42,6 +41,9 @@ _WINDOW_WIDTH = 2e-5  # rad; width down to which rays that stay in the water are
 _LEAST_BEND, _LEAST_BEND_TIMES_DEFECT = 0.2, 1.25
 _PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # verdicts on an interval
+_HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
+    4
+)  # what an interval waits for: its middle, finer ends, an end beyond the root
 
 Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang")
 Search.__doc__ = """Settings of a search: tolerances of the fan's rays and of rays near the receiver [m], narrowest interval [rad].
@@ -71,13 +73,11 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     while True:
         if growth > 0.0:
             course = course_to_levels(s, course)
-        tol_here = allowed(tol, growth, course.to_levels)
-        ok, _, _, code = trace(s, walls, course, angle, 0.0, tol_here, fan_ray(work))
+        finer = allowed(tol, growth, course.to_levels)
+        ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
-        if gone or not needs_more(y[at.W] - course.target, tol, grown, growth):
-            break
-        if growth > 0.0 and allowed(tol, grown, course.to_levels) == tol_here:  # the same ray again
+        if gone or not again(y[at.W] - course.target, tol, grown, growth, course.to_levels):
             break
         growth = grown
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
@@ -219,38 +219,86 @@ def copy_ray(source, target):
 
 
 @kernel
-def _shoot_all(s, walls, course, rays, n, work):
-    """Trace n rays of known ANGLE, TOL and expected GROWTH: direct rays eight at a time, the remaining ones one by one."""
-    lanes = work.lanes
-    for i in range(n):
-        rays[i, at.GOOD] = 0.0
-    if (
-        lanes is not None and s.kind == at.SMOOTH and course.rule.kind == at.OPEN and n > _MAX_SINGLE_RAYS
-    ):  # None on CUDA
-        march(s, walls, course, rays, n, lanes)
-    for i in range(n):
-        ray = rays[i]
-        if ray[at.GOOD] == 0.0:
+def shoot_waiting(s, walls, course, first, last, work):
+    """Trace the rays of some rows that are WAITING, one by one."""
+    for i in range(first, last):
+        ray = work.rays[i]
+        if ray[at.GOOD] == WAITING:
             shoot(s, walls, course, ray[at.ANGLE], ray[at.TOL], ray[at.GROWTH], ray, work)
 
 
-@shared
+@kernel
+def first_row(work):
+    """Row of the first ray of the fan; before it are the rays for which intervals wait."""
+    return 2 * work.halves.shape[0]
+
+
+@kernel
+def put_fan(n_nodes, tol, work):
+    """Put the rays of a fan with the angles work.nodes into work.rays; return the state of a new search."""
+    fan = work.rays[first_row(work) :]
+    for i in range(n_nodes):
+        ray = fan[i]
+        ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = work.nodes[i], tol, WAITING
+        ray[at.GROWTH], ray[at.DEFECT] = 0.0, 0.0
+        work.nodes[i] = 0.0  # from here on the rays used in the interval above this node
+    return Progress(0.0, 0.0, 0.0, n_nodes - 2.0, 0.0, np.inf, 0.0, 1.0)
+
+
+@kernel
 def find_brackets(s, walls, course, n_nodes, search, work):
-    """Bracket all roots of the miss between the first and the last angle of work.nodes.
+    """
+    Bracket all roots of the miss between the first and the last angle of work.nodes; rays are traced one by one.
+
+    Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
+    """
+    progress = put_fan(n_nodes, search.coarse, work)
+    fan = first_row(work)
+    shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
+    course = course_to_levels(s, course)
+    while True:
+        progress = advance(s.n_range > 1, course, search, progress, work)
+        if progress.asked == 0.0:
+            return int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
+        shoot_waiting(s, walls, course, 0, 2 * int(progress.asked), work)
+
+
+@shared
+def advance(varies, course, search, progress, work):
+    """
+    Continue a search after its rays were traced, until intervals wait for rays again; none wait if the search is complete.
 
     A search of reflected rays skips direct rays. The miss is smooth between rays of one code; it may bend or jump across a change of
     code. If the miss is within a few tolerances of zero, or changes sign without becoming smooth, the rays are traced again with the
     fine tolerance. Between rays that exceed the number of reflections at places far apart, rays with fewer reflections are
-    searched in wider intervals. Several intervals of direct rays are halved at a time. work.brackets receives the rays at both
-    ends. Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
+    searched in wider intervals. Several intervals of direct rays wait at a time: the first two rows of work.rays belong to the first of
+    them, and so on, and those to be traced are WAITING. work.brackets receives the rays at both ends of each bracket. varies is False
+    if the section is the same at all ranges.
     """
-    fan = work.fan
-    margin = np.inf
-    for i in range(n_nodes):
-        fan[i, at.ANGLE], fan[i, at.TOL] = work.nodes[i], search.coarse
-        fan[i, at.GROWTH], fan[i, at.DEFECT] = 0.0, 0.0
-        work.nodes[i] = 0.0  # from here on the rays used in the interval above this node
-    _shoot_all(s, walls, course, fan, n_nodes, work)
+    asked, top, left, right = int(progress.asked), int(progress.top), int(progress.left), int(progress.right)
+    tally = int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
+    if tally[2] == 0:
+        tally = 0, _read_fan(right + 2, work), right + 2, True
+    asked, top, tally = _put_back(course, asked, top, tally, search.fine, work)
+    asked, pending, tally = _gather(varies, course, search, asked, (top, left, right), tally, work)
+    top, left, right = pending
+    n_brackets, margin, rays, complete = tally
+    return Progress(
+        float(asked),
+        float(top),
+        float(left),
+        float(right),
+        float(n_brackets),
+        margin,
+        float(rays),
+        1.0 if complete else 0.0,
+    )
+
+
+@kernel
+def _read_fan(n_nodes, work):
+    """Write the errors of the cubics near the rays of the first fan; return the smallest miss."""
+    fan, margin = work.rays[first_row(work) :], np.inf
     for i in range(n_nodes):
         if fan[i, at.GOOD] > 0.0:
             margin = min(margin, abs(fan[i, at.MISS]))
@@ -258,22 +306,14 @@ def find_brackets(s, walls, course, n_nodes, search, work):
         a, m, b = fan[i - 1], fan[i], fan[i + 1]
         if a[at.GOOD] * m[at.GOOD] * b[at.GOOD] > 0.0 and a[at.CODE] == m[at.CODE] == b[at.CODE]:
             m[at.DEFECT] = 2.0 * _defect(a, m, b)
-    course = course_to_levels(s, course)
-    tally = 0, margin, n_nodes, True
-    pending = 0, 0, n_nodes - 2
-    while True:
-        n, pending, tally = _gather(s, walls, course, search, pending, tally, work)
-        if n == 0:
-            return tally
-        _shoot_all(s, walls, course, work.middles, n, work)
-        pending, tally = _put_halves(course, n, pending, tally, work)
+    return margin
 
 
 @kernel
 def _next_interval(pending, work):
     """Put the steepest pending interval of the fan on the empty stack: the number of rays towards the axis may be unlimited."""
     _, left, right = pending
-    fan, ends = work.fan, work.stack[0]
+    fan, ends = work.rays[first_row(work) :], work.stack[0]
     i = left if abs(fan[left, at.ANGLE]) >= abs(fan[right + 1, at.ANGLE]) else right
     copy_ray(fan[i], ends[0])
     copy_ray(fan[i + 1], ends[1])
@@ -283,8 +323,8 @@ def _next_interval(pending, work):
 
 
 @inlined
-def _gather(s, walls, course, search, pending, tally, work):
-    """Judge intervals until work.middles is full of intervals to halve or none is left; return their number.
+def _gather(varies, course, search, asked, pending, tally, work):
+    """Judge intervals until as many wait for rays as there is room for or none is left; return their number.
 
     pending has the size of the stack and the first and last interval of the fan; tally is what `find_brackets` returns.
     """
@@ -292,9 +332,8 @@ def _gather(s, walls, course, search, pending, tally, work):
     top, left, right = pending
     spent, st, fine = work.nodes, work.stack, search.fine
     reflecting = course.rule.kind != at.OPEN
-    most = 1 if reflecting else work.middles.shape[0]  # reflected rays are traced one by one
-    n = 0
-    while n < most and (top > 0 or left <= right):
+    most = 1 if reflecting else work.halves.shape[0]  # reflected rays are traced one by one
+    while asked < most and (top > 0 or left <= right):
         if top == 0:
             top, left, right = _next_interval((top, left, right), work)
         top -= 1
@@ -302,7 +341,7 @@ def _gather(s, walls, course, search, pending, tally, work):
         tol_here, h = max(a[at.TOL], b[at.TOL]), b[at.ANGLE] - a[at.ANGLE]
         k = int(b[at.INTERVAL])
         room = n_brackets < work.brackets.shape[0] and spent[k] + _RAYS_PER_BRACKET <= MAX_RAYS_INTERVAL
-        verdict, same = _judge(a, b, s.n_range > 1, course, search)
+        verdict, same = _judge(a, b, varies, course, search)
         crosses = a[at.MISS] * b[at.MISS] < 0.0
         if (
             verdict == _SPLIT
@@ -327,77 +366,126 @@ def _gather(s, walls, course, search, pending, tally, work):
         # the fan's tolerance matters
         doubtful = (crosses and h < _WEAK_WIDTH) or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here
         if same and tol_here > fine and doubtful:
-            traced = _shoot_finely(s, walls, course, (a, b), fine, work)
-            rays += traced
-            spent[k] += traced
-            top += 1
-            continue
-        full = spent[k] >= MAX_RAYS_INTERVAL or top + 2 * n + 4 > st.shape[0]
-        if full or rays >= MAX_RAYS:  # a narrow edge between reflections contains no ray
-            complete = complete and reflecting and not same and h < _WEAK_WIDTH
-            continue
-        copy_ray(a, work.halves[n, 0])
-        copy_ray(b, work.halves[n, 1])
-        _aim_between(a, b, tol_here, work.middles[n])
-        spent[k] += 1.0
-        rays += 1
-        n += 1
-    return n, (top, left, right), (n_brackets, margin, rays, complete)
+            traced = _ask_finer(a, b, fine, asked, work)
+        else:
+            full = spent[k] >= MAX_RAYS_INTERVAL or top + 2 * asked + 4 > st.shape[0]
+            if full or rays >= MAX_RAYS:  # a narrow edge between reflections contains no ray
+                complete = complete and reflecting and not same and h < _WEAK_WIDTH
+                continue
+            traced = _ask_middle(a, b, tol_here, asked, work)
+        spent[k] += traced
+        rays += traced
+        asked += 1
+    return asked, (top, left, right), (n_brackets, margin, rays, complete)
 
 
 @kernel
-def _shoot_finely(s, walls, course, ends, fine, work):
-    """Trace both rays of an interval again with the fine tolerance; return the number of rays traced.
-
-    If the root is then just beyond one end, the adjacent interval may lack it: this end is moved over the root.
-    """
-    a, b = ends
-    crossed, rays = a[at.MISS] * b[at.MISS] < 0.0, 0
-    for end in ends:
-        if end[at.TOL] > fine:
-            shoot(s, walls, course, end[at.ANGLE], fine, end[at.GROWTH], end, work)
+def _ask_finer(a, b, fine, i, work):
+    """Ask for both rays of an interval again with the fine tolerance; return the number of rays."""
+    first, second = work.rays[2 * i], work.rays[2 * i + 1]
+    work.kinds[i] = _FINER
+    rays = 0
+    copy_ray(a, work.halves[i, 0])
+    copy_ray(b, work.halves[i, 1])
+    copy_ray(a, first)
+    copy_ray(b, second)
+    for ray in (first, second):
+        if ray[at.TOL] > fine:
+            ray[at.TOL], ray[at.GOOD] = fine, WAITING
             rays += 1
-    end = a if abs(a[at.MISS]) < abs(b[at.MISS]) else b
-    over = -2.0 * end[at.MISS] / end[at.SLOPE]
-    if crossed and a[at.MISS] * b[at.MISS] > 0.0 and abs(over) < b[at.ANGLE] - a[at.ANGLE]:
-        shoot(s, walls, course, end[at.ANGLE] + over, fine, end[at.GROWTH], end, work)
-        rays += 1
     return rays
 
 
 @kernel
-def _aim_between(a, b, tol, middle):
-    """Set angle and tolerance of the middle ray: fine at once if the rays diverge and their cubic comes near the receiver."""
-    h = b[at.ANGLE] - a[at.ANGLE]
+def _ask_middle(a, b, tol, i, work):
+    """Ask for the ray in the middle of an interval; fine at once if the rays diverge and their cubic comes near the receiver."""
+    middle, h = work.rays[2 * i], b[at.ANGLE] - a[at.ANGLE]
+    work.kinds[i] = _HALVE
+    copy_ray(a, work.halves[i, 0])
+    copy_ray(b, work.halves[i, 1])
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
-    middle[at.ANGLE], middle[at.TOL] = 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol
+    middle[at.ANGLE], middle[at.TOL], middle[at.GOOD] = 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol, WAITING
     middle[at.GROWTH] = growth if abs(miss) <= ERRING * tol * growth else 0.0
+    work.rays[2 * i + 1, at.GOOD] = 0.0
+    return 1
 
 
 @inlined
-def _put_halves(course, n, pending, tally, work):
-    """Put both halves of n intervals on the stack, the steeper on top."""
+def _put_back(course, asked, top, tally, fine, work):
+    """Put the intervals that waited back on the stack, halved or with other ends; return the number of those that wait again."""
     n_brackets, margin, rays, complete = tally
-    top, left, right = pending
-    fold, reflecting = course.rule.fold, course.rule.kind != at.OPEN
-    for i in range(n):
-        a, m, b = work.halves[i, 0], work.middles[i], work.halves[i, 1]
-        e = a[at.DEFECT]
-        if m[at.GOOD] > 0.0:
-            margin = min(margin, abs(m[at.MISS]))
-        if m[at.GOOD] * a[at.GOOD] * b[at.GOOD] > 0.0 and _same_code(a, m, fold) and _same_code(m, b, fold):
-            e = 4.0 * _defect(a, m, b)
-        elif reflecting:
-            e = 1e30  # unknown: the middles of the halves decide
-        upper = 1 if a[at.ANGLE] + b[at.ANGLE] > 0.0 else 0
-        for half in range(2):
-            ends = work.stack[top + (half if upper == 1 else 1 - half)]
-            copy_ray(m if half == 1 else a, ends[0])
-            copy_ray(b if half == 1 else m, ends[1])
-            ends[0, at.DEFECT], ends[1, at.INTERVAL] = e, b[at.INTERVAL]
-        top += 2
-    return (top, left, right), (n_brackets, margin, rays, complete)
+    still = 0
+    for i in range(asked):
+        a, ray, b = work.halves[i, 0], work.rays[2 * i], work.halves[i, 1]
+        kind = int(work.kinds[i])
+        if kind == _HALVE:
+            if ray[at.GOOD] > 0.0:
+                margin = min(margin, abs(ray[at.MISS]))
+            top = _put_halves(course.rule, a, ray, b, top, work)
+            continue
+        if kind == _FINER:
+            moved = _end_to_move(a, b, ray, work.rays[2 * i + 1])
+            copy_ray(ray, a)
+            copy_ray(work.rays[2 * i + 1], b)
+            if moved >= 0:
+                _ask_moved(a, b, moved, fine, still, work)
+                work.nodes[int(b[at.INTERVAL])] += 1.0
+                rays += 1
+                still += 1
+                continue
+        else:
+            copy_ray(ray, a if kind == _MOVE_FIRST else b)
+        copy_ray(a, work.stack[top, 0])
+        copy_ray(b, work.stack[top, 1])
+        top += 1
+    return still, top, (n_brackets, margin, rays, complete)
+
+
+@kernel
+def _end_to_move(a, b, finer_a, finer_b):
+    """Index of the interval's end that must be moved over the root, or -1.
+
+    If the fine tolerance moved the root just beyond one end, the adjacent interval may lack it.
+    """
+    near = 0 if abs(finer_a[at.MISS]) < abs(finer_b[at.MISS]) else 1
+    end = finer_a if near == 0 else finer_b
+    over = -2.0 * end[at.MISS] / end[at.SLOPE]
+    lost = a[at.MISS] * b[at.MISS] < 0.0 < finer_a[at.MISS] * finer_b[at.MISS]
+    return near if lost and abs(over) < b[at.ANGLE] - a[at.ANGLE] else -1
+
+
+@kernel
+def _ask_moved(a, b, moved, fine, i, work):
+    """Ask for one end of an interval again, moved over the root."""
+    end, ray = a if moved == 0 else b, work.rays[2 * i]
+    copy_ray(end, ray)
+    ray[at.ANGLE] -= 2.0 * end[at.MISS] / end[at.SLOPE]
+    ray[at.TOL], ray[at.GOOD], work.rays[2 * i + 1, at.GOOD] = fine, WAITING, 0.0
+    work.kinds[i] = _MOVE_FIRST if moved == 0 else _MOVE_SECOND
+    copy_ray(a, work.halves[i, 0])
+    copy_ray(b, work.halves[i, 1])
+
+
+@kernel
+def _put_halves(rule, a, m, b, top, work):
+    """Put both halves of an interval on the stack, the steeper on top; return the size of the stack."""
+    e = a[at.DEFECT]
+    if (
+        m[at.GOOD] * a[at.GOOD] * b[at.GOOD] > 0.0
+        and _same_code(a, m, rule.fold)
+        and _same_code(m, b, rule.fold)
+    ):
+        e = 4.0 * _defect(a, m, b)
+    elif rule.kind != at.OPEN:
+        e = 1e30  # unknown: the middles of the halves decide
+    upper = 1 if a[at.ANGLE] + b[at.ANGLE] > 0.0 else 0
+    for half in range(2):
+        ends = work.stack[top + (half if upper == 1 else 1 - half)]
+        copy_ray(m if half == 1 else a, ends[0])
+        copy_ray(b if half == 1 else m, ends[1])
+        ends[0, at.DEFECT], ends[1, at.INTERVAL] = e, b[at.INTERVAL]
+    return top + 2
 
 
 @kernel
