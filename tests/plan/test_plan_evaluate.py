@@ -88,7 +88,7 @@ def test_a_link_that_is_probably_not_detected_is_lost(tiny):
     for config in (loud, faint):
         plan = plan_of(config, free={"landmarks.T.depth": [5.0]})
         evaluator = DesignEvaluator(plan)
-        m = expected_measurements(evaluator._run(plan.study({}, 0)))
+        m = expected_measurements(evaluator.missions.run({}, 0, None)[0])
         lost.append(int(np.sum(m.range_status == RayStatus.UNHEARD)))
         assert np.isnan(m.refracted_range[m.range_status == RayStatus.UNHEARD]).all()
     assert lost[0] == 0

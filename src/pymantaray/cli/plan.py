@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pymantaray.cli.groups import with_options
-from pymantaray.cli.options import Force, Set, TableOptions, changes_of
+from pymantaray.cli.options import Force, ProcessOptions, Set, TableOptions, changes_of
 from pymantaray.cli.output import check_output, counted_progress
+from pymantaray.errors import WriteError
+
+if TYPE_CHECKING:
+    from pymantaray.plan import PlanResults
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,10 @@ class PlanFiles:
     table: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Write the table of all designs.")
     ] = None
+    page: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write a page with front, map, errors over time and lost links."),
+    ] = None
     force: Force = False
 
     def check(self, source: Path) -> None:
@@ -28,6 +36,27 @@ class PlanFiles:
         for path, ending in ((self.out, ".toml"), (self.table, ".csv")):
             if path is not None:
                 check_output(path, (ending,), inputs=[source], force=self.force)
+        page = self.page
+        if page is not None and page.exists() and not (page.is_dir() and not any(page.iterdir())):
+            raise WriteError(f"{page}: already exists; give a new or empty folder")
+
+    def write(self, results: "PlanResults") -> dict[str, Path]:
+        """Write all files; return their paths by kind."""
+        from pymantaray.records import whole_file
+
+        written = {}
+        if self.out is not None:
+            results.write_best(self.out, replace=self.force)
+            written["study"] = self.out
+        if self.table is not None:
+            with whole_file(self.table, replace=self.force) as temporary:
+                temporary.write_text(results.table.to_csv(), encoding="utf-8")
+            written["csv"] = self.table
+        if self.page is not None:
+            from pymantaray.report import write_plan_page
+
+            written["page"] = write_plan_page(results, self.page)
+        return written
 
 
 @with_options
@@ -35,25 +64,19 @@ def plan(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A study file with a section plan.")],
     files: PlanFiles,
     printing: TableOptions,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes of this machine.")] = None,
+    processes: ProcessOptions,
     changes: Set = None,
 ) -> None:
     """Compare designs of a deployment by their expected position errors and lost links, and print the best."""
     files.check(file)
     from pymantaray.plan import load_plan, search_designs
-    from pymantaray.records import whole_file
 
     deployment = load_plan(file, **changes_of(changes))
     with counted_progress("designs", quiet=printing.quiet) as progress:
-        results = search_designs(deployment, workers=workers, progress=progress)
-    written = {}
-    if files.out is not None:
-        results.write_best(files.out, replace=files.force)
-        written["study"] = files.out
-    if files.table is not None:
-        with whole_file(files.table, replace=files.force) as temporary:
-            temporary.write_text(results.table.to_csv(), encoding="utf-8")
-        written["csv"] = files.table
+        results = search_designs(
+            deployment, client=processes.scheduler, workers=processes.workers, progress=progress
+        )
+    written = files.write(results)
     with printing.printer() as printed:
         printed.table(results.table)
         for sentence in results.sentences:

@@ -32,12 +32,25 @@ def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArr
         raise EvaluationError(
             f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
         )
+    return submerged_at(truth, measurements, ping_samples(measurements))
+
+
+def submerged_at(
+    truth: Trajectories, measurements: Measurements, samples: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Mask of vehicles that are active and have no GNSS fix at some samples, shape (n_samples, n_vehicles)."""
     under = np.asarray(truth.status == VehicleStatus.ACTIVE)
     under[measurements.gnss_vehicle, measurements.gnss_sample] = False
-    return np.asarray(under[:, ping_samples(measurements)].T)
+    return np.asarray(under[:, samples].T)
 
 
-def error_bound(truth: Trajectories, measurements: Measurements, condition: str = "straight") -> Array:
+def error_bound(
+    truth: Trajectories,
+    measurements: Measurements,
+    condition: str = "straight",
+    *,
+    samples: NDArray[np.intp] | None = None,
+) -> Array:
     r"""
     Posterior Cramér-Rao bound of the fleet's positions at the pings, along the true trajectories.
 
@@ -49,11 +62,13 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
     condition : str
         Key of `CONDITIONS`. ``odometry`` is dead reckoning; ``no-ranges`` adds depths and GNSS; all other conditions add the
         ranges of their links as straight distances.
+    samples : ndarray of int, optional
+        Samples at which the bound is wanted. Default: those of the pings.
 
     Returns
     -------
     ndarray, shape (n_pings, n_vehicles, 3, n_vehicles, 3)
-        Joint covariance of all positions at each ping. [m²]
+        Joint covariance of all positions at each ping or sample. [m²]
 
     Raises
     ------
@@ -74,7 +89,9 @@ def error_bound(truth: Trajectories, measurements: Measurements, condition: str 
     >>> bound = error_bound(run.truth, run.measurements)  # doctest: +SKIP
     """
     submerged_at_pings(truth, measurements)  # raises if the vehicles differ
-    o, samples, e = measurements, ping_samples(measurements), _known(condition)
+    o, e = measurements, _known(condition)
+    if samples is None:
+        samples = ping_samples(measurements)
     if not samples.size:
         return np.empty((0, *2 * (o.name.size, 3)))
     if e.dead_reckoned:

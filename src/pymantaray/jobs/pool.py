@@ -7,9 +7,9 @@ import re
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
@@ -53,15 +53,22 @@ TaskFunction = Callable[[Any], Any]
 """Function that runs a task and returns its result."""
 
 
+@contextmanager
+def one_task(version: str) -> Iterator[None]:
+    """Context of a task in a worker, one at a time; raise `JobError` if another version of the code issued it."""
+    with _EXECUTION_LOCK:
+        if version != code_version():
+            raise JobError(
+                f"this worker has pymantaray {code_version()}, but the task needs {version}; install the same version"
+            )
+        yield
+
+
 def run_in_store(
     url: str, task: TaskT, compute: Callable[[Store, TaskT], None], failed_name: str | None
 ) -> str | None:
     """Run a task that writes its result into a store; if it fails, write and return the error line."""
-    with _EXECUTION_LOCK:
-        if task.version != code_version():
-            raise JobError(
-                f"this worker has pymantaray {code_version()}, but the task needs {task.version}; install the same version"
-            )
+    with one_task(task.version):
         store = open_store(url)
         try:
             compute(store, task)

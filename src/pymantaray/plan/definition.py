@@ -12,9 +12,11 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveInt
 
 from pymantaray.config.checks import parse
-from pymantaray.config.common import Section
+from pymantaray.config.common import Hours, Section
+from pymantaray.config.estimators import PerturbedBelief
 from pymantaray.config.load import PLAN, plan_tree
 from pymantaray.errors import MantaRayError, PlanError
+from pymantaray.jobs.keys import digest
 from pymantaray.study import StudyConfig, load_study
 from pymantaray.sweep import Sweep
 
@@ -31,6 +33,39 @@ class FreeRange(NamedTuple):
     low: float
     high: float
 
+    def at(self, key: str, value: float) -> dict[str, float]:
+        """Values of a design by key."""
+        return {key: value}
+
+
+class FreeLine(NamedTuple):
+    """Line between two tables of numbers, such as positions; the search varies the share of its length."""
+
+    start: Mapping[str, float]
+    stop: Mapping[str, float]
+
+    @property
+    def low(self) -> float:
+        """Share at the start."""
+        return 0.0
+
+    @property
+    def high(self) -> float:
+        """Share at the end."""
+        return 1.0
+
+    def at(self, key: str, share: float) -> dict[str, float]:
+        """Values of a design by key, rounded to a millionth of the line."""
+        return {
+            f"{key}.{name}": round(end, 6)
+            for name in self.start
+            for end in [self.start[name] + share * (self.stop[name] - self.start[name])]
+        }
+
+
+class LinePoints(list[dict[str, float]]):
+    """Points of a line at equal steps, each with its values by key."""
+
 
 class CostSection(Section):
     """Costs, in any unit, which are added up."""
@@ -41,10 +76,21 @@ class CostSection(Section):
     """Cost of each landmark. [-]"""
     ping: NonNegativeFloat = 0.0
     """Cost of each transmission of a ping. [-]"""
+    cast: NonNegativeFloat = 0.0
+    """Cost of the cast that a condition with ``belief = { kind = "cast" }`` needs. [-]"""
 
-    def of(self, stations: int, landmarks: int, pings: int) -> float:
-        """Cost of a deployment."""
-        return self.station * stations + self.landmark * landmarks + self.ping * pings
+
+class PerturbedWaters(PerturbedBelief):
+    """
+    Ensemble of true waters: each ocean with random errors in its vertical modes, as for a perturbed belief.
+
+    Assumed waters start from the perturbed water. ``{ kind = "file" }`` with the source of the ocean assumes the unperturbed one.
+    """
+
+    kind: Literal["perturbed"] = "perturbed"
+    """The ocean with random errors."""
+    members: PositiveInt = 10
+    """Number of waters for each ocean."""
 
 
 class PlanSection(Section):
@@ -58,10 +104,16 @@ class PlanSection(Section):
     """Condition of the study whose errors are computed. Default: the last one."""
     error_of: str | None = None
     """Vehicle whose position error counts. Default: all vehicles."""
+    error_at_h: tuple[Hours[NonNegativeFloat], ...] | None = Field(default=None, strict=False, min_length=1)
+    """Times at which the position error counts, rounded to samples. Default: all pings. [h]"""
     lost_of: str | None = None
     """Vehicle or landmark whose links count as lost or not. Default: all links."""
     oceans: tuple[dict[str, Any], ...] = Field(default=({},), strict=False, min_length=1)
     """Possible oceans: a table of keys of ``[ocean]`` for each, over those of the study."""
+    perturbed: PerturbedWaters | None = None
+    """Random errors of each ocean. Default: the oceans as they are."""
+    ranked_by: Literal["mean", "worst-tenth"] = "mean"
+    """Value over the ensemble that decides which design is the best: the mean, or the mean of the worst tenth."""
     costs: CostSection = CostSection()
     """Costs of a design."""
     evaluations: PositiveInt = 40
@@ -125,26 +177,63 @@ class DeploymentPlan:
             )
         ends = [{**self.lists_at(k), **self.ends(high=k != 0)} for k in (0, self.size - 1)]
         for design, ocean in product(ends, range(len(section.oceans))):
-            self.study(design, ocean)
+            study = self.study(design, ocean)
+            self._check(study)
+
+    def _check(self, study: StudyConfig) -> None:
+        """Refuse times after the mission, and perturbations of an ocean that varies."""
+        hours = study.mission.duration_h
+        for time in self.section.error_at_h or ():
+            if time > hours:
+                raise PlanError(
+                    f"{self.source}: plan.error_at_h: found {time:g}; allowed: 0 to {hours:g}, the duration of the mission"
+                )
+        if self.section.perturbed is not None and study.ocean.time_varying:
+            raise PlanError(
+                f"{self.source}: plan.perturbed: the ocean varies in time; set ocean.time_varying to false, or remove it"
+            )
+
+    @property
+    def waters(self) -> list[tuple[int, int | None]]:
+        """Waters of the ensemble: the number of the ocean, and that of the perturbation or None."""
+        perturbed = self.section.perturbed
+        members = [None] if perturbed is None else range(perturbed.members)
+        return list(product(range(len(self.section.oceans)), members))
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of everything that scores of designs depend on, files excepted."""
+        content = {"study": self.base.model_dump(mode="json"), "plan": self.section.model_dump(mode="json")}
+        return digest("plan", {**content, "folder": str(self.folder.absolute())}, {})
 
     @cached_property
     def _free(self) -> dict[str, Any]:
         return _flat(self.section.free, self.source)
 
     @cached_property
-    def ranges(self) -> dict[str, FreeRange]:
+    def ranges(self) -> dict[str, FreeRange | FreeLine]:
         """Limits of the free keys that the search varies continuously."""
-        return {key: value for key, value in self._free.items() if isinstance(value, FreeRange)}
+        return {key: value for key, value in self._free.items() if isinstance(value, FreeRange | FreeLine)}
 
     @cached_property
     def lists(self) -> dict[str, list[Any]]:
-        """Values of the free keys that have a list or a count."""
-        return {key: value for key, value in self._free.items() if not isinstance(value, FreeRange)}
+        """Values of the free keys that have a list or a count; those of a line are positions of the design by key."""
+        return {key: value for key, value in self._free.items() if key not in self.ranges}
 
     @property
     def keys(self) -> list[str]:
-        """Free keys in the order of the file."""
-        return list(self._free)
+        """Keys of a design in the order of the file."""
+        return [
+            inner
+            for key, value in self._free.items()
+            for inner in (
+                value.at(key, 0.0)
+                if isinstance(value, FreeRange | FreeLine)
+                else value[0]
+                if isinstance(value, LinePoints)
+                else [key]
+            )
+        ]
 
     @property
     def size(self) -> int:
@@ -172,7 +261,10 @@ class DeploymentPlan:
         """
         sizes = [len(values) for values in self.lists.values()]
         place = np.unravel_index(number, sizes) if sizes else ()
-        return {key: values[k] for (key, values), k in zip(self.lists.items(), place, strict=True)}
+        design: dict[str, Any] = {}
+        for (key, values), k in zip(self.lists.items(), place, strict=True):
+            design |= values[k] if isinstance(values, LinePoints) else {key: values[k]}
+        return design
 
     def ends(self, *, high: bool) -> dict[str, float]:
         """
@@ -188,7 +280,10 @@ class DeploymentPlan:
         dict of str to float
             Limit of each key.
         """
-        return {key: limits.high if high else limits.low for key, limits in self.ranges.items()}
+        ends: dict[str, float] = {}
+        for key, limits in self.ranges.items():
+            ends |= limits.at(key, limits.high if high else limits.low)
+        return ends
 
     def study(self, design: Design, ocean: int | None = None) -> StudyConfig:
         """
@@ -264,12 +359,12 @@ def _flat(table: Mapping[str, Any], source: str, before: str = "") -> dict[str, 
         if isinstance(value, Mapping) and not {"from", "to"} & value.keys():
             out |= _flat(value, source, f"{key}.")
         else:
-            out[key] = _values(value, f"{source}: plan.free: {key}")
+            out[key] = _values(value, key, f"{source}: plan.free: {key}")
     return out
 
 
-def _values(value: Any, label: str) -> list[Any] | FreeRange:
-    """List of values, or the limits of a range without a count."""
+def _values(value: Any, key: str, label: str) -> list[Any] | FreeRange | FreeLine:
+    """List of values, or the limits of a range or line without a count."""
     if not isinstance(value, Mapping):
         if isinstance(value, list | tuple) and value:
             return list(value)
@@ -278,13 +373,30 @@ def _values(value: Any, label: str) -> list[Any] | FreeRange:
     low, high, count = ends
     if unknown := sorted(value.keys() - set(_RANGE)):
         raise PlanError(f"{label}.{unknown[0]}: unknown key; allowed: {', '.join(_RANGE)}")
+    if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 2):
+        raise PlanError(f"{label}.count: found {count}; allowed: a whole number, 2 or more")
+    if isinstance(low, Mapping) or isinstance(high, Mapping):
+        line = _line(low, high, label)
+        return (
+            line
+            if count is None
+            else LinePoints(line.at(key, x) for x in np.linspace(0.0, 1.0, count).tolist())
+        )
     if not all(_is_number(end) for end in (low, high)) or not low < high:
         raise PlanError(f"{label}: from is {low}, to is {high}; both must be numbers with from below to")
-    if count is None:
-        return FreeRange(float(low), float(high))
-    if not isinstance(count, int) or isinstance(count, bool) or count < 2:
-        raise PlanError(f"{label}.count: found {count}; allowed: a whole number, 2 or more")
-    return [float(x) for x in np.linspace(low, high, count)]
+    return FreeRange(float(low), float(high)) if count is None else np.linspace(low, high, count).tolist()
+
+
+def _line(start: Any, stop: Any, label: str) -> FreeLine:
+    """Line between two tables with the same keys and different numbers."""
+    tables = [end for end in (start, stop) if isinstance(end, Mapping) and end]
+    alike = len(tables) == 2 and start.keys() == stop.keys() and dict(start) != dict(stop)
+    if not alike or not all(_is_number(x) for end in tables for x in end.values()):
+        raise PlanError(
+            f"{label}: from is {start}, to is {stop}; a line needs two different tables of numbers with the same keys, such as"
+            " { north = 0, east = 0 } and { north = 0, east = 5000 }"
+        )
+    return FreeLine(dict(start), dict(stop))
 
 
 def _is_number(value: Any) -> bool:

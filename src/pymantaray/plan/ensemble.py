@@ -1,4 +1,4 @@
-"""Scores of a design over an ensemble of oceans, and the Pareto front of designs."""
+"""Scores of a design over an ensemble of waters, and the Pareto front of designs."""
 
 from collections.abc import Sequence
 
@@ -15,27 +15,29 @@ COLUMNS = {
 }
 """Score of each objective."""
 LARGER_IS_BETTER = frozenset(["heard_by_two_percent"])
-_WORST = 0.1
+WORST = 0.1
+"""Share of the waters that ``worst_score`` takes."""
 
 
 def mean_score(scores: Sequence[Scores], column: str) -> float:
-    """Mean of a score over the oceans; NaN if the design fails in one."""
+    """Mean of a score over the waters; NaN if the design fails in one."""
     return float(np.mean([getattr(one, column) for one in scores]))
 
 
 def worst_score(scores: Sequence[Scores], column: str) -> float:
-    """Mean of a score over the worst tenth of the oceans, at least one; NaN if the design fails in one ocean."""
+    """Mean of a score over the worst tenth of the waters, at least one; NaN if the design fails in one water."""
     values = np.sort([getattr(one, column) for one in scores])
     if column not in LARGER_IS_BETTER:
         values = values[::-1]
-    worst = values[: int(np.ceil(_WORST * len(values)))]
+    worst = values[: int(np.ceil(WORST * len(values)))]
     return float(worst.mean()) if np.isfinite(values).all() else np.nan
 
 
-def loss_of(objective: str, scores: Sequence[Scores]) -> float:
-    """Mean over the oceans of what an objective minimizes."""
+def loss_of(objective: str, scores: Sequence[Scores], ranked_by: str = "mean") -> float:
+    """Value that an objective minimizes: the mean over the waters, or that over the worst tenth."""
     column = COLUMNS[objective]
-    return (-1.0 if column in LARGER_IS_BETTER else 1.0) * mean_score(scores, column)
+    value = mean_score(scores, column) if ranked_by == "mean" else worst_score(scores, column)
+    return (-1.0 if column in LARGER_IS_BETTER else 1.0) * value
 
 
 def pareto_front(losses: ArrayLike) -> NDArray[np.bool_]:

@@ -1,33 +1,30 @@
 """Evaluate one design without realizations: lost links, and the bound and the bias of positions at the pings."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.estimation import GraphSolver, solve_conditions
 from pymantaray.evaluation import error_bound
-from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
+from pymantaray.evaluation.bound import ping_samples, submerged_at
 from pymantaray.geometry import stream
 from pymantaray.plan.definition import CostSection, DeploymentPlan, Design
+from pymantaray.plan.waters import Missions
 from pymantaray.records import Measurements
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.detection import mark_unheard
 from pymantaray.study import StudyConfig
 from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.study.mission import assemble_mission, range_fleet, simulate_fleet
-from pymantaray.study.runner import refuse_too_large
-from pymantaray.study.store import Run, run_in_memory
-from pymantaray.sweep.keys import OCEAN, task_keys
-from pymantaray.water.ocean import build_medium
-from pymantaray.water.water import mission_ocean
+from pymantaray.study.store import Run
 
 Array = NDArray[np.float64]
 _DRAWS = 200  # of each position error, for the 95 % quantile
 _DETECTED = 0.5  # links with a smaller probability of detection carry no information
-_OCEANS = 8  # kept in memory
 
 
 class Scores(NamedTuple):
@@ -49,26 +46,39 @@ class Scores(NamedTuple):
     """Reason why the design failed."""
 
 
+class Errors(NamedTuple):
+    """Expected errors of positions at some times, and the vehicles that count."""
+
+    time: Array
+    """Times, shape (n,). [s]"""
+    bias: Array
+    """Errors that the assumed water causes, shape (n, n_vehicles, 3). [m]"""
+    covariance: Array
+    """Posterior bound along the true trajectories, shape (n, n_vehicles, 3, 3). [m²]"""
+    counts: NDArray[np.bool_]
+    """True for vehicles under water that the plan asks for, shape (n, n_vehicles)."""
+
+
 class DesignEvaluator:
-    """Evaluates designs of a plan; the latest oceans stay in memory."""
+    """Evaluates designs of a plan; waters, trajectories and links of earlier designs stay in memory."""
 
     def __init__(self, plan: DeploymentPlan) -> None:
-        self._plan, self._water, self._solver = plan, {}, GraphSolver()  # type: ignore[var-annotated]
+        self._plan, self._solver = plan, GraphSolver()
+        self.missions = Missions(plan)
+        """Missions of the designs, with the solved links."""
 
     def __call__(self, design: Design) -> list[Scores]:
-        """Scores of a design in each ocean. On one thread, as all workers."""
+        """Scores of a design in each water. On one thread, as all workers."""
         with threadpool_limits(limits=1, user_api="blas"):
-            return [self._scores(design, ocean) for ocean in range(len(self._plan.section.oceans))]
+            return [self._scores(design, *water) for water in self._plan.waters]
 
-    def _scores(self, design: Design, ocean: int) -> Scores:
+    def _scores(self, design: Design, ocean: int, member: int | None) -> Scores:
         plan = self._plan.section
         try:
-            run = self._run(self._plan.study(design, ocean))
-            bias, covariance = self._errors(run)
-            mask = _mask(run, plan.error_of)
+            run, errors = self.evaluate(design, ocean, member)
         except MantaRayError as error:
             return Scores(failure=str(error).partition("\n")[0])
-        bias, covariance = bias[mask], covariance[mask]
+        bias, covariance = errors.bias[errors.counts], errors.covariance[errors.counts]
         noise, shift = np.einsum("kii->k", covariance), np.sum(bias**2, axis=-1)
         lost, heard = link_scores(run, plan.lost_of)
         return Scores(
@@ -78,43 +88,44 @@ class DesignEvaluator:
             bias_rmse_m=_root_mean(shift),
             lost_percent=lost,
             heard_by_two_percent=heard,
-            cost=cost_of(run.config, run.measurements, plan.costs),
-            failure="" if mask.any() else "no vehicle is under water at a ping",
+            cost=cost_of(run.config, run.measurements, plan.costs, self._plan.condition),
+            failure=""
+            if errors.counts.any()
+            else "no vehicle is under water at the pings or times that count",
         )
 
-    def _run(self, config: StudyConfig) -> Run:
-        """Mission of a design without noise, as a run in memory."""
-        refuse_too_large(config, 1)
-        key = task_keys(config, {})[OCEAN], config.acoustics.interpolation, config.acoustics.earth
-        if key not in self._water:
-            while len(self._water) >= _OCEANS:
-                self._water.pop(next(iter(self._water)))
-            ocean = mission_ocean(config)
-            self._water[key] = ocean, build_medium(ocean, *key[1:])
-        ocean, medium = self._water[key]
-        truth = simulate_fleet(config, ocean)
-        ranging = range_fleet(config, ocean, medium, truth)
-        return run_in_memory(config, assemble_mission(config, ocean, truth, ranging))
-
-    def _errors(self, run: Run) -> tuple[Array, Array]:
+    def evaluate(self, design: Design, ocean: int, member: int | None) -> tuple[Run, Errors]:
         """
-        Bias (n_pings, n_vehicles, 3) and covariance (n_pings, n_vehicles, 3, 3) of positions at the pings.
+        Mission of a design in one water, and its expected errors.
 
         The covariance is the posterior bound along the true trajectories. The bias is the error of the estimate from measurements
         without noise: that of the assumed water alone.
         """
+        plan = self._plan.section
+        run, drawn = self.missions.run(design, ocean, member)
         section = next(c for c in run.config.conditions if c.name == self._plan.condition)
         measurements = expected_measurements(run)
-        samples = ping_samples(measurements)
-        joint = error_bound(run.truth, measurements, section.standard_equivalent)
-        estimator = EstimatorFactory(run).estimator(section, 0)
+        samples = _samples(run, plan.error_at_h)
+        joint = error_bound(run.truth, measurements, section.standard_equivalent, samples=samples)
+        estimator = EstimatorFactory(run, drawn).estimator(section, 0)
         solution = solve_conditions(measurements, {"bias": estimator}, solver=self._solver)["bias"]
         if not solution.status.usable:
             raise PlanError(
                 f"condition {section.name}: the estimate without noise ends with {solution.status.name}"
             )
         bias = (solution.position - run.truth.position)[:, samples].swapaxes(0, 1)
-        return bias, np.einsum("eaiaj->eaij", joint)
+        counts = submerged_at(run.truth, measurements, samples)
+        if plan.error_of is not None:
+            counts = counts & (run.truth.name == plan.error_of)
+        return run, Errors(run.truth.time[samples], bias, np.einsum("eaiaj->eaij", joint), counts)
+
+
+def _samples(run: Run, hours: Sequence[float] | None) -> NDArray[np.intp]:
+    """Samples of the pings, or the nearest ones to some times."""
+    if hours is None:
+        return ping_samples(run.measurements)
+    apart = np.abs(run.truth.time - 3600.0 * np.array(hours)[:, None])
+    return np.unique(apart.argmin(axis=1)).astype(np.intp)
 
 
 def expected_measurements(run: Run) -> Measurements:
@@ -122,7 +133,7 @@ def expected_measurements(run: Run) -> Measurements:
     m = run.measurements
     if run.hearing is None:
         return m
-    return mark_unheard(m, np.isin(m.range_status, ARRIVES) & (_probability(run) < _DETECTED))
+    return mark_unheard(m, np.isin(m.range_status, ARRIVES) & (detection_probability(run) < _DETECTED))
 
 
 def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float:
@@ -142,7 +153,7 @@ def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float
 
 def link_scores(run: Run, name: str | None) -> tuple[float, float]:
     """Expected share of lost attempts, of one participant or of all, and of pings that two or more receivers hear. [%]"""
-    m, probability = run.measurements, _probability(run)
+    m, probability = run.measurements, detection_probability(run)
     use = np.ones(probability.size, dtype=bool)
     if name is not None:
         number = [*m.name.tolist(), *m.landmark_name.tolist()].index(name)
@@ -153,10 +164,17 @@ def link_scores(run: Run, name: str | None) -> tuple[float, float]:
     return lost, 100.0 * float(np.mean(receivers >= 2)) if sent else np.nan
 
 
-def cost_of(config: StudyConfig, m: Measurements, costs: CostSection) -> float:
-    """Cost of stations, landmarks and transmissions."""
+def cost_of(config: StudyConfig, m: Measurements, costs: CostSection, condition: str) -> float:
+    """Cost of stations, landmarks, transmissions, and the cast that a condition assumes."""
     stations = sum(vehicle.kind == "station" for vehicle in config.fleet.vehicles)
-    return costs.of(stations, len(config.landmarks), _pings(m)[1])
+    section = next(c for c in config.conditions if c.name == condition)
+    casts = int(isinstance(section.belief, CastBelief))
+    return (
+        costs.station * stations
+        + costs.landmark * len(config.landmarks)
+        + costs.ping * _pings(m)[1]
+        + costs.cast * casts
+    )
 
 
 def _pings(m: Measurements) -> tuple[NDArray[np.intp], int]:
@@ -166,16 +184,10 @@ def _pings(m: Measurements) -> tuple[NDArray[np.intp], int]:
     return ping.reshape(-1), distinct.shape[1]
 
 
-def _probability(run: Run) -> Array:
+def detection_probability(run: Run) -> Array:
     """Probability of each range attempt to give a range."""
     arrives = np.isin(run.measurements.range_status, ARRIVES)
     return np.where(arrives, 1.0 if run.hearing is None else run.hearing.probability, 0.0)
-
-
-def _mask(run: Run, name: str | None) -> NDArray[np.bool_]:
-    """Vehicles under water at the pings, of one name or all."""
-    mask = submerged_at_pings(run.truth, run.measurements)
-    return mask if name is None else mask & (run.truth.name == name)
 
 
 def _root_mean(values: Array) -> float:

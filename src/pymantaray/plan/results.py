@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pymantaray.config.common import NONE
 from pymantaray.config.load import BASE, preset_names
-from pymantaray.plan.definition import DeploymentPlan, Design
-from pymantaray.plan.ensemble import COLUMNS, loss_of, mean_score, pareto_front, worst_score
+from pymantaray.plan.definition import DeploymentPlan, Design, FreeRange
+from pymantaray.plan.ensemble import COLUMNS, WORST, loss_of, mean_score, pareto_front, worst_score
 from pymantaray.plan.evaluate import Scores
 from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
@@ -23,7 +23,15 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
-_NEAR = 1.1  # near-optimal designs, as a factor on the best value of the first objective
+_NEAR = 0.1  # largest difference of near-optimal designs, as a share of the best value of the first objective
+_SCORES = [name for name in Scores._fields if name != "failure"]
+_YES = ("no", "yes")
+_WORDS = {
+    "error_m": "95 % error [m]",
+    "worst_error_m": "95 % error, worst tenth [m]",
+    "worst_lost_percent": "lost, worst tenth [%]",
+    "worst_front": "front, worst tenth",
+}
 
 
 class PlanResults:
@@ -50,46 +58,73 @@ class PlanResults:
     ) -> None:
         self.plan, self.designs, self.scores, self.base = plan, designs, scores, base
 
+    def losses(self, ranked_by: str) -> Array:
+        """Values that the objectives minimize, shape (n_designs, n_objectives), by the mean or by the worst tenth of the waters."""
+        objectives = self.plan.section.objectives
+        return np.array([[loss_of(o, s, ranked_by) for o in objectives] for s in self.scores])
+
     @cached_property
     def front(self) -> NDArray[np.bool_]:
-        """Mask of designs on the Pareto front of the objectives, in the mean over the oceans."""
-        return pareto_front([[loss_of(o, s) for o in self.plan.section.objectives] for s in self.scores])
+        """Mask of designs on the Pareto front of the objectives, in the mean over the waters."""
+        return pareto_front(self.losses("mean"))
+
+    @cached_property
+    def worst_front(self) -> NDArray[np.bool_]:
+        """Mask of designs on the Pareto front of the objectives, in the mean over the worst tenth of the waters."""
+        return pareto_front(self.losses("worst-tenth"))
 
     @cached_property
     def best(self) -> int:
         """Number of the design with the best first objective; the others decide between equal designs."""
-        order = [[loss_of(o, s) for o in self.plan.section.objectives] for s in self.scores]
+        order = self.losses(self.plan.section.ranked_by)
         usable = [k for k, row in enumerate(order) if np.isfinite(row).all()] or range(len(order))
         return min(usable, key=lambda k: np.nan_to_num(order[k], nan=np.inf).tolist())
 
     @cached_property
+    def near(self) -> NDArray[np.bool_]:
+        """Mask of designs whose first objective is within 10 % of the best, by its size; the best design is one of them."""
+        losses = self.losses(self.plan.section.ranked_by)[:, 0]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(losses - losses[self.best] <= _NEAR * abs(losses[self.best]))
+
+    @cached_property
     def frame(self) -> "pd.DataFrame":
-        """All designs in the order of the search: free keys, mean scores, with several oceans the worst tenth, front, status."""
+        """All designs in the order of the search: free keys, mean scores, with several waters the worst tenth, fronts, status."""
         import pandas as pd
 
         rows = []
-        for design, scores, front in zip(self.designs, self.scores, self.front, strict=True):
-            names = [name for name in Scores._fields if name != "failure"]
-            row: dict[str, Any] = {**design, **{name: mean_score(scores, name) for name in names}}
+        for k, (design, scores) in enumerate(zip(self.designs, self.scores, strict=True)):
+            row: dict[str, Any] = {**design, **{name: mean_score(scores, name) for name in _SCORES}}
             if len(scores) > 1:
                 row |= {f"worst_{COLUMNS[o]}": worst_score(scores, COLUMNS[o]) for o in COLUMNS}
             failure = next((one.failure for one in scores if one.failure), "")
-            rows.append({**row, "front": "yes" if front else "no", "status": failure or "OK"})
+            row["front"] = _YES[int(self.front[k])]
+            if len(scores) > 1:
+                row["worst_front"] = _YES[int(self.worst_front[k])]
+            rows.append({**row, "status": failure or "OK"})
         return pd.DataFrame(rows)
+
+    @property
+    def base_row(self) -> dict[str, float]:
+        """Scores of the study as it is, by the columns of `frame`."""
+        row = {name: mean_score(self.base, name) for name in _SCORES}
+        return row | {f"worst_{COLUMNS[o]}": worst_score(self.base, COLUMNS[o]) for o in COLUMNS}
 
     @cached_property
     def table(self) -> ResultTable:
         """Designs, sorted by the first objective."""
         objectives = [COLUMNS[objective] for objective in self.plan.section.objectives]
-        order = np.argsort([loss_of(self.plan.section.objectives[0], s) for s in self.scores], kind="stable")
-        worst = [f"worst_{name}" for name in objectives] if len(self.base) > 1 else []
+        order = np.argsort(self.losses(self.plan.section.ranked_by)[:, 0], kind="stable")
+        several = len(self.base) > 1
+        worst = [f"worst_{name}" for name in objectives] if several else []
+        fronts = ["front", "worst_front"] if several else ["front"]
         failed = ["status"] if (self.frame["status"] != "OK").any() else []
         return ResultTable(
             "designs",
             self.frame.iloc[order].reset_index(drop=True),
             f"Designs of {self.plan.base.study.name}, {int(self.front.sum())} of {len(self.designs)} on the front",
-            brief=[*self.plan.keys, *dict.fromkeys([*objectives, *worst, "bias_rmse_m"]), "front", *failed],
-            words={"error_m": "95 % error [m]", "worst_error_m": "worst 95 % error [m]"},
+            brief=[*self.plan.keys, *dict.fromkeys([*objectives, *worst, "bias_rmse_m"]), *fronts, *failed],
+            words=_WORDS,
         )
 
     @cached_property
@@ -112,7 +147,7 @@ class PlanResults:
             if np.isfinite(now):
                 instead = f" instead of {before:.3g}{unit}" if np.isfinite(before) else ""
                 out.append(f"{text} {now:.3g}{unit}{instead}.")
-        return [*out, *self._of_one_number()]
+        return [*out, *self._of_ensemble(), *self._of_one_number(), *self._of_limits()]
 
     @property
     def _links(self) -> str:
@@ -128,10 +163,8 @@ class PlanResults:
         out = [
             _step(key, numbers, np.array([mean_score(s, "lost_percent") for s in self.scores]), self._links)
         ]
-        objective = self.plan.section.objectives[0]
-        losses = np.array([loss_of(objective, s) for s in self.scores])
-        near = losses <= _NEAR * losses[self.best]
-        if losses[self.best] > 0.0 and near.sum() > 1:
+        near, objective = self.near, self.plan.section.objectives[0]
+        if near.sum() > 1:
             low, high = numbers[near].min(), numbers[near].max()
             inside = int(np.sum((numbers >= low) & (numbers <= high)))
             out.append(
@@ -139,6 +172,28 @@ class PlanResults:
                 f" the best {objective.replace('_', ' ')}."
             )
         return [line for line in out if line]
+
+    def _of_limits(self) -> list[str]:
+        """Sentences about free numbers whose best value is a limit of their range."""
+        best = self.designs[self.best]
+        return [
+            f"The best {key} is the {'lower' if best[key] == limits.low else 'upper'} limit of its range; a wider range may be better."
+            for key, limits in self.plan.ranges.items()
+            if isinstance(limits, FreeRange) and best[key] in (limits.low, limits.high)
+        ]
+
+    def _of_ensemble(self) -> list[str]:
+        """Sentence about the worst tenth of the waters."""
+        scores = self.scores[self.best]
+        if len(scores) == 1:
+            return []
+        count = int(np.ceil(WORST * len(scores)))
+        which = "the worst of them" if count == 1 else f"the worst {count} of them"
+        now, before = worst_score(scores, "error_m"), worst_score(self.base, "error_m")
+        instead = f" instead of {before:.3g} m" if np.isfinite(before) else ""
+        return [
+            f"These are means over {len(scores)} waters; in {which} the 95 % error is {now:.3g} m{instead}."
+        ]
 
     def write_best(self, out: str | Path, *, replace: bool = False) -> None:
         """

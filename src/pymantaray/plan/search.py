@@ -4,18 +4,22 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import PlanError
-from pymantaray.jobs.pool import Pool, ProcessPool, Queue, run_tasks
+from pymantaray.jobs.pool import Pool, Queue, check_scheduler, open_pool, run_tasks
 from pymantaray.jobs.progress import TaskProgress
-from pymantaray.plan.definition import DeploymentPlan, Design, FreeRange
+from pymantaray.plan.definition import DeploymentPlan, Design, FreeLine, FreeRange
 from pymantaray.plan.ensemble import loss_of
-from pymantaray.plan.evaluate import DesignEvaluator, Scores
+from pymantaray.plan.evaluate import Scores
 from pymantaray.plan.results import PlanResults
+from pymantaray.plan.tasks import DesignTask, evaluate_task
+
+if TYPE_CHECKING:
+    from pymantaray.jobs.pool import Client
 
 _DESIGNS_PER_WORKER = 4  # a fresh process takes as long to start as a few designs
 _POPULATION = 10  # designs of a generation, at least
@@ -23,7 +27,11 @@ _STEPS = 1000  # values of a range are rounded to a power of ten below this shar
 
 
 def search_designs(
-    plan: DeploymentPlan, *, workers: int | None = None, progress: TaskProgress | None = None
+    plan: DeploymentPlan,
+    *,
+    client: "Client | str | None" = None,
+    workers: int | None = None,
+    progress: TaskProgress | None = None,
 ) -> PlanResults:
     """
     Evaluate the designs of a plan and find the best ones.
@@ -32,6 +40,9 @@ def search_designs(
     ----------
     plan : DeploymentPlan
         From `load_plan`.
+    client : distributed.Client or str, optional
+        Dask client or scheduler address. Default: processes of this machine. Files of the study must have the same names for all
+        workers.
     workers : int, optional
         Processes of this machine. Default: one per core, at most one for every four designs. The results do not depend on it.
     progress : callable, optional
@@ -46,6 +57,8 @@ def search_designs(
     ------
     PlanError
         If all designs fail; the message has the reason of the first.
+    JobError
+        If the scheduler does not answer, or a worker has another version of the package.
 
     Notes
     -----
@@ -57,11 +70,12 @@ def search_designs(
     >>> results = search_designs(load_plan("mission.toml"))  # doctest: +SKIP
     """
     most = plan.size * (plan.section.evaluations * len(plan.section.objectives) if plan.ranges else 1)
+    check_scheduler(client)
     if workers is None:
         workers = min(os.cpu_count() or 1, max(most // _DESIGNS_PER_WORKER, 1))
-    start = partial(DesignEvaluator, plan)
-    with ProcessPool(start, workers) if workers > 1 else Pool(start) as pool:
-        evaluations = _Evaluations(pool, progress, most + 1)
+    alone = client is None and workers == 1
+    with Pool(lambda: evaluate_task) if alone else open_pool(evaluate_task, client, workers) as pool:
+        evaluations = _Evaluations(plan, pool, progress, most + 1)
         evaluations.scores([{}])
         if plan.ranges:
             for number in range(plan.size):
@@ -78,7 +92,8 @@ def search_designs(
 class _Evaluations:
     """Evaluated designs in the order of the search; each design is evaluated once."""
 
-    def __init__(self, pool: Pool, progress: TaskProgress | None, most: int) -> None:
+    def __init__(self, plan: DeploymentPlan, pool: Pool, progress: TaskProgress | None, most: int) -> None:
+        self._task = partial(DesignTask, plan, plan.fingerprint)
         self._pool, self._progress, self._most = pool, progress, most
         self._by_key: dict[str, tuple[Design, list[Scores]]] = {}
 
@@ -91,7 +106,7 @@ class _Evaluations:
         """Scores of designs, each in all oceans."""
         keys = [json.dumps(design, sort_keys=True, default=str) for design in designs]
         new = {key: design for key, design in zip(keys, designs, strict=True) if key not in self._by_key}
-        queue = _DesignQueue(new, self._report)
+        queue = _DesignQueue({key: self._task(design) for key, design in new.items()}, self._report)
         run_tasks(queue, self._pool)
         self._by_key |= {key: (design, queue.results[key]) for key, design in new.items()}
         return [self._by_key[key][1] for key in keys]
@@ -106,14 +121,16 @@ class _Evaluations:
 class _DesignQueue(Queue):
     """Designs to evaluate."""
 
-    def __init__(self, designs: dict[str, Design], report: Callable[[dict[str, list[Scores]]], None]) -> None:
-        super().__init__(designs)
-        self._designs, self._report = designs, report
+    def __init__(
+        self, tasks: dict[str, DesignTask], report: Callable[[dict[str, list[Scores]]], None]
+    ) -> None:
+        super().__init__(tasks)
+        self._tasks, self._report = tasks, report
         self.results: dict[str, list[Scores]] = {}
 
     def task(self, key: str) -> Any:
-        """Return the design of a key."""
-        return self._designs[key]
+        """Return the task of a design."""
+        return self._tasks[key]
 
     def record_result(self, key: str, result: list[Scores]) -> None:
         """Record the scores of a design."""
@@ -143,7 +160,8 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
     def losses(objective: str, points: NDArray[np.float64]) -> Any:  # SciPy's types lack vectorized functions
         columns = [points] if points.ndim == 1 else points.T
         designs = [{**listed, **_rounded(plan.ranges, point)} for point in columns]
-        values = [loss_of(objective, scores) for scores in evaluations.scores(designs)]
+        ranked_by = plan.section.ranked_by
+        values = [loss_of(objective, scores, ranked_by) for scores in evaluations.scores(designs)]
         return np.asarray(np.nan_to_num(np.array(values), nan=np.inf))
 
     bounds: Any = [(limits.low, limits.high) for limits in plan.ranges.values()]
@@ -163,10 +181,10 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
         )
 
 
-def _rounded(ranges: dict[str, FreeRange], point: Any) -> dict[str, float]:
+def _rounded(ranges: dict[str, FreeRange | FreeLine], point: Any) -> dict[str, float]:
     """Values by key, rounded to a thousandth of their range or finer."""
-    out = {}
-    for (key, (low, high)), x in zip(ranges.items(), point, strict=True):
-        digits = -int(np.floor(np.log10((high - low) / _STEPS)))
-        out[key] = min(max(round(float(x), digits), low), high)
+    out: dict[str, float] = {}
+    for (key, limits), x in zip(ranges.items(), point, strict=True):
+        digits = -int(np.floor(np.log10((limits.high - limits.low) / _STEPS)))
+        out |= limits.at(key, min(max(round(float(x), digits), limits.low), limits.high))
     return out

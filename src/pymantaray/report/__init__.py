@@ -1,5 +1,5 @@
 """
-Tables, figures and pages: of one study, of several studies, of a sweep, an atlas, a replay and located nodes; plots of an ocean and of rays.
+Tables, figures and pages: of one study, of several studies, of a sweep, an atlas, a replay, a plan and located nodes; plots of an ocean and of rays.
 
 matplotlib is imported on first use.
 """
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from pymantaray.report.locate import write_location_page as write_location_page
     from pymantaray.report.locate import write_plan_figure as write_plan_figure
     from pymantaray.report.ocean_plots import write_ocean_plots as write_ocean_plots
+    from pymantaray.report.plan import write_plan_page as write_plan_page
     from pymantaray.report.ray_plots import write_ray_plot as write_ray_plot
     from pymantaray.report.replay import write_replay as write_replay
     from pymantaray.report.sweep import write_sweep_page as write_sweep_page

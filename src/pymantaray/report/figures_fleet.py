@@ -49,7 +49,7 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
     draw_plan(plan, truth, measurements, colours)
     assert isinstance(solid, Axes3D)
     _draw_solid(solid, truth, measurements, colours)
-    _draw_depths(time, truth, colours)
+    draw_depths(time, truth, colours)
     style.panel_title(plan, "a", "plan")
     figure.text(*place(0.55, 0.9335)[:2], "(b) start, greatest depth and track", fontsize=7.5)
     style.panel_title(time, "c", "depth")
@@ -142,7 +142,8 @@ def _draw_solid(axes: Axes3D, truth: Trajectories, measurements: Measurements, c
     _finish(axes, truth, measurements, feet)
 
 
-def _draw_depths(axes: Axes, truth: Trajectories, colours: list[str]) -> None:
+def draw_depths(axes: Axes, truth: Trajectories, colours: list[str]) -> None:
+    """Draw depths of vehicles against time, downward."""
     hours = truth.time / 3600.0
     for path, colour in zip(truth.position[:, :, 2], colours, strict=True):
         axes.plot(hours, path, color=colour, linewidth=0.9)

@@ -141,7 +141,7 @@ def measure_ranges(
         flow = currents(now) if callable(currents) else currents
         parts.append(_transmit(reception, pairs, slice(start, stop), water, flow, progress))
         del water, flow  # one medium is in memory at a time
-    sound, chords = _joined([sound for sound, _ in parts]), [chords for _, chords in parts]
+    sound, chords = joined_transmissions([sound for sound, _ in parts]), [chords for _, chords in parts]
     both = _Chords(*(np.concatenate(values) for values in zip(*chords, strict=True)))
     ranging = _ranging(attempts, pairs, sound, both, truth, timing)
     return ranging if reception.detector is not None else ranging._replace(probability=None)
@@ -232,7 +232,7 @@ def _transmit(
     return sound, chords
 
 
-def _joined(parts: Sequence[Transmission]) -> Transmission:
+def joined_transmissions(parts: Sequence[Transmission]) -> Transmission:
     """Join the sound of several media, with links and arrivals in order."""
     if len(parts) == 1:
         return parts[0]

@@ -1,7 +1,7 @@
 """Sound between pairs of ends: receptions in both directions from a medium, with losses, leaks and the selection rule."""
 
 from dataclasses import fields, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,8 @@ class ReceptionOptions(NamedTuple):
         Width of the fan of launch angles of the transmitter, centred on the chord. Rays launched outside the fan are lost. [rad]
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
+    solved : EarlierLinks, optional
+        Memory of solved links; the result does not depend on it.
     """
 
     spreading_cutoff_db: float | None = 15.0
@@ -71,6 +73,7 @@ class ReceptionOptions(NamedTuple):
     leakage: Leakage | None = None
     cone: float | None = None
     threads: int | None = None
+    solved: "EarlierLinks | None" = None
 
 
 DIRECT = ReceptionOptions()
@@ -103,6 +106,22 @@ class Transmission(NamedTuple):
             Values by direction and link; NaN without a selected reception.
         """
         return values_at(getattr(self.receptions, name), self.receptions.selected_rows(self.status.size))
+
+
+class EarlierLinks(Protocol):
+    """Memory of solved links, which solves only new ones."""
+
+    def find(
+        self,
+        source: Array,
+        receiver: Array,
+        medium: Medium,
+        reception: ReceptionOptions,
+        *,
+        currents: Currents | None = None,
+        progress: CountProgress | None = None,
+    ) -> Transmission:
+        """Receptions of links, as from `find_receptions`."""
 
 
 def find_receptions(
@@ -139,6 +158,9 @@ def find_receptions(
     With the rule ``direct``, travel time and status of a link do not depend on the allowed bounces: a link without a direct arrival
     has the status that it has if no bounces are allowed.
     """
+    if reception.solved is not None:
+        fresh = reception._replace(solved=None)
+        return reception.solved.find(source, receiver, medium, fresh, currents=currents, progress=progress)
     ends, n = (source, receiver), len(source)
     follows = currents is not None or reception.detector is not None
     bounced = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0

@@ -88,10 +88,14 @@ class Belief:
 
 
 class Beliefs:
-    """Assumed oceans of one run. Each is built once; a random ocean is built once per realization."""
+    """
+    Assumed oceans of one run. Each is built once; a random ocean is built once per realization.
 
-    def __init__(self, run: Run) -> None:
-        self.config, self._run = run.config, run
+    ``ocean`` replaces the ocean of the run's configuration if it is in memory.
+    """
+
+    def __init__(self, run: Run, ocean: OceanFields | None = None) -> None:
+        self.config, self._run, self._ocean = run.config, run, ocean
         self._latest: dict[AnyBelief, tuple[int, Belief]] = {}
         self._over_time: dict[AnyBelief, OceanFields] = {}
         self._modes: dict[int | None, VerticalModes] = {}
@@ -138,7 +142,7 @@ class Beliefs:
     @cached_property
     def reception(self) -> ReceptionOptions:
         """Reception of the study, with the absorption in its ocean at the start."""
-        return build_reception(self.config, mission_ocean(self.config))
+        return build_reception(self.config, self._ocean or mission_ocean(self.config))
 
     def _read_casts(self, files: tuple[str, ...]) -> list[Cast]:
         repair = self.config.ocean.repair_freezing
@@ -332,6 +336,8 @@ class Beliefs:
     @cached_property
     def _true(self) -> xr.Dataset:
         """Geographic ocean at the start of the mission."""
+        if self._ocean is not None and self._ocean.geographic is not None:
+            return self._ocean.geographic
         return open_start(self.config.ocean)
 
     def _cast_place(self, section: CastBelief) -> tuple[float, float]:

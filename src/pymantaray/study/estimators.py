@@ -11,13 +11,18 @@ from pymantaray.study.range_models.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import true_amplitudes, true_clocks
+from pymantaray.water.ocean import OceanFields
 
 
 class EstimatorFactory:
-    """Builds the estimators of a run; parts that realizations share are built once."""
+    """
+    Builds the estimators of a run; parts that realizations share are built once.
 
-    def __init__(self, run: Run) -> None:
-        self._run, self._beliefs = run, Beliefs(run)
+    ``ocean`` replaces the ocean of the run's configuration if it is in memory.
+    """
+
+    def __init__(self, run: Run, ocean: OceanFields | None = None) -> None:
+        self._run, self._beliefs = run, Beliefs(run, ocean)
 
     def estimator(self, section: ConditionSection, realization: int) -> Estimator:
         """Estimator of one condition, for one realization."""

@@ -30,6 +30,7 @@ from pymantaray.sensing import (
     find_candidates,
     measure_ranges,
 )
+from pymantaray.sensing.transmission import EarlierLinks
 from pymantaray.study.assemble import (
     altitude,
     build_schedule,
@@ -173,14 +174,15 @@ def range_fleet(
     progress: CountProgress | None = None,
     *,
     schedule: Schedule | None = None,
+    solved: EarlierLinks | None = None,
 ) -> Ranging:
-    """Ranges of a mission without noise, with all of its rays."""
+    """Ranges of a mission without noise, with all of its rays; ``solved`` remembers links of earlier missions."""
     return measure_ranges(
         truth,
         [mark.build() for mark in config.landmarks],
         medium,
         schedule or build_schedule(config),
-        build_reception(config, ocean),
+        build_reception(config, ocean)._replace(solved=solved),
         currents=build_currents(ocean) if config.acoustics.currents else None,
         timing=config.ranging.build_timing(),
         progress=progress,

@@ -1,0 +1,80 @@
+"""Missions without noise in the waters of a plan; waters, trajectories and links of earlier designs stay in memory."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from pymantaray.acoustics import Medium
+from pymantaray.geometry import stream
+from pymantaray.ocean import perturb_ocean
+from pymantaray.plan.definition import DeploymentPlan, Design
+from pymantaray.plan.solved_links import SolvedLinks
+from pymantaray.records import Trajectories
+from pymantaray.study import StudyConfig
+from pymantaray.study.mission import assemble_mission, range_fleet, simulate_fleet
+from pymantaray.study.runner import refuse_too_large
+from pymantaray.study.store import Run, run_in_memory
+from pymantaray.sweep.keys import FLEET, OCEAN, task_keys
+from pymantaray.water.ocean import OceanFields, build_medium, open_start
+from pymantaray.water.water import mission_ocean
+
+_KEPT = 8  # waters, and trajectories of fleets, in memory
+
+
+class Water(NamedTuple):
+    """Ocean and medium of a mission."""
+
+    ocean: OceanFields
+    medium: Medium | Callable[[float], Medium]
+    drawn: bool
+    """True if the ocean is a random member, which is in memory only."""
+
+
+class Missions:
+    """Missions of the designs of a plan."""
+
+    def __init__(self, plan: DeploymentPlan) -> None:
+        self._plan = plan
+        self._waters: dict[Any, Water] = {}
+        self._fleets: dict[Any, Trajectories] = {}
+        self.links = SolvedLinks()
+        """Solved links, which designs with the same ends in the same water share."""
+
+    def run(self, design: Design, ocean: int, member: int | None) -> tuple[Run, OceanFields | None]:
+        """Mission of a design without noise, as a run in memory, and its ocean if the run's configuration does not define it."""
+        config = self._plan.study(design, ocean)
+        refuse_too_large(config, 1)
+        keys = task_keys(config, {})
+        at = keys[OCEAN], config.acoustics.interpolation, config.acoustics.earth, member
+        water = _kept(self._waters, at, lambda: self._water(config, member))
+        truth = _kept(self._fleets, (keys[FLEET], member), lambda: simulate_fleet(config, water.ocean))
+        ranging = range_fleet(config, water.ocean, water.medium, truth, solved=self.links)
+        run = run_in_memory(config, assemble_mission(config, water.ocean, truth, ranging))
+        return run, water.ocean if water.drawn else None
+
+    def _water(self, config: StudyConfig, member: int | None) -> Water:
+        """Water of a study, or of a random member."""
+        errors, data = self._plan.section.perturbed, None
+        if errors is not None:
+            assert member is not None  # each water of a plan with perturbations has a member
+            data = perturb_ocean(
+                open_start(config.ocean),
+                rms=errors.rms,
+                horizontal_scale=errors.horizontal_scale,
+                down_to=errors.down_to,
+                modes=errors.n_modes,
+                rng=stream(self._plan.base.study.seed, member, "plan", "water"),
+                equation=config.ocean.equation,
+            )
+        ocean = mission_ocean(config, data)
+        medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
+        return Water(ocean, medium, data is not None)
+
+
+def _kept(kept: dict[Any, Any], key: Any, make: Callable[[], Any]) -> Any:
+    """Value of a key, which is made if it is not in memory; the oldest value goes if there are too many."""
+    if key not in kept:
+        value = make()
+        while len(kept) >= _KEPT:
+            kept.pop(next(iter(kept)))
+        kept[key] = value
+    return kept[key]

@@ -1,0 +1,247 @@
+"""Figures of a plan: front of designs, map of the best designs, error over time and lost links of each pair."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pymantaray.plan import PlanResults
+from pymantaray.plan.detail import DesignDetail, Pair
+from pymantaray.plan.ensemble import pareto_front
+from pymantaray.records.result_table import heading
+from pymantaray.report import style
+from pymantaray.report.figures_fleet import draw_depths, draw_plan
+
+AS_IT_IS = "Study as it is"
+_MOST_NUMBERS = 14  # participants of a matrix with a number in each cell
+_BEST: dict[str, Any] = {
+    "marker": "*",
+    "color": style.ORANGE,
+    "markersize": 9.0,
+    "markeredgecolor": style.INK,
+}
+_SIGNS = "osD^v"
+
+
+def other_objective(results: PlanResults) -> str:
+    """Column of the horizontal axis of the front: costs if there are any, otherwise the next objective, otherwise lost links."""
+    if results.frame["cost"].gt(0.0).any():
+        return "cost"
+    columns = [
+        "heard_by_two_percent" if o == "heard_by_two" else "lost_percent"
+        for o in results.plan.section.objectives
+        if o in ("lost", "heard_by_two")
+    ]
+    return columns[0] if columns else "lost_percent"
+
+
+@style.styled
+def front_figure(results: PlanResults, header: str) -> Figure:
+    """Error of all designs against cost or lost links, with the front and the near-optimal designs."""
+    several = len(results.base) > 1
+    figure = style.new_figure(style.DOUBLE if several else 1.4 * style.COLUMN, 3.0, header)
+    panels = np.atleast_1d(figure.subplots(1, 1 + several, sharey=True))
+    x = other_objective(results)
+    for axes, before, words, letter in zip(
+        panels, ("", "worst_"), ("mean of the waters", "worst tenth of the waters"), "ab", strict=False
+    ):
+        _draw_front(axes, results, f"{before}{x}", f"{before}error_m")
+        axes.set_xlabel(heading(x))
+        if several:
+            style.panel_title(axes, letter, words)
+    panels[0].set_ylabel("95 % position error [m]")
+    entries = [
+        style.entry("design", marker="o", color=style.SKY, linestyle="none", markersize=4.0),
+        style.entry("front", color=style.BLUE),
+        style.entry(
+            "error within 10 %",
+            marker="o",
+            color=style.GREEN,
+            markerfacecolor="white",
+            linestyle="none",
+            markersize=6.5,
+        ),
+        style.entry("best", linestyle="none", **_BEST),
+        style.entry("as it is", marker="x", color=style.INK, linestyle="none"),
+    ]
+    style.common_legend(figure, entries)
+    return figure
+
+
+def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
+    frame = results.frame
+    values = frame[[x, y]].to_numpy(dtype=float)
+    usable = np.isfinite(values).all(axis=1)
+    if not usable.any():
+        style.note(axes, "no design with a result")
+        return
+    sign = -1.0 if "heard" in x else 1.0
+    front = np.flatnonzero(pareto_front(values * [sign, 1.0]))
+    front = front[np.argsort(values[front, 0])]
+    error = values[:, 1]
+    near = usable & (error <= 1.1 * np.nanmin(np.where(usable, error, np.nan)))
+    axes.plot(
+        *values[front].T, color=style.BLUE, drawstyle="steps-post" if sign > 0 else "steps-pre", zorder=1
+    )
+    axes.plot(*values[near].T, "o", color=style.GREEN, markerfacecolor="white", markersize=6.5)
+    axes.plot(*values[usable].T, "o", color=style.SKY, markersize=4.0)
+    axes.plot(*values[front].T, "o", color=style.BLUE, markersize=4.0)
+    axes.plot(*values[results.best], linestyle="none", zorder=5, **_BEST)
+    base = results.base_row
+    axes.plot(base[x], base[y], "x", color=style.INK, zorder=6)
+    axes.margins(0.08)
+    axes.set_ylim(bottom=0.0)
+
+
+@style.styled
+def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
+    """Mission of the best design in plan and depth, with the landmarks and stations of the other designs."""
+    (_, best), *others = details.items()
+    figure = style.new_figure(style.DOUBLE, 3.4, header)
+    plan, depth = figure.subplots(1, 2)
+    colours = style.vehicle_colours(best.truth.name.size)
+    figure.draw_without_rendering()
+    draw_plan(plan, best.truth, best.measurements, colours)
+    draw_depths(depth, best.truth, colours)
+    for z in best.measurements.landmark_position[:, 2]:
+        depth.axhline(z, color=style.INK, linestyle="--", linewidth=0.9)
+    places = _moved(best, [detail for _, detail in others])
+    for sign, points in zip(_SIGNS, places, strict=False):
+        look: dict[str, Any] = {
+            "color": style.GREY,
+            "markerfacecolor": "white",
+            "linestyle": "none",
+            "markersize": 4.0,
+        }
+        plan.plot(points[:, 1] / 1e3, points[:, 0] / 1e3, marker=sign, zorder=4, **look)
+        depth.plot(np.full(len(points), best.hours[-1]), points[:, 2], marker=sign, clip_on=False, **look)
+    deepest = max(
+        [
+            depth.get_ylim()[0],
+            *(1.06 * p[:, 2].max() for p in places if len(p)),
+            *(1.06 * best.measurements.landmark_position[:, 2]),
+        ]
+    )
+    depth.set_ylim(deepest, -0.04 * deepest)
+    style.panel_title(plan, "a", "plan")
+    style.panel_title(depth, "b", "depth; landmarks dashed")
+    entries = [
+        style.entry(
+            style.plain(style.short(name, 24)),
+            marker=sign,
+            color=style.GREY,
+            markerfacecolor="white",
+            linestyle="none",
+            markersize=4.0,
+        )
+        for sign, (name, _), points in zip(_SIGNS, others, places, strict=False)
+        if len(points)
+    ]
+    if entries:
+        style.common_legend(figure, entries)
+    return figure
+
+
+def _moved(best: DesignDetail, others: Sequence[DesignDetail]) -> list[style.Array]:
+    """Start positions of participants of other designs that the best design has not, shape (n, 3) for each design."""
+    known = _places(best)
+    moved = []
+    for other in others:
+        rows = [
+            place for name, place in _places(other).items() if not np.allclose(known.get(name, np.nan), place)
+        ]
+        moved.append(np.array(rows).reshape(-1, 3))
+    return moved
+
+
+def _places(detail: DesignDetail) -> dict[str, style.Array]:
+    landmarks = detail.measurements
+    starts = dict(zip(detail.truth.name.tolist(), detail.truth.position[:, 0], strict=True))
+    return starts | dict(zip(landmarks.landmark_name.tolist(), landmarks.landmark_position, strict=True))
+
+
+@style.styled
+def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
+    """95 % position error of a few designs over time; shaded up to the water with the largest error."""
+    figure = style.new_figure(style.DOUBLE, 2.6, header)
+    axes = figure.subplots()
+    looks = zip(_colours(list(details)), details.items(), strict=True)
+    for colour, (name, detail) in looks:
+        axes.plot(
+            detail.hours,
+            detail.error_m,
+            marker="o",
+            markersize=2.5,
+            color=colour,
+            label=style.plain(style.short(name)),
+        )
+        if np.nanmax(detail.worst_m - detail.error_m, initial=0.0) > 0.0:
+            axes.fill_between(
+                detail.hours, detail.error_m, detail.worst_m, color=colour, alpha=0.15, linewidth=0.0
+            )
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("Time [h]")
+    axes.set_ylabel("95 % position error [m]")
+    style.common_legend(figure, axes.get_legend_handles_labels()[0])
+    return figure
+
+
+def _colours(names: Sequence[str]) -> list[str]:
+    """Colours of designs: orange for the best, grey for the study as it is."""
+    more = iter((style.BLUE, style.GREEN, style.PINK, style.SKY))
+    return [
+        style.ORANGE if k == 0 else style.GREY if name == AS_IT_IS else next(more)
+        for k, name in enumerate(names)
+    ]
+
+
+@style.styled
+def pairs_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
+    """Share of lost ranges of each pair of participants in the best design and in the study as it is."""
+    (name, best), *others = details.items()
+    shown = [(name, best), *(pair for pair in others if pair[0] == AS_IT_IS)]
+    figure = style.new_figure(style.DOUBLE, 3.4, header)
+    panels = np.atleast_1d(figure.subplots(1, len(shown)))
+    for k, (axes, (words, detail)) in enumerate(zip(panels, shown, strict=True)):
+        image = _draw_pairs(axes, detail)
+        style.panel_title(axes, style.letter(k), style.plain(style.short(words)))
+    figure.colorbar(image, ax=panels.tolist(), label="Lost ranges [%]", shrink=0.8)
+    return figure
+
+
+def _draw_pairs(axes: Axes, detail: DesignDetail) -> Any:
+    names = list(_places(detail))
+    matrix = np.full((len(names), len(names)), np.nan)
+    for (a, b), lost in detail.lost_percent.items():
+        matrix[names.index(a), names.index(b)] = matrix[names.index(b), names.index(a)] = lost
+    image = axes.imshow(matrix, vmin=0.0, vmax=100.0, cmap="cividis_r")
+    if len(names) <= _MOST_NUMBERS:
+        for (i, j), lost in np.ndenumerate(matrix):
+            if np.isfinite(lost):
+                axes.text(
+                    j,
+                    i,
+                    f"{lost:.0f}",
+                    ha="center",
+                    va="center",
+                    fontsize=5.5,
+                    color="white" if lost > 50.0 else style.INK,
+                )
+    labels = [style.plain(style.short(name, 8)) for name in names]
+    axes.set_xticks(range(len(names)), labels, rotation=90 if max(map(len, labels)) > 2 else 0, fontsize=6.0)
+    axes.set_yticks(range(len(names)), labels, fontsize=6.0)
+    axes.tick_params(length=0.0)
+    return image
+
+
+def pair_frame(details: Mapping[str, DesignDetail]) -> pd.DataFrame:
+    """Share of lost ranges of each pair in all shown designs, one column per design. [%]"""
+    pairs: dict[Pair, None] = dict.fromkeys(pair for d in details.values() for pair in d.lost_percent)
+    rows = [
+        {"pair": " to ".join(pair), **{name: d.lost_percent.get(pair, np.nan) for name, d in details.items()}}
+        for pair in pairs
+    ]
+    return pd.DataFrame(rows, columns=["pair", *details])
