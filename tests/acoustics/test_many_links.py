@@ -187,7 +187,7 @@ def test_paths_of_many_are_the_paths_of_each(monkeypatch):
             np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[rows])
     for threads in (2, 5):
         assert_same(trace_paths(medium, a, b, found, threads=threads), together)
-    monkeypatch.setattr(paths, "_LONGEST_PATHS", 1)  # one ray a call
+    monkeypatch.setattr(paths, "_FULL_PATHS_PER_THREAD", 1)  # one ray a call
     assert_same(trace_paths(medium, a, b, found, threads=2), together)
 
 
@@ -198,7 +198,7 @@ def test_a_fan_of_many_rays_is_the_fan_of_each(monkeypatch):
     for i in (0, 4, 8):
         alone = trace_fan(medium, [0, 0, 50.0], 0.3, angles[i], 2e4, **options)
         np.testing.assert_array_equal(alone.position, fan.position[fan.arrival == i])
-    monkeypatch.setattr(paths, "_LONGEST_PATHS", 1)
+    monkeypatch.setattr(paths, "_FULL_PATHS_PER_THREAD", 1)
     assert_same(trace_fan(medium, [0, 0, 50.0], 0.3, angles, 2e4, **options), fan)
 
 

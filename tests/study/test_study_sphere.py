@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.estimation import RangeLinks
+from pymantaray.estimation import RangeEndpoints
 from pymantaray.records import SolveStatus
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.realization import RealizationSolver
@@ -24,7 +24,7 @@ def links_at_truth(flown):
     marks = np.broadcast_to(m.landmark_position[:, None], (m.landmark_name.size, truth.time.size, 3))
     everyone = np.concatenate([truth.position, marks])
     ends = [everyone[who, m.range_sample] for who in (m.range_transmitter, m.range_receiver)]
-    return RangeLinks(m.time[m.range_sample], *ends, m.transmitter_sound_speed)
+    return RangeEndpoints(m.time[m.range_sample], *ends, m.transmitter_sound_speed)
 
 
 def chord(earth_radius, a, b):

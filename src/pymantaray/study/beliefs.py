@@ -108,7 +108,7 @@ class Beliefs:
         own_ice = isinstance(section, ExactBelief) and self.config.ocean.ice_draw == "each"
         member = realization if drawn or own_ice else -1
         if section not in self._latest or self._latest[section][0] != member:
-            belief = self._draw(section, realization) if drawn else self._make(section)
+            belief = self._draw(section, realization) if drawn else self._make(section, realization)
             self._latest[section] = member, belief
         return self._latest[section][1]
 
@@ -212,7 +212,7 @@ class Beliefs:
         north, east = (np.asarray(self._run.ocean[name].values, dtype=float) for name in ("north", "east"))
         return TensorSpline(window.lat, window.lon, *window.geographic(north[:, None], east[None, :]))
 
-    def _make(self, section: AnyBelief) -> Belief:
+    def _make(self, section: AnyBelief, realization: int) -> Belief:
         ocean, acoustics = self.config.ocean, self.config.acoustics
         local, interpolation = self._run.ocean, acoustics.interpolation
         if isinstance(section, ExactBelief):

@@ -6,7 +6,7 @@ from pymantaray.estimation import (
     ConstantSpeed,
     MeanSlowness,
     Prediction,
-    RangeLinks,
+    RangeEndpoints,
     RangeModel,
     TransmitterSpeed,
 )
@@ -25,7 +25,7 @@ class OnSphere:
     def __init__(self, model: RangeModel, earth: EarthSphere) -> None:
         self._model, self._earth = model, earth
 
-    def predict(self, links: RangeLinks) -> Prediction:
+    def predict(self, links: RangeEndpoints) -> Prediction:
         """Predict travel times, and their gradients, of the model times the ratio of the chord to the distance in the frame."""
         flat = self._model.predict(links)
         distance = np.linalg.norm(links.receiver - links.transmitter, axis=1)
