@@ -172,7 +172,9 @@ def _explorer(results: PlanResults) -> Any:
     numbers = [str(name) for name in frame if frame[name].dtype.kind == "f" and name not in results.plan.keys]
     few = [key for key in results.plan.keys if frame[key].astype(str).nunique() <= _FEW_VALUES]
     across = [*results.plan.keys, *(name for name in ("cost", "lost_percent") if frame[name].nunique() > 1)]
-    each = ["front", *few] if len(results.plan.keys) == 1 else [*few, "front"]
+    each = (
+        ["front", *few] if len(results.plan.keys) == 1 else [*few[1:], *few[:1], "front"]
+    )  # not the key across
     return table_explorer(
         frame, numbers, across, each, lines=len(results.plan.keys) == 1 and not results.plan.ranges
     )

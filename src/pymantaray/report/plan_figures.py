@@ -17,6 +17,11 @@ from pymantaray.report.figures_fleet import draw_depths, draw_plan
 
 AS_IT_IS = "Study as it is"
 _MOST_NUMBERS = 14  # participants of a matrix with a number in each cell
+_NAME_LETTERS = 44  # of a design in a legend
+_BELOW: dict[str, Any] = {
+    "loc": "outside lower center",
+    "ncols": 2,
+}  # a legend of designs, whose names are long
 _BEST: dict[str, Any] = {
     "marker": "*",
     "color": style.ORANGE,
@@ -130,7 +135,7 @@ def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
     style.panel_title(depth, "b", "depth; landmarks dashed")
     entries = [
         style.entry(
-            style.plain(style.short(name, 24)),
+            style.plain(style.short(name, _NAME_LETTERS)),
             marker=sign,
             color=style.GREY,
             markerfacecolor="white",
@@ -141,7 +146,7 @@ def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
         if len(points)
     ]
     if entries:
-        style.common_legend(figure, entries)
+        style.common_legend(figure, entries, **_BELOW)
     return figure
 
 
@@ -176,7 +181,7 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
             marker="o",
             markersize=2.5,
             color=colour,
-            label=style.plain(style.short(name)),
+            label=style.plain(style.short(name, _NAME_LETTERS)),
         )
         if np.nanmax(detail.worst_m - detail.error_m, initial=0.0) > 0.0:
             axes.fill_between(
@@ -185,7 +190,7 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("Time [h]")
     axes.set_ylabel("95 % position error [m]")
-    style.common_legend(figure, axes.get_legend_handles_labels()[0])
+    style.common_legend(figure, axes.get_legend_handles_labels()[0], **_BELOW)
     return figure
 
 
@@ -217,7 +222,8 @@ def _draw_pairs(axes: Axes, detail: DesignDetail) -> Any:
     matrix = np.full((len(names), len(names)), np.nan)
     for (a, b), lost in detail.lost_percent.items():
         matrix[names.index(a), names.index(b)] = matrix[names.index(b), names.index(a)] = lost
-    image = axes.imshow(matrix, vmin=0.0, vmax=100.0, cmap="cividis_r")
+    image = axes.imshow(matrix, vmin=0.0, vmax=100.0, cmap="Blues")
+    axes.grid(visible=False)
     if len(names) <= _MOST_NUMBERS:
         for (i, j), lost in np.ndenumerate(matrix):
             if np.isfinite(lost):
