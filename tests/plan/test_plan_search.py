@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 import tomli_w
 from factories import TINY
@@ -97,6 +98,16 @@ def test_a_search_over_a_range_finds_the_smallest_sigma_and_repeats(tmp_path):
     values = [design["noise.range_sigma"] for design in first.designs]
     assert values[first.best] == min(values)
     assert min(values) < 1.5
+
+
+def test_designs_on_dask_are_those_of_this_machine(tmp_path):
+    pytest.importorskip("distributed")
+    from dask_cluster import client_here
+
+    plan = load_plan(write(tmp_path, free={"landmarks.T.depth": [5.0, 100.0, 300.0]}))
+    here = search_designs(plan, workers=1)
+    with client_here(2) as client:
+        pd.testing.assert_frame_equal(search_designs(plan, client=client).frame, here.frame, check_exact=True)
 
 
 def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
