@@ -5,6 +5,7 @@ import pytest
 from factories import TINY
 from refusals import refused
 
+from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import PlanError
 from pymantaray.plan import DeploymentPlan, search_designs
 from pymantaray.plan.definition import PlanSection
@@ -12,6 +13,7 @@ from pymantaray.plan.ensemble import worst_score
 from pymantaray.plan.evaluate import DesignEvaluator
 from pymantaray.plan.waters import Missions
 from pymantaray.study import parse_study
+from pymantaray.study.beliefs import Beliefs
 
 MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 OTHER = {"name": "U", "north": -500.0, "east": 700.0, "depth": 50.0}
@@ -197,3 +199,21 @@ def test_the_best_value_at_a_limit_is_reported():
         "The best noise.range_sigma is the lower limit of its range; a wider range may be better."
         in results.sentences
     )
+
+
+def test_a_cast_of_a_perturbed_water_is_the_column_of_that_water_at_its_place():
+    errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
+    run, ocean = Missions(plan_of(free={"landmarks.T.depth": [5.0]}, perturbed=errors)).run({}, 0, 0)
+    still = Missions(plan_of(free={"landmarks.T.depth": [5.0]})).run({}, 0, None)[0].ocean
+    cast = Beliefs(run, ocean).believed(CastBelief(kind="cast", north=0.0, east=0.0), 0).local["sound_speed"]
+    below = cast.sel(depth=slice(1.0, 250.0)).interp(north=0.0, east=0.0)
+    of_member, of_forecast = (
+        water["sound_speed"].interp(depth=below["depth"], north=0.0, east=0.0) for water in (run.ocean, still)
+    )
+    from_member, from_forecast = (
+        float(np.sqrt(((below - water) ** 2).mean())) for water in (of_member, of_forecast)
+    )
+    assert (
+        from_member < 0.2 * from_forecast
+    )  # the column is interpolated in temperature, the member in sound speed
+    assert from_forecast > 0.3
