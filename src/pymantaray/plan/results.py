@@ -59,7 +59,18 @@ class PlanResults:
         self.plan, self.designs, self.scores, self.base = plan, designs, scores, base
 
     def losses(self, ranked_by: str) -> Array:
-        """Values that the objectives minimize, shape (n_designs, n_objectives), by the mean or by the worst tenth of the waters."""
+        """
+        Return the values that the objectives minimize.
+
+        Parameters
+        ----------
+        ranked_by : {"mean", "worst-tenth"}
+            Mean over all waters, or over the worst tenth of them.
+
+        Returns
+        -------
+        ndarray, shape (n_designs, n_objectives)
+        """
         objectives = self.plan.section.objectives
         return np.array([[loss_of(o, s, ranked_by) for o in objectives] for s in self.scores])
 

@@ -42,7 +42,18 @@ class RangingDraws(Record):
 
     @classmethod
     def of(cls, rangings: Sequence[Ranging]) -> Self:
-        """Join the ranges of all realizations, in order."""
+        """
+        Join the ranges of all realizations.
+
+        Parameters
+        ----------
+        rangings : sequence of Ranging
+            One for each realization, in order.
+
+        Returns
+        -------
+        RangingDraws
+        """
         chances = [np.ones(r.status.size) if r.probability is None else r.probability for r in rangings]
         columns = {name: np.stack([getattr(r.truth, name) for r in rangings]) for name in _OF_TRUTH}
         return cls(
@@ -50,11 +61,39 @@ class RangingDraws(Record):
         )
 
     def ranging_truth(self, truth: RangingTruth, realization: int) -> RangingTruth:
-        """True values of a realization, from those of any other."""
+        """
+        Return the true values of a realization.
+
+        Parameters
+        ----------
+        truth : RangingTruth
+            True values of any realization.
+        realization : int
+            Index of the realization.
+
+        Returns
+        -------
+        RangingTruth
+        """
         return replace(truth, **{name: getattr(self, name)[realization] for name in _OF_TRUTH})
 
     def measurements(self, measurements: Measurements, truth: RangingTruth, realization: int) -> Measurements:
-        """Measurements without noise of a realization, from those of any other and true values of any."""
+        """
+        Return the measurements of a realization, without noise.
+
+        Parameters
+        ----------
+        measurements : Measurements
+            Measurements of any realization, without noise.
+        truth : RangingTruth
+            True values of any realization.
+        realization : int
+            Index of the realization.
+
+        Returns
+        -------
+        Measurements
+        """
         own = self.ranging_truth(truth, realization)
         status: NDArray[np.int8] = self.range_status[realization]
         return replace(measurements, range_status=status, refracted_range=own.refracted_range)

@@ -49,7 +49,25 @@ class Links(Record):
 def link_positions(
     truth: Trajectories, landmark_position: Array, links: Links, end: Literal["first", "second"]
 ) -> Array:
-    """Positions of one end of each link, shape (n_links, 3). [m]"""
+    """
+    Return the positions of one end of each link.
+
+    Parameters
+    ----------
+    truth : Trajectories
+        True poses of the vehicles.
+    landmark_position : ndarray, shape (n_landmarks, 3)
+        Positions of the landmarks. [m]
+    links : Links
+        Links.
+    end : {"first", "second"}
+        End of each link.
+
+    Returns
+    -------
+    ndarray, shape (n_links, 3)
+        Positions. [m]
+    """
     who, n_vehicles = getattr(links, end), truth.name.size
     positions = truth.position[np.minimum(who, n_vehicles - 1), links.sample]
     fixed = who >= n_vehicles

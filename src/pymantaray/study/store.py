@@ -267,13 +267,35 @@ class Run:
         )
 
     def ranging_truth_in(self, realization: int | None) -> RangingTruth:
-        """True values of all range attempts in a realization; None for the first."""
+        """
+        Return the true values of all range attempts in a realization.
+
+        Parameters
+        ----------
+        realization : int or None
+            Index of the realization; None for the first.
+
+        Returns
+        -------
+        RangingTruth
+        """
         if self.ranging_draws is None or realization is None:
             return self.ranging_truth
         return self.ranging_draws.ranging_truth(self.ranging_truth, realization)
 
     def ocean_in(self, realization: int) -> xr.Dataset:
-        """Local ocean with the ice of a realization."""
+        """
+        Return the local ocean with the ice of a realization.
+
+        Parameters
+        ----------
+        realization : int
+            Index of the realization.
+
+        Returns
+        -------
+        xarray.Dataset
+        """
         return self.ocean if self.ranging_draws is None else with_ice_draw(self.ocean, realization)
 
     def ranges(self, realization: int | None = None) -> pd.DataFrame:
