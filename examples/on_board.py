@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,8 @@ def server(profile: Path) -> Iterator[http.client.HTTPConnection]:
             ready = next((line for line in process.stdout if line.startswith("listening on ")), None)
             if ready is None:
                 sys.exit("on_board.py: the server did not start")
-            yield http.client.HTTPConnection(ready.split("//")[1].strip(), timeout=60)
+            with closing(http.client.HTTPConnection(ready.split("//")[1].strip(), timeout=60)) as connection:
+                yield connection
         finally:
             process.terminate()
 
