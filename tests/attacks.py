@@ -76,7 +76,11 @@ class Material:
             plain.to_zarr(folder / f"ocean{kind}.zarr", zarr_format=kind, consolidated=False)
         self.links = "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n"
         self.links += "0,0,50,1000,200,80\n0,0,50,-900,100,120\n"
-        rows = [f"{60 * k},A,{10 * k},{5 * k},50" for k in range(20)]
+        rows = [
+            f"{60 * k},{who},{10 * k + away},{5 * k},50"
+            for k in range(20)
+            for who, away in (("A", 0), ("B", 800))
+        ]
         self.mission = "time,vehicle,north,east,depth\n" + "\n".join(rows) + "\n"
 
 
