@@ -6,7 +6,7 @@
  * A beacon and three vehicles transmit in turn. The same network is run with ns-3's own model (a constant 1500 m/s) and with a table
  * (model MantarayPropModel below), and every reception of both runs is printed:
  *
- *     mantaray table profile.csv --source-depth 10:900 --receiver-depth 10:900 --range 50:6000 --error 0.5 \
+ *     mantaray table profile.csv --source-depth 10:900 --receiver-depth 10:900 --range 50:6000 --error 3 \
  *         --out table.mtt --c-reader mantaray_table.h
  *     g++ -std=c++17 table_network.cc -o table_network $(pkg-config --cflags --libs ns3-uan ns3-mobility ns3-network ns3-core)
  *     ./table_network table.mtt

@@ -32,8 +32,8 @@ class TableModel:
     Range model of a travel-time table; the source of the table is the transmitter.
 
     A table with one sector holds in both directions: if the transmitter's depth is outside the table's source depths, the
-    receiver becomes the source. A link without a range in the table (shadow, border, outside) has no arrival. The table's standard deviations over its
-    ensemble of oceans are the uncertainty of the travel times.
+    receiver becomes the source. A link without a range in the table (shadow, border, outside) has no arrival. The table's standard
+    deviations over its ensemble of oceans are the uncertainty of the travel times.
 
     Parameters
     ----------
