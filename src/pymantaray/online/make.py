@@ -71,7 +71,7 @@ def build_table(
     members = [entry if isinstance(entry, Water) else open_water(entry) for entry in (water, *ensemble)]
     box = _box(source_depth, receiver_depth, horizontal_range)
     if not (math.isfinite(tolerance) and tolerance > 0.0):
-        raise OnlineError(f"tolerance is {tolerance}; a positive length in metres is needed")
+        raise OnlineError(f"tolerance (--error) is {tolerance}; a positive length in metres is needed")
     if sectors < 1:
         raise OnlineError(f"sectors is {sectors}; at least 1 is needed")
     trees: list[Tree] = []
@@ -105,7 +105,11 @@ def _radial(water: Water, node: tuple[float, float], bearing: float) -> Radial:
 
 def _box(*limits: Limits) -> Box:
     """Limits and smallest cells; an error if a limit is invalid."""
-    names = ("source_depth", "receiver_depth", "horizontal_range")
+    names = (
+        "source_depth (--source-depth)",
+        "receiver_depth (--receiver-depth)",
+        "horizontal_range (--range)",
+    )
     lower, upper, smallest = [], [], []
     for name, values in zip(names, limits, strict=True):
         numbers = [float(value) for value in values]
@@ -123,7 +127,7 @@ def _box(*limits: Limits) -> Box:
         upper.append(last)
         smallest.append(step)
     if lower[2] <= 0.0:
-        raise OnlineError("horizontal_range begins at 0; a positive lower limit is needed")
+        raise OnlineError(f"{names[2]} begins at 0; a positive lower limit is needed, such as 10 m")
     return Box(tuple(lower), tuple(upper), tuple(smallest))  # type: ignore[arg-type]
 
 
