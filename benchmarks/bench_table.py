@@ -2,8 +2,10 @@
 
 Run with ``python benchmarks/bench_table.py [MEDIUM ...]``. The media are ``a`` to ``f`` of the reference travel times, and ``hycom``, the file
 in ../shared/data beside the repository. Each table has source depths of 5 to 200 m, receiver depths of 5 to 1,000 m and ranges of 10 to
-6,000 m, to the north of the middle of the medium. The error is that of the range at the solver's travel time on ``--links`` random links, times ten cosines of the ray's angle if it is
-steeper than 84 degrees. ``wrong`` counts links with a range in the table and no ray, or with the status SHADOW and a ray.
+6,000 m, to the north of the middle of the medium. The error is that of the range at the solver's travel time on ``--links`` random links,
+times ten cosines of the ray's angle if it is steeper than 84 degrees. ``beyond`` counts links whose error exceeds the bound,
+``wrong`` links with a range in the table and no ray, or with the status SHADOW and a ray, and ``refused`` is the share of the links
+with a ray that have the status BORDER.
 
 ``c`` instead of a medium builds the table of the page docs/how-to/travel-time-table.md, and times 10,000,000 look-ups of random ranges with the C reader.
 """
@@ -14,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,7 +60,8 @@ def print_medium(name: str, water: Water, tolerance: float, links: int) -> None:
     seconds = time.process_time() - start
     low, high = np.array([limits[:2] for limits in LIMITS]).T
     places = np.random.default_rng(0).uniform(low, high, (links, 3))
-    error, status, wrong, border = errors(table, water, places)
+    found = errors(table, water, places)
+    error, status = found.error, found.status
     start = time.process_time()
     table.horizontal_range(*places.T)
     look_up = (time.process_time() - start) / links
@@ -69,7 +73,8 @@ def print_medium(name: str, water: Water, tolerance: float, links: int) -> None:
     print(
         f"{name:6} {table.tree.nbytes / 1e3:5.0f} kB {len(table.tree.corner):6d} cells {seconds:6.1f} s of CPU;"
         f" error median {np.median(error):.4f}, 99.9 % {np.percentile(error, 99.9):.4f} m; largest: {by_status};"
-        f" wrong {wrong}, border {100.0 * border:.1f} %; {1e6 * look_up:.1f} us a look-up in NumPy",
+        f" beyond {np.count_nonzero(error > tolerance)}, wrong {found.wrong}, refused {found.refused} of"
+        f" {found.with_ray} ({100.0 * found.refused / found.with_ray:.1f} %); {1e6 * look_up:.1f} us a look-up in NumPy",
         flush=True,
     )
 
@@ -80,28 +85,38 @@ def node_of(water: Water) -> tuple[float, float]:
     return float(medium.north.mean()), float(medium.east.mean())
 
 
-def errors(
-    table: TravelTimeTable, water: Water, places: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Errors of the range, status of their links, number of wrong outcomes and share of borders."""
+class Errors(NamedTuple):
+    """Errors of the ranges [m] and status of their links, and numbers of wrong outcomes, of refused links and of links with a ray."""
+
+    error: np.ndarray
+    status: np.ndarray
+    wrong: int
+    refused: int
+    with_ray: int
+
+
+def errors(table: TravelTimeTable, water: Water, places: np.ndarray) -> Errors:
+    """Compare a table with the solver."""
     medium, _ = water.at_start
     north, east = node_of(water)
     solved = Radial(medium, north=north, east=east)(places)
     time_s = (1.0 + solved.value) / 1500.0 * solved.straight
+    ray = np.isfinite(time_s)
     at_place = table.travel_time(*places.T)
     has_range = np.isin(at_place.status, HAS_RANGE)
-    wrong = has_range & np.isnan(time_s) | (at_place.status == CellStatus.SHADOW) & np.isfinite(time_s)
-    ok = has_range & np.isfinite(time_s)
+    wrong = has_range & ~ray | (at_place.status == CellStatus.SHADOW) & ray
+    ok = has_range & ray
     found = table.horizontal_range(places[ok, 0], places[ok, 1], time_s[ok])
     error = np.abs(found.horizontal_range - places[ok, 2]) * np.minimum(
         solved.slowness[ok] * 1500.0 / 0.1, 1.0
     )
     missing = np.isnan(error)
-    return (
+    return Errors(
         error[~missing],
         at_place.status[ok][~missing],
         int(wrong.sum() + missing.sum()),
-        float((at_place.status == CellStatus.BORDER).mean()),
+        int(np.count_nonzero((at_place.status == CellStatus.BORDER) & ray)),
+        int(np.count_nonzero(ray)),
     )
 
 
