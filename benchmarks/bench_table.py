@@ -7,7 +7,7 @@ times ten cosines of the ray's angle if it is steeper than 84 degrees. ``beyond`
 ``wrong`` links with a range in the table and no ray, or with the status SHADOW and a ray, and ``refused`` is the share of the links
 with a ray that have the status BORDER.
 
-``c`` instead of a medium builds the table of the page docs/how-to/travel-time-table.md, and times 10,000,000 look-ups of random ranges with the C reader.
+``reader`` instead of a medium builds the table of the page docs/how-to/travel-time-table.md, and times 10,000,000 look-ups of random ranges with the C reader.
 """
 
 import argparse
@@ -142,20 +142,20 @@ def print_c_reader(number: int = 10_000_000) -> None:
         found = table.horizontal_range(places[:, 0], places[:, 1], places[:, 2] / 1500.0)
         share = np.isin(found.status, HAS_RANGE).mean()
         print(
-            f"c      {(folder / 'table.mtt').stat().st_size / 1e3:.0f} kB; {number:,} look-ups of a range,"
+            f"reader {(folder / 'table.mtt').stat().st_size / 1e3:.0f} kB; {number:,} look-ups of a range,"
             f" {100.0 * share:.1f} % with a range: {1e9 * float(answer.stdout.split()[0]):.0f} ns of CPU each"
         )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("media", nargs="*", help="a to f, hycom or c")
+    parser.add_argument("media", nargs="*", help="a to f, hycom or reader")
     parser.add_argument("--tolerance", type=float, default=0.05, help="bound of the error in metres")
     parser.add_argument("--links", type=int, default=100_000)
     options = parser.parse_args()
     for name, water in waters(options.media):
         print_medium(name, water, options.tolerance, options.links)
-    if "c" in options.media or not options.media:
+    if "reader" in options.media or not options.media:
         print_c_reader()
 
 
