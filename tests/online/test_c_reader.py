@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import DOCS, blocks_of
 
-from pymantaray.online import TableRanges, TravelTimeTable, save_table
+from pymantaray.online import CellStatus, TableRanges, TravelTimeTable, save_table
 from pymantaray.online.file import c_header
 
 COMPILER = shutil.which("gcc") or shutil.which("cc")
@@ -65,6 +66,20 @@ def test_c_reader_returns_the_same_bits(table: TravelTimeTable, places: np.ndarr
         np.testing.assert_array_equal(found[:, 0], ranges.status)
         np.testing.assert_array_equal(found[:, 1], ranges.surface_bounces)
         np.testing.assert_array_equal(found[:, 3:].view(np.float64), _expected(ranges))
+
+
+def test_the_program_of_the_page_prints_the_range_of_python(table: TravelTimeTable, tmp_path: Path) -> None:
+    page = (DOCS / "how-to" / "travel-time-table.md").read_text(encoding="utf-8")
+    (program,) = [block.text for block in blocks_of(page) if block.language == "c"]
+    (tmp_path / "look_up.c").write_text(program)
+    (tmp_path / "mantaray_table.h").write_text(c_header())
+    save_table(table, tmp_path / "table.mtt")
+    assert COMPILER is not None
+    subprocess.run([COMPILER, *STRICT, "look_up.c", "-o", "look_up", "-lm"], cwd=tmp_path, check=True)
+    done = subprocess.run(["./look_up"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    found = table.horizontal_range(50.0, 100.0, 2.0)
+    assert found.status[0] == CellStatus.DIRECT
+    assert done.stdout == f"{found.horizontal_range[0]:.2f} m, {found.range_by_time[0]:.1f} m/s\n"
 
 
 @pytest.mark.parametrize("number", [500, pytest.param(50_000, marks=pytest.mark.slow)])
