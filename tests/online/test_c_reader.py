@@ -1,71 +1,27 @@
 """The C99 reader of travel-time tables: the same bits as Python's, and no access outside its bytes."""
 
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pages import DOCS, blocks_of
+from table_reader import COMPILER, STRICT, bits_of, compiled, read
 
-from pymantaray.online import CellStatus, TableRanges, TravelTimeTable, save_table
+from pymantaray.online import CellStatus, TravelTimeTable, save_table
 from pymantaray.online.file import c_header
 
-COMPILER = shutil.which("gcc") or shutil.which("cc")
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"]
-COLUMNS = (
-    "horizontal_range",
-    "travel_time",
-    "range_by_time",
-    "range_by_source_depth",
-    "range_by_receiver_depth",
-    "range_by_scale",
-    "range_sigma",
-)
-
-
-def _compile(folder: Path, *options: str) -> Path:
-    """Compile the reading program with the header that users get."""
-    (folder / "mantaray_table.h").write_text(c_header())
-    program = folder / "read_table"
-    source = Path(__file__).with_name("read_table.c")
-    assert COMPILER is not None
-    command = [COMPILER, *STRICT, *options, "-I", str(folder), str(source), "-o", str(program), "-lm"]
-    subprocess.run(command, check=True)
-    return program
-
-
-def _read(program: Path, table: Path, places: np.ndarray) -> subprocess.CompletedProcess[str]:
-    text = "\n".join(" ".join(float(x).hex() for x in row) for row in places)
-    return subprocess.run(
-        [program, table, "0"], input=text, capture_output=True, text=True, check=False, timeout=120
-    )
-
-
-def _expected(ranges: TableRanges) -> np.ndarray:
-    """Rows of the reading program: bits of all columns."""
-    return np.column_stack(
-        [np.where(np.isnan(getattr(ranges, name)), np.nan, getattr(ranges, name)) for name in COLUMNS]
-    )
 
 
 def test_c_reader_returns_the_same_bits(table: TravelTimeTable, places: np.ndarray, tmp_path: Path) -> None:
     save_table(table, tmp_path / "table.mtt")
     beyond = places * 1.2 - [10.0, 40.0, 400.0]  # some outside the limits
     four = np.column_stack([np.concatenate([places, beyond]), np.zeros(2 * len(places))])
-    answer = _read(_compile(tmp_path, "-O2"), tmp_path / "table.mtt", four)
-    rows = np.array(
-        [[int(word) for word in line.split()] for line in answer.stdout.splitlines()], dtype=np.uint64
-    )
-    for first, ranges in (
-        (0, table.travel_time(*four.T)),
-        (1, table.horizontal_range(four[:, 0], four[:, 1], four[:, 2] / 1500.0)),
-    ):
-        found = rows[first::2]
-        np.testing.assert_array_equal(found[:, 0], ranges.status)
-        np.testing.assert_array_equal(found[:, 1], ranges.surface_bounces)
-        np.testing.assert_array_equal(found[:, 3:].view(np.float64), _expected(ranges))
+    there, back = read(compiled(tmp_path, "-O2"), tmp_path / "table.mtt", four)
+    np.testing.assert_array_equal(there, bits_of(table.travel_time(*four.T)))
+    times = four[:, 2] / 1500.0
+    np.testing.assert_array_equal(back, bits_of(table.horizontal_range(four[:, 0], four[:, 1], times)))
 
 
 def test_the_program_of_the_page_prints_the_range_of_python(table: TravelTimeTable, tmp_path: Path) -> None:
@@ -86,7 +42,7 @@ def test_the_program_of_the_page_prints_the_range_of_python(table: TravelTimeTab
 def test_damaged_tables_and_wild_numbers_never_read_outside(
     table: TravelTimeTable, tmp_path: Path, number: int
 ) -> None:
-    program = _compile(tmp_path, "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    program = compiled(tmp_path, "-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
     save_table(table, tmp_path / "table.mtt")
     answer = subprocess.run(
         [program, tmp_path / "table.mtt", "fuzz", str(number)], capture_output=True, text=True, check=False

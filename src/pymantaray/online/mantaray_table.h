@@ -165,11 +165,11 @@ typedef struct {
     double at[3], size[3];
 } mantaray_cell;
 
-/* Descend to the cell that contains a place. */
+/* Descend to the cell that contains a place; a sector that the table does not have is outside. */
 static inline void mantaray_find(const mantaray_table *t, uint32_t sector, const double place[3], mantaray_cell *cell) {
     double low[3];
     for (int k = 0; k < 3; k++) {
-        if (!(place[k] >= t->lower[k] && place[k] <= t->upper[k])) {
+        if (!(place[k] >= t->lower[k] && place[k] <= t->upper[k]) || sector >= t->sectors) {
             cell->status = MANTARAY_OUTSIDE;
             cell->number = -1;
             return;
@@ -251,10 +251,11 @@ static inline double mantaray_mean(const mantaray_table *t, const mantaray_cell 
     return mantaray_interpolate(cell->at, cell->size, corner, gradient);
 }
 
+/* Sector of a bearing. If there are several, a bearing that is not finite is in none. */
 static inline uint32_t mantaray_sector(const mantaray_table *t, double bearing) {
     const double turn = 6.283185307179586;
     double part = fmod(bearing, turn);
-    if (!mantaray_is_finite(part)) return 0;
+    if (!mantaray_is_finite(part)) return t->sectors > 1u ? t->sectors : 0u;
     if (part < 0.0) part += turn;
     return (uint32_t)((int64_t)floor(part / turn * (double)t->sectors + 0.5) % (int64_t)t->sectors);
 }

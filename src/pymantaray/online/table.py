@@ -198,8 +198,12 @@ class TravelTimeTable:
         )
         if source.ndim != 1:
             raise OnlineError(f"look-up: arguments have shape {source.shape}; one dimension is allowed")
-        turns = np.floor(np.mod(bearing, 2.0 * math.pi) / (2.0 * math.pi) * self.sectors + 0.5)
-        return np.column_stack([source, receiver, third]), turns.astype(np.int64) % self.sectors
+        known = np.isfinite(bearing)
+        turns = np.mod(np.where(known, bearing, 0.0), 2.0 * math.pi) / (2.0 * math.pi)
+        places = np.column_stack([source, receiver, third])
+        if self.sectors > 1:
+            places[~known] = np.nan  # outside
+        return places, np.floor(turns * self.sectors + 0.5).astype(np.int64) % self.sectors
 
     def _look_up(self, places: Array, sector: NDArray[np.int64], time: Array | None = None) -> TableRanges:
         """Travel time, and derivatives of range at constant travel time, at places."""
