@@ -24,7 +24,7 @@ from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json
 
-_MOST_OTHERS = 3  # designs of the front beside the best one
+_MAX_OTHERS = 3  # designs of the front beside the best one
 _FEW_VALUES = 12  # of a key that can divide designs into series
 
 
@@ -81,7 +81,7 @@ def shown_designs(results: PlanResults) -> dict[str, DesignDetail]:
     if not any(one.failure for one in results.base):
         details[figures.AS_IT_IS] = detail_of(plan, {})
     loss = results.losses(plan.section.ranked_by)[:, 0]
-    others = [int(k) for k in np.argsort(loss) if results.front[k] and k != best][:_MOST_OTHERS]
+    others = [int(k) for k in np.argsort(loss) if results.front[k] and k != best][:_MAX_OTHERS]
     return details | {_words(results.designs[k]): detail_of(plan, results.designs[k]) for k in others}
 
 
