@@ -15,8 +15,8 @@ def noisy_graphs(run: Run, noisy: Measurements) -> dict[str, FactorGraph]:
     }
 
 
-def write_graphs(run: Run, realization: int, folder: Path) -> None:
-    """Write a realization's graphs as PyFG text with the true poses as values."""
+def write_graphs(run: Run, realization: int, folder: Path, before: str = "") -> None:
+    """Write a realization's graphs as PyFG text with the true poses as values; file names begin with ``before``."""
     noisy = run.noisy_measurements(realization)
     truth = GraphValues(
         position=run.truth.position.reshape(-1, 3),
@@ -24,4 +24,4 @@ def write_graphs(run: Run, realization: int, folder: Path) -> None:
         landmark_position=noisy.landmark_position,
     )
     for name, graph in noisy_graphs(run, noisy).items():
-        write_pyfg(graph, folder / f"{name}.pyfg", initial=truth)
+        write_pyfg(graph, folder / f"{before}{name}.pyfg", initial=truth)
