@@ -54,7 +54,7 @@ class SurfaceProfile(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """What sound loses besides spreading; None for the boundary's own reflection."""
+    """Losses besides spreading; a reflection is None if the boundary has its own."""
 
     absorption: Absorption | None
     bottom: Reflection | None

@@ -121,7 +121,7 @@ class PlanSection(Section):
 
 
 class PlanFile(Section):
-    """What `mantaray plan` reads of a study file besides the study."""
+    """Part of a plan file that is not the study."""
 
     plan: PlanSection
     """Free keys and objectives."""
