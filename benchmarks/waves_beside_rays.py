@@ -29,7 +29,7 @@ ABSORBER = 100.0  # wavelengths of absorbing bed below the water
 TIME_WINDOW = 0.16  # s; later arrivals fold back into it
 PERIODS_A_WINDOW = 80.0  # at most: no more frequencies at 2 kHz than at 500 Hz
 MODE_WINDOW = 0.64  # s; KRAKEN's bed reflects, and echoes of it come for half a second
-MOST_SURFACE_BOUNCES = 15
+MAX_SURFACE_BOUNCES = 15
 FLOOR = -55.0  # dB; weaker waves are an echo of the bed, -57 dB at 1 and 2 kHz, and of the steps
 
 
@@ -180,7 +180,7 @@ def unfolded_depth(paths: RayPaths, ray: int) -> CubicHermiteSpline:
 def ray_spectrum(band: Band, medium: Medium, link: Link) -> tuple[Arrivals, np.ndarray]:
     """All arrivals of a link, and the spectrum of their sum in the band, caustics and reflections in its phases."""
     source, receiver = ends(link)
-    arrivals = find_eigenrays(medium, source[None], receiver[None], MOST_SURFACE_BOUNCES, 0, None)
+    arrivals = find_eigenrays(medium, source[None], receiver[None], MAX_SURFACE_BOUNCES, 0, None)
     loss = transmission_loss(medium, source[None], receiver[None], arrivals, frequency_hz=band.centre)
     turns = np.exp(-0.5j * np.pi * caustics(medium, link, arrivals)) * (-1.0) ** arrivals.surface_bounces
     phase = 2j * np.pi * band.frequencies()[:, None] * arrivals.travel_time
@@ -227,7 +227,7 @@ def leak(band: Band, medium: Medium, link: Link, chord: float) -> tuple[float, f
     """Level relative to spherical spreading [dB] and time after the chord's [s] of what leaks; None where no ray is near."""
     source, receiver = ends(link)
     leaks = find_leaks(
-        medium, source[None], receiver[None], Leakage(), band.centre, bounces=(MOST_SURFACE_BOUNCES, 0)
+        medium, source[None], receiver[None], Leakage(), band.centre, bounces=(MAX_SURFACE_BOUNCES, 0)
     )
     if not leaks.link.size:
         return None

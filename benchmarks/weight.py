@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 LONGEST = 60  # lines of a function, docstring not counted
-MOST_ARGUMENTS = 8
+MAX_ARGUMENTS = 8
 
 
 def functions(path: Path):
@@ -59,7 +59,7 @@ def main() -> None:
         for name, lines, arguments in functions(path):
             if lines > LONGEST:
                 long.append(f"{path.stem}.{name} ({lines})")
-            if arguments > MOST_ARGUMENTS:
+            if arguments > MAX_ARGUMENTS:
                 wide.append(f"{path.stem}.{name} ({arguments})")
     tests = sorted((root / "tests").rglob("*.py"))
     print("folder            lines   code proper")
@@ -69,7 +69,7 @@ def main() -> None:
     print(f"package: {lines} lines, {code} of code proper, {len(package)} modules")
     print(f"tests: {sum(len(p.read_text().splitlines()) for p in tests)} lines, {len(tests)} modules")
     print(f"functions of more than {LONGEST} lines: {len(long)}: {', '.join(long)}")
-    print(f"functions of more than {MOST_ARGUMENTS} arguments: {len(wide)}: {', '.join(wide)}")
+    print(f"functions of more than {MAX_ARGUMENTS} arguments: {len(wide)}: {', '.join(wide)}")
 
 
 main()

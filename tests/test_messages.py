@@ -1,12 +1,17 @@
-"""No message, log or manifest repeats a password or a token, whichever command they are given to."""
+"""Messages: none repeats a password or a token, and a flag has its Python argument beside it."""
 
+import ast
 import logging
+import re
 import shlex
 import sys
+from pathlib import Path
 
 import pytest
+import typer.main
 
-from pymantaray.cli.main import main
+import pymantaray
+from pymantaray.cli.main import app, main
 from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import OceanError, SweepError
 from pymantaray.messages import one_line, without_secrets
@@ -97,3 +102,55 @@ def test_logs_and_manifests_leave_secrets_out(capsys, monkeypatch):
     )
     assert shlex.split(manifest._command())[-1] == "s3://bucket/x"
     assert str(SweepError(f"s3://ann:{SECRET}@b: cannot be opened")) == "s3://b: cannot be opened"
+
+
+LIBRARY = Path(pymantaray.__path__[0])
+FLAG = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
+KEYWORD = re.compile(r"(?<![\w.(])([a-z]\w+)=(?=[\w'\"{(\[])")
+
+
+def literals_of(tree):
+    """Texts of a module other than docstrings, with their lines; the fields of a formatted text are {}."""
+    parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    parts |= {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if id(node) in parts:
+            continue
+        if isinstance(node, ast.JoinedStr):
+            values = [v.value if isinstance(v, ast.Constant) else "{}" for v in node.values]
+            yield node.lineno, "".join(values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.lineno, node.value
+
+
+def library_texts():
+    """Place and text of every literal outside the command line; options of other programs and whole commands are no messages."""
+    for path in sorted(LIBRARY.rglob("*.py")):
+        if LIBRARY / "cli" in path.parents:
+            continue
+        for line, text in literals_of(ast.parse(path.read_text("utf-8"))):
+            if " " in text and not re.match(r"--|mantaray ", text):
+                yield f"{path.relative_to(LIBRARY)}:{line}", text
+
+
+def test_a_library_s_message_with_a_flag_also_names_the_python_argument():
+    with_flags = [(place, text) for place, text in library_texts() if FLAG.search(text)]
+    assert len(with_flags) > 30
+    assert not [place for place, text in with_flags if "Python" not in text]
+
+
+def test_a_library_s_message_with_a_python_argument_also_names_the_flag():
+    tree = typer.main.get_command(app)
+    flags = {flag for command in commands_of(tree) for parameter in command.params for flag in parameter.opts}
+    wrong = [
+        (place, name)
+        for place, text in library_texts()
+        for name in KEYWORD.findall(text)
+        if f"--{name.replace('_', '-')}" in flags and not FLAG.search(text)
+    ]
+    assert not wrong
+
+
+def commands_of(command):
+    """Commands below a command, with the command itself."""
+    return [command, *(c for inner in getattr(command, "commands", {}).values() for c in commands_of(inner))]

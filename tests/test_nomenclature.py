@@ -1,5 +1,6 @@
 """The nomenclature against everything that has a name in it: parameters, columns of records, keys of configurations."""
 
+import ast
 import importlib
 import inspect
 import re
@@ -74,3 +75,15 @@ def test_every_name_of_the_nomenclature_is_one_of_the_code():
     for entry in PAGES["nomenclature"]():
         word = entry.replace("...", r"\w+")
         assert any(re.fullmatch(word, name) for name in names) or re.search(rf"\b{word}\b", source), entry
+
+
+def test_no_docstring_begins_with_a_relative_clause():
+    """It begins with a verb or a noun, as in "Return True if ..." or "Travel time of each link."."""
+    clause = re.compile(r"\s*(Whether|What|Told|How|Which|Who|Where)\b")
+    begun = []
+    for path in sorted((DOCS.parent / "src").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            constant = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            if constant and isinstance(node.value.value, str) and clause.match(node.value.value):
+                begun.append(f"{path.name}:{node.lineno}")
+    assert not begun

@@ -1,9 +1,11 @@
 """Signatures and docstrings of all public names, as `help` shows them."""
 
+import ast
 import importlib
 import inspect
 import pkgutil
 import types
+from pathlib import Path
 
 import pytest
 
@@ -78,3 +80,56 @@ def test_signatures_name_array_like_by_one_word(folder):
         if "_NestedSequence" in text or "_SupportsArray" in text:
             wide.append(name)
     assert not wide
+
+
+PACKAGES = [
+    "pymantaray",
+    *(m.name for m in pkgutil.walk_packages(pymantaray.__path__, "pymantaray.") if m.ispkg),
+]
+
+
+def exported_things():
+    """Every exported name of every package, with the objects that have it and the packages that export them."""
+    things: dict[str, dict[int, tuple[object, list[str]]]] = {}
+    for package in PACKAGES:
+        module = importlib.import_module(package)
+        for name in getattr(module, "__all__", []):
+            thing = getattr(module, name)
+            things.setdefault(name, {}).setdefault(id(thing), (thing, []))[1].append(package)
+    return things
+
+
+def types_in(path):
+    """Names of the classes and named tuples that a module defines."""
+    for node in ast.parse(path.read_text("utf-8")).body:
+        if isinstance(node, ast.ClassDef):
+            yield node.name
+        called = isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
+        if called and ast.unparse(node.value.func).split(".")[-1] == "namedtuple":
+            yield ast.unparse(node.targets[0])
+
+
+def test_an_exported_name_stands_for_one_object():
+    things = exported_things()
+    assert len(things) > 250
+    doubles = {
+        name: [packages for _, packages in objects.values()]
+        for name, objects in things.items()
+        if len(objects) > 1
+    }
+    assert not doubles
+
+
+def test_no_module_defines_another_type_with_an_exported_name():
+    root = Path(pymantaray.__path__[0])
+    homes: dict[str, list[str]] = {}
+    for path in sorted(root.rglob("*.py")):
+        for name in types_in(path):
+            homes.setdefault(name, []).append(path.relative_to(root).as_posix())
+    exported = {
+        name
+        for name, objects in exported_things().items()
+        if any(inspect.isclass(t) for t, _ in objects.values())
+    }
+    assert len(exported & set(homes)) > 100
+    assert not {name: homes[name] for name in exported & set(homes) if len(homes[name]) > 1}

@@ -181,7 +181,7 @@ def _folders(kernels: list[Path]) -> list[dict[str, Any]]:
     uses = [("compiled kernels", folder, "NUMBA_CACHE_DIR") for folder in caches]
     uses.append(("figures", Path(mpl.get_cachedir()), "MPLCONFIGDIR"))
     uses.append(("temporary files", Path(tempfile.gettempdir()), "TMPDIR"))
-    uses.append(("results without --out", Path.cwd(), ""))
+    uses.append(("results in the working folder", Path.cwd(), ""))
     return [
         {
             "use": use,

@@ -18,13 +18,13 @@ from pymantaray.errors import ExchangeError
 from pymantaray.exchange import bag_limits
 
 KIND = "geometry_msgs/msg/PoseStamped"
-MOST_MIB = 1500  # what refusing may add to a process
+MAX_MIB = 1500  # what refusing may add to a process
 
 
 def refused_without_filling_the_memory(message, path):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     refused(ExchangeError, message, read_trajectories, path)
-    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024 < MOST_MIB
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024 < MAX_MIB
 
 
 def test_a_table_of_many_equal_rows_is_refused_by_its_number_of_rows(tmp_path, monkeypatch):

@@ -114,14 +114,14 @@ def find_eigenrays(
         )
     if not (tolerance > 0.0 and math.isfinite(tolerance)):
         raise AcousticsError(f"tolerance is {tolerance}; it must be a positive length in metres")
-    from pymantaray.acoustics._kernels.layout import MOST_BOUNCES
+    from pymantaray.acoustics._kernels.layout import MAX_BOUNCES
 
     for name, number in (
         ("max_surface_bounces", max_surface_bounces),
         ("max_bottom_bounces", max_bottom_bounces),
     ):
-        if number not in range(MOST_BOUNCES + 1):
-            raise AcousticsError(f"{name} is {number!r}; it must be a whole number from 0 to {MOST_BOUNCES}")
+        if number not in range(MAX_BOUNCES + 1):
+            raise AcousticsError(f"{name} is {number!r}; it must be a whole number from 0 to {MAX_BOUNCES}")
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
     if medium.surface.roughness is not None:
         rough = Ends(a, b, (max_surface_bounces, max_bottom_bounces), cutoff)

@@ -28,13 +28,13 @@ _LEVELS = ((150.0, 1.0), (400.0, 2.0), (1500.0, 10.0), (math.inf, 25.0))  # m be
 _MARGIN = 0.1  # m between the deepest possible surface and the deck
 _TABLE = 7500
 _STEEPEST = 1.5  # rad; of a table, and of the fan
-_SPACING, _LEAST_SPACING = 5e-4, 2e-5  # rad
-_MOST_RAYS = 512  # of a link
+_SPACING, _MIN_SPACING = 5e-4, 2e-5  # rad
+_MAX_RAYS = 512  # of a link
 _POINTS_PER_LENGTH = 10.0
 _KEPT = 64  # of a link, the strongest
 _BEYOND = 0.01  # rad
 _GRID_POINTS_PER_LENGTH = 3.0
-_MOST_NODES = 4_000_000
+_MAX_NODES = 4_000_000
 
 
 class Ends(NamedTuple):
@@ -54,7 +54,7 @@ class SurfaceProfile(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """What sound loses besides spreading; None for the boundary's own reflection."""
+    """Losses besides spreading; a reflection is None if the boundary has its own."""
 
     absorption: Absorption | None
     bottom: Reflection | None
@@ -98,13 +98,13 @@ def with_rough_rays(medium: Medium, ends: Ends, direct: Arrivals, threads: int |
         link = _link(surface, a[i], b[i], ends.bounces)
         length = float(np.linalg.norm(b[i] - a[i]))
         weak = length * 10.0 ** (0.1 * min(ends.cutoff_db, 60.0) + 0.3)
-        rows, work = np.empty((_MOST_RAYS, N_RAY)), np.empty((60, N_RAY))
+        rows, work = np.empty((_MAX_RAYS, N_RAY)), np.empty((60, N_RAY))
         speed = np.interp((a[i, 2], b[i, 2]), water.depth, water.speed)
         cosine = min(math.cos(steepest) * speed[0] / water.speed[water.deck], 1.0)
         straight = math.atan((a[i, 2] + b[i, 2]) / link.length)  # one reflection without refraction
         tilt = 2.0 * float(np.abs(link.slope).max())
         most = min(max(math.acos(cosine), straight) + tilt + _BEYOND, _STEEPEST)
-        n = find_skips(water, link, (-most, most, _SPACING, _LEAST_SPACING), weak, rows, work)
+        n = find_skips(water, link, (-most, most, _SPACING, _MIN_SPACING), weak, rows, work)
         spreading = _spreading_db(rows[:n], link.length, length, speed)
         kept = np.flatnonzero(spreading <= ends.cutoff_db)
         kept = kept[np.argsort(spreading[kept], kind="stable")[:_KEPT]]
@@ -304,9 +304,9 @@ def realized(medium: Medium, ends: Ends) -> Medium:
         if axis.size > 1:  # a boundary must cover the water
             low[k], high[k] = axis[0], axis[-1]
     sizes = np.ceil((high - low) / step).astype(int) + 1
-    if np.prod(sizes.astype(float)) > _MOST_NODES:
+    if np.prod(sizes.astype(float)) > _MAX_NODES:
         raise AcousticsError(
-            f"rough surface: {sizes[0]} x {sizes[1]} grid points of {step:g} m; at most {_MOST_NODES:,} are possible in water that varies"
+            f"rough surface: {sizes[0]} x {sizes[1]} grid points of {step:g} m; at most {_MAX_NODES:,} are possible in water that varies"
             " horizontally or over a sea bed that does; use a smaller domain, a longer correlation length or a profile"
         )
     north, east = (np.linspace(low[k], high[k], sizes[k]) for k in range(2))

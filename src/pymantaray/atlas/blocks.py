@@ -17,6 +17,7 @@ from pymantaray.atlas.plan import Block
 from pymantaray.geometry.longitude import whole_turns
 from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
+from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
@@ -115,7 +116,7 @@ def _column(
 def _water(block: Block) -> xr.Dataset:
     """Grid points that the links of a block may need; all of them may be land."""
     time, section = str(block.time), block.water.ocean
-    if block.files[0].startswith("synthetic:"):
+    if block.files[0].startswith(SYNTHETIC):
         return crop(_whole(block.files, time), block.window)
     options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}
     return read_ocean(block.files, time=time, window=block.window, **options)

@@ -24,6 +24,7 @@ from pymantaray.installation import code_version
 from pymantaray.jobs.keys import digest, sha256
 from pymantaray.ocean import stored_ocean
 from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
@@ -34,7 +35,6 @@ from pymantaray.water.water import configuration_of
 
 Array = NDArray[np.float64]
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
-_SYNTHETIC = "synthetic:"
 _COLUMNS = 16  # per block and axis; rays of 256 columns take half a minute
 _MAX_POINTS = 160  # grid points per block and axis
 _PROFILE_CELL = 0.1  # degrees; size of the cell of a profile
@@ -160,7 +160,7 @@ class Atlas:
         files = dict.fromkeys(file for time in self.times for file in self._files(time))
         names = [*files, *self._maps]
         try:
-            return {name: sha256(Path(name)) for name in names if not name.startswith(_SYNTHETIC)}
+            return {name: sha256(Path(name)) for name in names if not name.startswith(SYNTHETIC)}
         except OSError as error:
             raise AtlasError(f"{error.filename}: cannot be read: {error.strerror}") from None
 
@@ -267,7 +267,7 @@ def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
     if not len(times):
         raise AtlasError("times is empty; give at least one, or omit it for the ocean's first")
     instants = np.unique(np.array([parse_instant(time) for time in times]))
-    if not index.files[0][0].startswith(_SYNTHETIC):
+    if not index.files[0][0].startswith(SYNTHETIC):
         absent = instants[~np.isin(instants, index.times)]
         if absent.size:
             shown = np.datetime_as_string(absent[0], unit="m")
@@ -291,7 +291,7 @@ def instants_between(
         raise AtlasError(f"times from {start} to {stop}: the last is before the first; exchange them")
     if step_h is not None and not 1.0 / 3600.0 <= step_h < np.inf:
         raise AtlasError(f"the time step is {step_h:g} h; it must be at least one second")
-    if index.files[0][0].startswith(_SYNTHETIC):
+    if index.files[0][0].startswith(SYNTHETIC):
         step = np.timedelta64(round((24.0 if step_h is None else step_h) * 3600.0), "s")
         return np.arange(first, last + np.timedelta64(1, "ns"), step)
     chosen: list[np.datetime64] = []

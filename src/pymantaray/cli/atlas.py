@@ -143,6 +143,7 @@ def run(
     """Compute an atlas, or complete an interrupted one."""
     check_output(out.out, [".nc"], inputs=[Path(name) for name in files], force=True)
     from pymantaray.atlas import Atlas, open_atlas, run_atlas, safety_table
+    from pymantaray.records.digits import counted
     from pymantaray.water.water import configuration_of
 
     config = configuration_of(files, replace(water, time=None).keys | search.keys)
@@ -155,8 +156,8 @@ def run(
     )
     with printing.printer() as printed:
         n, rows, columns = atlas.shape
-        instants = "1 instant" if n == 1 else f"{n} instants"
-        blocks = "1 block" if len(atlas.blocks) == 1 else f"{len(atlas.blocks)} blocks"
+        instants = counted(n, "instant")
+        blocks = counted(len(atlas.blocks), "block")
         count = atlas.links.count
         printed.line(f"{rows} x {columns} columns, {instants}, {count} links each; {blocks}")
         printed.add(columns_lat=rows, columns_lon=columns, instants=n, links=count)

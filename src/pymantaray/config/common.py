@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from pymantaray.geometry.units import quantity_of
+from pymantaray.ocean.names import SYNTHETIC
 
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
@@ -96,7 +97,7 @@ def located(tree: Any, folder: Path) -> Any:
 
 IN_MEMORY = "memory:"
 """Source of an ocean in memory."""
-_NO_FILE = ("synthetic:", IN_MEMORY)
+_NO_FILE = (SYNTHETIC, IN_MEMORY)
 
 
 def input_file(name: str, folder: Path) -> str:

@@ -26,8 +26,6 @@ RENAMED = {
     "estimators.*.modes": "conditions.*.range_model.modes",
 }
 """New key by old key; a star is any entry of a list."""
-LISTS = {"study.conditions": "conditions", "estimators": "conditions"}
-"""Two former lists that are one list now, see `pymantaray.config.conditions`."""
 _ENTRIES = "estimators", "conditions"
 NEW_VALUES = {
     "acoustics.spreading_cutoff_db": {"off": "none"},

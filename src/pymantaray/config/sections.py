@@ -36,6 +36,7 @@ from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.geometry.sphere import Earth
+from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 
@@ -349,7 +350,7 @@ class OceanSection(Section):
     @property
     def synthetic(self) -> bool:
         """True if the water is synthetic, not read from files."""
-        return any(name.startswith("synthetic:") for name in self.source)
+        return any(name.startswith(SYNTHETIC) for name in self.source)
 
     @property
     def files(self) -> tuple[str, ...]:

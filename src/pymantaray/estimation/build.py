@@ -107,7 +107,7 @@ def _used(measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice)
             " 'all'"
         )
     if ranges == "refracted" and links == "all":
-        raise EstimationError("refracted ranges over all links: a dropout has none; use links='refracted'")
+        raise EstimationError("refracted ranges over all links: a dropout has none; use links = 'refracted'")
     if ranges is None:
         return np.zeros(measurements.range_status.size, dtype=bool)
     if links == "refracted":

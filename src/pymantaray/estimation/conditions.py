@@ -15,6 +15,7 @@ from pymantaray.estimation.build import LinkChoice, MeasuredRanges, build_graph,
 from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.minima import SAME_COST
 from pymantaray.estimation.range_models import (
     AdjustableModel,
     ClockPrior,
@@ -33,7 +34,6 @@ from pymantaray.records import Estimates, Measurements, SolveStatus
 
 Array = NDArray[np.float64]
 
-_SAME_COST = 1e-6  # relative; outer iterations leave a smaller difference
 _MAX_SCALE = 1e4  # largest factor on range sigmas
 _COST_TOLERANCE = 2e-3  # of the cost, relative to the number of ranges; changes the sigma by 0.2 %
 _MAX_FITS = 30  # solves for one fit
@@ -216,7 +216,7 @@ class _Fleet:
         if not (first.usable and second.usable):
             return second if second.usable else first
         lower = min(first, second, key=lambda solution: solution.final_cost)
-        if abs(first.final_cost - second.final_cost) <= _SAME_COST * (1.0 + lower.final_cost):
+        if abs(first.final_cost - second.final_cost) <= SAME_COST * (1.0 + lower.final_cost):
             return first
         status = SolveStatus.SECOND_MINIMUM if lower.status == SolveStatus.OK else lower.status
         return replace(lower, status=status)

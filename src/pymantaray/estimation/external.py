@@ -36,6 +36,7 @@ from pymantaray.estimation.solution import GraphSolution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
 from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
+from pymantaray.records.csv_text import is_number
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 Start = Literal["file", "dead-reckoning", "chordal", "best"]
@@ -239,15 +240,7 @@ def is_pose_graph(path: Path) -> bool:
         return False  # the reader reports the cause
     if first[0] in _TORO_WORDS:
         return True
-    return path.suffix != PYFG and len(first) > 2 and all(_is_number(field) for field in first[1:3])
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True
+    return path.suffix != PYFG and len(first) > 2 and all(is_number(field) for field in first[1:3])
 
 
 def solve_graph(
@@ -378,7 +371,7 @@ def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_
         raise EstimationError(f"random starts: {random_starts}; allowed: 0 or more")
     if random_starts and start not in {None, "best"}:
         raise EstimationError(
-            f"{random_starts} random starts with start {start!r}; use start 'best' (--start best)"
+            f"{random_starts} random starts with start {start!r}; use --start best (in Python: start='best')"
         )
 
 

@@ -67,7 +67,7 @@ _KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"e
 LEFT_OUT = ("landmarks", *_KIND_OF)
 """Contents that a file cannot hold; landmarks are those without a sighting."""
 
-_TREATMENTS = "; or drop or repair these lines (--indefinite, indefinite='repair')"
+_TREATMENTS = "; or drop or repair these lines with --indefinite (in Python: indefinite)"
 _SYMBOL_SHIFT = 56  # GTSAM's symbols: a letter in the uppermost byte, a number below
 _LARGEST_ID = 2**31 - 1  # g2o's ids are C ints
 _INTEGER = re.compile("[0-9]{1,20}")
@@ -112,7 +112,7 @@ def write_g2o(
     if refused:
         raise EstimationError(
             f"{path}: g2o files hold poses, edges between them and sightings; the graph also has {', '.join(refused)}:"
-            " leave them out (--leave-out all, leave_out=LEFT_OUT)"
+            " leave them out with --leave-out all (in Python: leave_out=LEFT_OUT)"
         )
     ids = _symbols(graph, path) if symbols else list(range(graph.n_variables))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:

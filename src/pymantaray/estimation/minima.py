@@ -19,7 +19,7 @@ from pymantaray.geometry import stream
 Array = NDArray[np.float64]
 SolveFrom = Callable[[GraphValues], GraphSolution]
 
-_SAME_COST = 1e-6  # relative; smaller differences of the cost are of one minimum
+SAME_COST = 1e-6  # relative; smaller differences of the cost are of one minimum
 _SAME_POSITION = 1e-3  # of the extent of all positions; smaller differences are of one minimum
 _PLAUSIBLE = 0.95  # quantile of chi-square within which a second minimum is plausible, too
 _MAX_MIRRORED = 64  # solves from mirrored landmarks
@@ -70,7 +70,7 @@ def search_minima(
 def lowest(outcomes: Sequence[StartOutcome]) -> StartOutcome:
     """Outcome of the lowest cost, the first among equal costs."""
     least = min(outcome.cost for outcome in outcomes)
-    return next(o for o in outcomes if o.cost <= least + _SAME_COST * (1.0 + least) or least == np.inf)
+    return next(o for o in outcomes if o.cost <= least + SAME_COST * (1.0 + least) or least == np.inf)
 
 
 def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) -> StartOutcome | None:
@@ -88,7 +88,7 @@ def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) 
 
 def same_minimum(one: StartOutcome, other: StartOutcome) -> bool:
     """True if two solutions have equal costs and positions."""
-    if abs(one.cost - other.cost) > _SAME_COST * (1.0 + min(one.cost, other.cost)):
+    if abs(one.cost - other.cost) > SAME_COST * (1.0 + min(one.cost, other.cost)):
         return False
     a, b = _positions(one.solution.values), _positions(other.solution.values)
     extent = float(np.linalg.norm(np.ptp(a, axis=0)))

@@ -37,7 +37,7 @@ class Chains(NamedTuple):
 
 
 class RangeChoice(NamedTuple):
-    """What one range may belong to: each of its candidates and, last, none of them."""
+    """Alternatives of one range: each of its candidates and, last, none of them."""
 
     candidate: Rows
     fit: Array  # negative logarithm of the likelihood, relative to a residual of zero in an exact ocean

@@ -110,7 +110,7 @@ class FactorsExceptRanges:
             by_itself = residuals.Matrix(
                 row, np.zeros((2 * m, SIZE, SIZE)), np.zeros((m, SIZE, SIZE)), np.zeros((2 * m, SIZE))
             )
-            poses = residuals.Poses(turned, place)
+            poses = residuals.PoseArrays(turned, place)
             residuals.add_relative(copies, pairs, poses, by_itself, 1, np.empty(m), _scratch())
             return by_itself
 
@@ -165,7 +165,7 @@ class FactorsExceptRanges:
         self, state: GraphState, blocks: FactorBlocks, matrix: residuals.Matrix, order: int
     ) -> tuple[Array, Array, Array]:
         """Costs as in `_costs`; adds blocks of order 1 or 2 to a matrix."""
-        poses = residuals.Poses(state.rotation, state.position)
+        poses = residuals.PoseArrays(state.rotation, state.position)
         relative, sighted, positions = (
             np.empty(len(rows)) for rows in (self._inner, self._sighted_pairs, self._positions.variable)
         )

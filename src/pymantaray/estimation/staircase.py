@@ -26,7 +26,7 @@ _MORE_COLUMNS = 5  # than the dimension, at most
 _STEPS, _TRIALS = 100, 20  # of Newton's method; of damping in each
 _DECREMENT = 1e-13  # relative decrease of the cost that ends Newton's method
 _RELAXED_DECREMENT = 1e-7  # the same in the relaxation, whose bound is valid at any point
-_LEAST_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6  # of the diagonal of the Hessian; the first after a failed step
+_MIN_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6  # of the diagonal of the Hessian; the first after a failed step
 _CONVERGED_DAMPING = 1e-5  # a larger one makes steps short away from critical points
 _SHORTEST = 1e-4  # of the length of a unit vector; shortest step along an eigenvector
 
@@ -96,7 +96,7 @@ def lower_bound(problem: ChordalProblem, cost: float, least: float) -> float:
 
 def descend(problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT) -> tuple[Array, float]:
     """Critical point by damped Newton steps on the manifold, and the last Newton decrement."""
-    cost, damping, decrement = problem.cost(x), _LEAST_DAMPING, np.inf
+    cost, damping, decrement = problem.cost(x), _MIN_DAMPING, np.inf
     for _ in range(_STEPS):
         tangent = _tangent(problem, x)
         gradient = tangent.T @ (problem.quadratic @ x).ravel()
@@ -121,7 +121,7 @@ def descend(problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT)
         x, cost = trial, min(lower, cost)
         if converged:
             break
-        damping = max(0.1 * damping, _LEAST_DAMPING) if agrees else damping
+        damping = max(0.1 * damping, _MIN_DAMPING) if agrees else damping
     return x, abs(decrement)
 
 

@@ -16,6 +16,7 @@ from pymantaray.records import Measurements
 Array = NDArray[np.float64]
 Indices = NDArray[Any]
 
+_ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
 _LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1
 
 
@@ -229,13 +230,11 @@ def _first_of_parts(size: int, ends: Indices, known: Indices) -> Indices:
     return np.asarray(first[~np.isin(part[first], part[known])])
 
 
-def anchor_loose_parts(
-    graph: FactorGraph, values: GraphValues, *, sigma: float = 1e-3
-) -> tuple[FactorGraph, NDArray[np.int32]]:
+def anchor_loose_parts(graph: FactorGraph, values: GraphValues) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
     Add a prior at the first pose of each part that nothing ties to the world; return these poses, too.
 
-    The prior has the mean of ``values`` and ``sigma`` on each axis [m, rad]. A part without poses gets none.
+    The prior has the mean of ``values`` and `_ANCHOR_SIGMA` on each axis. A part without poses gets none.
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -244,7 +243,7 @@ def anchor_loose_parts(
     anchors = graph["prior"].kind.table(
         poses,
         [values.position[poses], values.quaternion[poses]],
-        np.tile(sigma**2 * np.eye(6), (poses.size, 1, 1)),
+        np.tile(_ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1)),
     )
     return graph.with_factors(prior=graph["prior"].joined(anchors)), poses
 

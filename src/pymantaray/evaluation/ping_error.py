@@ -11,7 +11,7 @@ from pymantaray.evaluation.trajectory_error import standard_error, trajectory_er
 from pymantaray.records import Estimates, Measurements, Trajectories
 
 Array = NDArray[np.float64]
-_BASELINE = "straight"
+BASELINE = "straight"
 
 
 def ping_error_table(
@@ -68,7 +68,7 @@ def ping_error_table(
 
     errors = trajectory_errors(truth, estimates)
     names = estimates.condition.tolist()
-    straight = estimates.position[names.index(_BASELINE)] if _BASELINE in names else np.nan
+    straight = estimates.position[names.index(BASELINE)] if BASELINE in names else np.nan
     rows = []
     for c, name in enumerate(names):
         own, apart = (

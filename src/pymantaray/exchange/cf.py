@@ -19,13 +19,12 @@ from pymantaray.errors import ExchangeError, OceanError
 from pymantaray.exchange.centre import centre_attributes, centre_of_names
 from pymantaray.exchange.recording import Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses, geodetic, level
-from pymantaray.ocean.cf_profiles import instance_of_rows, labels_of
+from pymantaray.ocean.cf_profiles import BAD_FLAGS, instance_of_rows, labels_of
 from pymantaray.ocean.convert import decoded_times, to_our_unit
 from pymantaray.ocean.files import numbers, open_file, text, unreadable
 from pymantaray.records import NETCDF_LOCK, write_netcdf
 
 Array = NDArray[np.float64]
-_BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing; the same in OceanGliders, IMOS, Argo and QARTOD
 _QUANTITIES = {
     "time": ("time",),
     "latitude": ("latitude",),
@@ -137,7 +136,7 @@ class _TrajectoryReader:
                 or "flag" in text(known, "standard_name")
             ):
                 continue  # not flags but an uncertainty
-            bad = np.isin(raw, _BAD_FLAGS) & np.isfinite(values)
+            bad = np.isin(raw, BAD_FLAGS) & np.isfinite(values)
             if bad.any():
                 self._notes.append(f"{self._path}: {bad.sum()} values of {name} rejected by quality flags")
             return np.where(bad, np.nan, values)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from pymantaray.errors import ExchangeError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories, VehicleStatus
+from pymantaray.records.digits import counted
 
 Array = NDArray[np.float64]
 SAME_TIME = 1e-6
@@ -246,9 +247,7 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         notes.append(f"{who}: {np.count_nonzero(~first)} poses at repeated times dropped")
     order, time, place = order[first], time[first], place[first]
     if time.size < 2:
-        raise ExchangeError(
-            f"{who}: {time.size} pose{'s' * (time.size != 1)}; a trajectory needs at least two"
-        )
+        raise ExchangeError(f"{who}: {counted(time.size, 'pose')}; a trajectory needs at least two")
     if not np.isfinite(place).all():
         raise ExchangeError(
             f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is not finite; correct or remove it"

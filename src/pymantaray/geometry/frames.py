@@ -13,6 +13,7 @@ from pymantaray.errors import GeometryError
 from pymantaray.geometry.longitude import wrapped
 
 Array = NDArray[np.float64]
+ELLIPSOID = pyproj.Geod(ellps="WGS84")
 
 
 class LocalFrame:

@@ -32,7 +32,7 @@ def flat_earth_note(longest: float) -> str | None:
         return None
     return (
         f"Links are up to {1e-3 * longest:.1f} km long: on a flat Earth, their ranges are too long by up to about"
-        f' {_FLAT_ERROR * longest**3:.1f} m; set acoustics.earth = "sphere" (--earth sphere).'
+        f' {_FLAT_ERROR * longest**3:.1f} m; use --earth sphere (in Python: earth="sphere"; in TOML: acoustics.earth).'
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from pymantaray.locate.graduated import MIN_SIGMA
 from pymantaray.locate.linear import Products
 from pymantaray.locate.unknowns import SurveyUnknowns
 
@@ -20,7 +21,6 @@ Array = NDArray[np.float64]
 _MAX_STEPS = 60
 _CONVERGED = 3e-3  # change of the logarithm of every hyperparameter
 _MIN_HYPER, _MAX_HYPER = 1e-8, 1e-1  # hyperparameters: fractions of the sound speed, also per km
-_MIN_SIGMA = 1e-9  # s
 MIN_REDUNDANCY = 3  # pings minus unknowns, for an estimate of the noise level
 
 
@@ -84,7 +84,7 @@ def posterior(
             moved, hyper[name] = max(moved, abs(np.log(new / hyper[name]))), new
         if products.n_rows >= plain + MIN_REDUNDANCY:
             left = max(products.n_rows - solved.effective, 1.0)
-            level = max(sigma * float(np.sqrt(solved.squares / left)), _MIN_SIGMA)
+            level = max(sigma * float(np.sqrt(solved.squares / left)), MIN_SIGMA)
             moved, sigma = max(moved, abs(np.log(level / sigma))), level
         if moved < _CONVERGED:
             sd = unknowns.scaled_sd(hyper)[active]

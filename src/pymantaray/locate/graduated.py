@@ -4,18 +4,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.estimation import LOSSES, Loss
+from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.locate.linear import Linearization, Mask
 
 Array = NDArray[np.float64]
 _SCALE_STEP = 1.5  # factor between successive scales of the loss
 _MAX_STEPS = 60
-_MAD = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
-_MIN_SIGMA = 1e-9  # s
+MIN_SIGMA = 1e-9  # s
 
 
 def robust_sigma(residual: Array) -> float:
     """Standard deviation of residuals from their median magnitude, always positive. [s]"""
-    return max(_MAD * float(np.median(np.abs(residual))), _MIN_SIGMA)
+    return max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), MIN_SIGMA)
 
 
 def graduated_change(linear: Linearization, possible: Mask) -> Array:
@@ -34,7 +34,7 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
     efficient = LOSSES["geman-mcclure"].scale
     left: Array = np.asarray(residual)
     z: Array = np.zeros(active.size)
-    scale = max(float(np.abs(left).max()), _MIN_SIGMA)
+    scale = max(float(np.abs(left).max()), MIN_SIGMA)
     for _ in range(_MAX_STEPS):
         sigma = robust_sigma(left)
         weight = Loss("geman-mcclure", scale).weight(left) / sigma**2

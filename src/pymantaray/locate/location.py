@@ -17,7 +17,7 @@ from pymantaray.locate.checks import check_solution, check_survey
 from pymantaray.locate.gross import reasons
 from pymantaray.locate.mirror import Mirror, mirrors
 from pymantaray.locate.options import LocateOptions
-from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table, whitened_residuals
+from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table
 from pymantaray.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
 from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
@@ -350,10 +350,6 @@ class Location:
                 }
                 rows.append(row)
         return pd.DataFrame(rows)
-
-    def white_residuals(self) -> Array:
-        """Independent residuals of the used pings. [s]"""
-        return whitened_residuals(self.solution)
 
 
 def ellipse(covariance: Array) -> tuple[float, float, float]:

@@ -16,12 +16,12 @@ from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, PlatformError, Survey
+from pymantaray.records.text_table import MONTHS
 
 Array = NDArray[np.float64]
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 _TIME_TOLERANCE = 2e-3  # s; between an instant and its position
 _SIGMA = (100.0, 100.0, 100.0)  # m; standard deviations of prior positions
-_MONTHS = {m: i + 1 for i, m in enumerate("JAN FEB MAR APR MAY JUN JUL AUG SEP OCT NOV DEC".split())}  # noqa: SIM905
 
 
 def read_gnatss(path: Path, options: ReadOptions) -> Survey:
@@ -97,7 +97,7 @@ def _times(paths: list[Path], count: int) -> tuple[Array, Array, NDArray[np.int6
                 continue
             try:
                 day, month, year = words[0].split("-")
-                date = f"20{int(year) % 100:02d}-{_MONTHS[month.upper()]:02d}-{int(day):02d}"
+                date = f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}"
                 hour, minute, second = words[1].split(":")
                 clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
                 row = [float(word) for word in words[2 : 2 + count]]

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import LOSSES
+from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.locate.survey import Node, Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
 
@@ -62,7 +63,9 @@ def _descend(points: Array, ranges: Array, start: Array, node: Node, *, biased: 
         step = x - points
         distance = np.maximum(np.linalg.norm(step, axis=1), 1e-6)
         residual = ranges - distance + bias
-        scale = max(1.4826 * float(np.median(np.abs(residual - np.median(residual) * biased))), _MIN_SCALE)
+        scale = max(
+            MAD_TO_SIGMA * float(np.median(np.abs(residual - np.median(residual) * biased))), _MIN_SCALE
+        )
         weight = loss.weight(residual / scale) / scale**2
         rows = np.column_stack([step / distance[:, None], np.full(len(points), -1.0)])
         normal = rows.T @ (weight[:, None] * rows) + np.diag(sd**-2.0)

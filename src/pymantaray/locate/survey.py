@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
@@ -312,21 +311,6 @@ class Survey:
         Survey
         """
         return replace(self, **changes)
-
-    def with_nodes(self, **changes: ArrayLike | Sequence[float]) -> Self:
-        """
-        Copy of the survey with other values of fields of all nodes.
-
-        Parameters
-        ----------
-        **changes
-            New values by field of `Node`, for example ``turn_around=0.013``.
-
-        Returns
-        -------
-        Survey
-        """
-        return self.changed(nodes=tuple(replace(node, **changes) for node in self.nodes))  # type: ignore[arg-type]
 
     def rows(self, which: NDArray[Any]) -> Self:
         """

@@ -26,6 +26,7 @@ from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle
+from pymantaray.records.text_table import MONTHS
 
 Array = NDArray[np.float64]
 Instant = str | np.datetime64
@@ -33,8 +34,7 @@ _NUMBER = r"(-?\d+(?:\.\d+)?)\s*°?\s*"
 _LAT = re.compile(rf"\blat(?:itude)?\b\s*[:=]?\s*{_NUMBER}([NS])?\b", re.IGNORECASE)
 _LON = re.compile(rf"\blon(?:gitude)?\b\s*[:=]?\s*{_NUMBER}([EW])?\b", re.IGNORECASE)
 _DATE = re.compile(r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?")
-_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-_MONTH = re.compile(rf"\b({'|'.join(_MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
+_MONTH = re.compile(rf"\b({'|'.join(MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
 _PACKED_FILL, _PACKED_SCALE, _PACKED_OFFSET = -30_000.0, 0.001, 20.0  # HYCOM's, for both tracers
 _PACKED_ABOVE = 100.0  # upper limit of temperature and salinity
@@ -316,7 +316,7 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""
             return parse_instant(match[1] + clock), ([] if clock else ["time of day unknown: 0 h assumed"])
         if match := _MONTH.search(line):
-            month = _MONTHS.index(match[1].lower()[:3]) + 1
+            month = MONTHS[match[1].lower()[:3]]
             note = f"day unknown: the first of {match[0]} assumed"
             return parse_instant(f"{match[2]}-{month:02d}-01"), [note]
     return np.datetime64("NaT", "ns"), ["time unknown"]

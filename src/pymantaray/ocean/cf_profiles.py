@@ -30,7 +30,7 @@ _QUANTITIES = {
     "absolute_salinity": ("sea_water_absolute_salinity",),
     "sound_speed": ("speed_of_sound_in_sea_water",),
 }
-_BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing
+BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing; the same in OceanGliders, IMOS, Argo and QARTOD
 
 
 def holds_profiles(data: xr.Dataset) -> bool:
@@ -147,7 +147,7 @@ def _values(data: xr.Dataset, name: str, sizes: Any) -> tuple[Array, int]:
         if flag is not None and flag.dims == variable.dims and flag.dtype.kind in "iuf" and (
             "flag" in text(flag, "standard_name") or flags.lower().endswith("_qc")
         ):  # fmt: skip
-            bad |= np.isin(np.nan_to_num(numbers(data, flags)), _BAD_FLAGS)
+            bad |= np.isin(np.nan_to_num(numbers(data, flags)), BAD_FLAGS)
     values[bad] = np.nan
     if text(variable, "positive").lower() == "up":
         values = -values

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.errors import OceanError
+from pymantaray.records.text_table import MONTHS
 
 Lines = Sequence[str]
 Rows = dict[int, list[str]]
@@ -65,12 +66,6 @@ _SEA_BIRD = (  # short names of Seasoft's variables
     (r"latitude", "lat [degrees]"),
     (r"longitude", "lon [degrees]"),
 )
-_MONTHS = {
-    name: month
-    for month, name in enumerate(
-        ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"], 1
-    )
-}
 _CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
 _MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
 _DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
@@ -367,7 +362,7 @@ def _iso(words: str, layout: str) -> str:
     if match is None:
         return ""
     date = match.groupdict(default="")
-    month = date["month"] if date["month"].isdigit() else _MONTHS.get(date["month"].lower())
+    month = date["month"] if date["month"].isdigit() else MONTHS.get(date["month"].lower())
     if month is None:
         return ""
     year = int(date["year"]) + (2000 if len(date["year"]) == 2 else 0)

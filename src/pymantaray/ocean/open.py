@@ -22,7 +22,15 @@ from pymantaray.ocean.convert import (
     pick,
     without_scaled_fill,
 )
-from pymantaray.ocean.files import IN_MEMORY, file_name, numbers, open_file, unreadable, with_standard_names
+from pymantaray.ocean.files import (
+    IN_MEMORY,
+    file_name,
+    numbers,
+    open_file,
+    unreadable,
+    with_standard_names,
+)
+from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
@@ -35,8 +43,7 @@ Names = Mapping[str, str]
 CurrentsPolicy = Literal["required", "rest"]
 _ROLES = tuple(v.name for v in VARIABLES)
 _MAX_LISTED_FILES = 2  # in messages
-_SYNTHETIC = "synthetic:"
-_SYNTHETIC_STEP = np.timedelta64(3, "h")  # as in HYCOM
+SYNTHETIC_STEP = np.timedelta64(3, "h")  # as in HYCOM
 
 
 def open_ocean(
@@ -137,8 +144,8 @@ def open_ocean_series(
     sources, region = _sources(source)
     if region is not None:
         origin = first.astype("datetime64[D]").astype("datetime64[ns]")
-        begin = origin + (first - origin) // _SYNTHETIC_STEP * _SYNTHETIC_STEP
-        times = np.arange(begin, last + _SYNTHETIC_STEP, _SYNTHETIC_STEP)
+        begin = origin + (first - origin) // SYNTHETIC_STEP * SYNTHETIC_STEP
+        times = np.arange(begin, last + SYNTHETIC_STEP, SYNTHETIC_STEP)
         return tuple(crop(synthetic_ocean(region, t), window) for t in _enclosing(times, first, last, region))
     with Collection(sources, window, names) as collection:
         times = _enclosing(collection.whole_times(currents), first, last, collection.names)
@@ -207,10 +214,10 @@ def ocean_index(source: Source, names: Names | None = None) -> OceanIndex:
 def _sources(source: Source) -> tuple[list[str | Path | xr.Dataset], str | None]:
     """Sources as a list, and the name of a synthetic region."""
     sources = [source] if isinstance(source, str | Path | xr.Dataset) else list(source)
-    regions = [str(s) for s in sources if isinstance(s, str) and s.startswith(_SYNTHETIC)]
+    regions = [str(s) for s in sources if isinstance(s, str) and s.startswith(SYNTHETIC)]
     if regions and len(sources) > 1:
         raise OceanError(f"ocean: {regions[0]} cannot be combined with other sources; use it alone")
-    return sources, regions[0].removeprefix(_SYNTHETIC) if regions else None
+    return sources, regions[0].removeprefix(SYNTHETIC) if regions else None
 
 
 def _validate(ocean: xr.Dataset, source: Source) -> None:

@@ -182,9 +182,11 @@ def freezing_notes(
         return ()
     worst = int(np.nanargmax(cold))
     where = f"{cold[worst]:.2g} K below freezing at {depth[worst]:.4g} m"
-    return (
-        f"{count} of {cold.size} levels {TOO_COLD}, up to {where}: {UNFROZEN}, or repair the salinity with --repair-freezing",
+    note = (
+        f"{count} of {cold.size} levels {TOO_COLD}, up to {where}: {UNFROZEN}, or repair the salinity with --repair-freezing"
+        " (in Python: repair_freezing)"
     )
+    return (note,)
 
 
 def repair_salinity(

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pandas as pd
-import pyproj
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import Equation, ocean_sound_speed
 
 Array = NDArray[np.float64]
-_EARTH = pyproj.Geod(ellps="WGS84")
 
 
 def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.DataFrame:
@@ -137,9 +136,9 @@ def _spacing(axis: Array) -> str:
 def _width(latitude: float, lon: Array) -> float:
     """Length of the parallel between the outer longitudes. [km]"""
     along = np.linspace(lon[0], lon[-1], 1001)
-    return float(_EARTH.line_length(along, np.full_like(along, latitude)) / 1e3)
+    return float(ELLIPSOID.line_length(along, np.full_like(along, latitude)) / 1e3)
 
 
 def _height(lat: Array) -> float:
     """Length of the meridian between the outer latitudes. [km]"""
-    return float(_EARTH.inv(0.0, lat[0], 0.0, lat[-1])[2] / 1e3)
+    return float(ELLIPSOID.inv(0.0, lat[0], 0.0, lat[-1])[2] / 1e3)

@@ -75,7 +75,7 @@ class Cell(NamedTuple):
     size: Array
 
 
-class MeanSlowness(NamedTuple):
+class InterpolatedSlowness(NamedTuple):
     """Relative mean slowness at ``n`` places, its derivatives by the coordinates, and its standard deviation (NaN if unknown)."""
 
     value: Array
@@ -122,7 +122,7 @@ def find_cells(tree: Tree, lower: Array, upper: Array, sector: NDArray[np.int64]
     return Cell(status, number, (places - low) / size, size)
 
 
-def mean_slowness(tree: Tree, cell: Cell) -> MeanSlowness:
+def mean_slowness(tree: Tree, cell: Cell) -> InterpolatedSlowness:
     """
     Interpolate the relative mean slowness in cells; NaN without an arrival.
 
@@ -134,7 +134,7 @@ def mean_slowness(tree: Tree, cell: Cell) -> MeanSlowness:
 
     Returns
     -------
-    MeanSlowness
+    InterpolatedSlowness
     """
     n = cell.number.size
     value, gradient, sigma = np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
@@ -145,7 +145,7 @@ def mean_slowness(tree: Tree, cell: Cell) -> MeanSlowness:
     if tree.sigma.size:
         linear = tree.sigma[rows].astype(np.float64)
         sigma[has] = interpolate(cell.at[has], cell.size[has], linear, np.zeros((*rows.shape, 3))).value
-    return MeanSlowness(value, gradient, sigma)
+    return InterpolatedSlowness(value, gradient, sigma)
 
 
 def joined(trees: list[Tree]) -> Tree:

@@ -108,7 +108,7 @@ class Measured(NamedTuple):
     variance: Array
 
 
-class Ranging(NamedTuple):
+class RangePrediction(NamedTuple):
     """Range model, its uncertainty if it has one, and the beacons with exactly known positions (n, 3)."""
 
     model: RangeModel
@@ -116,7 +116,7 @@ class Ranging(NamedTuple):
     fixed: Array
 
 
-def measured(state: State, event: Event, ranging: Ranging) -> Measured | None:
+def measured(state: State, event: Event, ranging: RangePrediction) -> Measured | None:
     """Residual of a measurement; None if the range model has no arrival."""
     if event.kind == Kind.RANGE:
         return _range(state, event, ranging)
@@ -129,7 +129,7 @@ def measured(state: State, event: Event, ranging: Ranging) -> Measured | None:
     return Measured(position[-len(rows) :] - values[0], by_errors, values[1] ** 2)
 
 
-def _range(state: State, event: Event, ranging: Ranging) -> Measured | None:
+def _range(state: State, event: Event, ranging: RangePrediction) -> Measured | None:
     travel_time, sigma, sound_speed = event.values
     n = len(state.position)
     ends = [state.position[k] if k < n else ranging.fixed[k - n] for k in event.members]

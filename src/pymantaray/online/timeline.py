@@ -8,7 +8,17 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from pymantaray.errors import OnlineError
-from pymantaray.online.filter import Event, Kind, Outcome, Ranging, State, Step, advanced, measured, updated
+from pymantaray.online.filter import (
+    Event,
+    Kind,
+    Outcome,
+    RangePrediction,
+    State,
+    Step,
+    advanced,
+    measured,
+    updated,
+)
 
 
 class Timeline:
@@ -22,7 +32,7 @@ class Timeline:
     ----------
     state : State
         At the horizon.
-    ranging : Ranging
+    ranging : RangePrediction
     lag : float
         Length of the history. [s]
     gate : float
@@ -31,7 +41,9 @@ class Timeline:
         Time before which nothing changes any more. [s]
     """
 
-    def __init__(self, state: State, ranging: Ranging, *, lag: float, gate: float, horizon: float) -> None:
+    def __init__(
+        self, state: State, ranging: RangePrediction, *, lag: float, gate: float, horizon: float
+    ) -> None:
         self.base, self.ranging, self.lag, self.gate, self.horizon = state, ranging, lag, gate, horizon
         self.events: list[Event] = []
         self.waiting: list[Event] = []

@@ -17,7 +17,7 @@ from pymantaray.estimation.kalman import SIZE
 from pymantaray.estimation.range_models import RangeModel, TransmitterSpeed
 from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
-from pymantaray.online.filter import Event, Kind, Outcome, Ranging, State
+from pymantaray.online.filter import Event, Kind, Outcome, RangePrediction, State
 from pymantaray.online.range_model import range_model_of
 from pymantaray.online.saved_state import read_state, write_state
 from pymantaray.online.table import TravelTimeTable
@@ -154,7 +154,7 @@ class OnlineEstimator:
         self._vehicles, self._beacons = list(fleet), unknown + fixed
         self._timeline = Timeline(
             _start_state(fleet, {name: beacons[name] for name in unknown}, float(start)),
-            Ranging(model, uncertainty, np.array(places).reshape(-1, 3)),
+            RangePrediction(model, uncertainty, np.array(places).reshape(-1, 3)),
             lag=float(lag),
             gate=float(gate),
             horizon=float(start),
@@ -463,7 +463,7 @@ class OnlineEstimator:
         self._vehicles, self._beacons = content["vehicles"], content["beacons"]
         self._timeline = Timeline(
             State(rotation, position, covariance, tuple(base["time"]), tuple(base["begin"])),
-            Ranging(model, uncertainty, np.array(content["fixed"]).reshape(-1, 3)),
+            RangePrediction(model, uncertainty, np.array(content["fixed"]).reshape(-1, 3)),
             lag=content["lag"],
             gate=math.inf if content["gate"] is None else content["gate"],
             horizon=content["horizon"],

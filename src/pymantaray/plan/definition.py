@@ -24,7 +24,7 @@ Objective = Literal["error", "lost", "heard_by_two", "cost"]
 Design = Mapping[str, Any]
 """Value of each free key."""
 _RANGE = ("from", "to", "count")
-_MOST_DESIGNS = 100_000
+_MAX_DESIGNS = 100_000
 
 
 class FreeRange(NamedTuple):
@@ -121,7 +121,7 @@ class PlanSection(Section):
 
 
 class PlanFile(Section):
-    """What `mantaray plan` reads of a study file besides the study."""
+    """Part of a plan file that is not the study."""
 
     plan: PlanSection
     """Free keys and objectives."""
@@ -170,9 +170,9 @@ class DeploymentPlan:
                 )
         if not self.base.conditions:
             raise PlanError(f"{self.source}: conditions: the study has none; a plan needs at least one")
-        if self.size > _MOST_DESIGNS:
+        if self.size > _MAX_DESIGNS:
             raise PlanError(
-                f"{self.source}: plan.free: {self.size:,} combinations; at most {_MOST_DESIGNS:,} are allowed, give"
+                f"{self.source}: plan.free: {self.size:,} combinations; at most {_MAX_DESIGNS:,} are allowed, give"
                 " shorter lists or ranges without count"
             )
         ends = [{**self.lists_at(k), **self.ends(high=k != 0)} for k in (0, self.size - 1)]

@@ -20,7 +20,7 @@ from pymantaray.water.water import mission_ocean
 _KEPT = 8  # waters, and trajectories of fleets, in memory
 
 
-class Water(NamedTuple):
+class DesignWater(NamedTuple):
     """Ocean and medium of a mission."""
 
     ocean: OceanFields
@@ -34,7 +34,7 @@ class Missions:
 
     def __init__(self, plan: DeploymentPlan) -> None:
         self._plan = plan
-        self._waters: dict[Any, Water] = {}
+        self._waters: dict[Any, DesignWater] = {}
         self._fleets: dict[Any, Trajectories] = {}
         self.links = SolvedLinks()
         """Solved links, which designs with the same ends in the same water share."""
@@ -51,7 +51,7 @@ class Missions:
         run = run_in_memory(config, assemble_mission(config, water.ocean, truth, ranging))
         return run, water.ocean if water.drawn else None
 
-    def _water(self, config: StudyConfig, member: int | None) -> Water:
+    def _water(self, config: StudyConfig, member: int | None) -> DesignWater:
         """Water of a study, or of a random member."""
         errors, data = self._plan.section.perturbed, None
         if errors is not None:
@@ -67,7 +67,7 @@ class Missions:
             )
         ocean = mission_ocean(config, data)
         medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
-        return Water(ocean, medium, data is not None)
+        return DesignWater(ocean, medium, data is not None)
 
 
 def _kept(kept: dict[Any, Any], key: Any, make: Callable[[], Any]) -> Any:

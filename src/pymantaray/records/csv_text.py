@@ -33,7 +33,7 @@ def read_csv(path: Path) -> "pd.DataFrame":
 
 def guarded(cell: Any) -> Any:
     """Add an apostrophe to a cell or title that a spreadsheet would interpret as a formula; numbers as text are unchanged."""
-    if not isinstance(cell, str) or len(cell) < 2 or _is_number(cell):
+    if not isinstance(cell, str) or len(cell) < 2 or is_number(cell):
         return cell
     if "\r" in cell:  # the writer does not quote it, and a reader would start a new row
         cell = cell.replace("\r\n", "\n").replace("\r", "\n")
@@ -45,7 +45,8 @@ def unguarded(cell: Any) -> Any:
     return cell[1:] if isinstance(cell, str) and cell[:1] == "'" and guarded(cell[1:]) == cell else cell
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Return True if text is a number."""
     try:
         float(cell)
     except ValueError:

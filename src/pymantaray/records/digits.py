@@ -97,3 +97,8 @@ def signed_metres(value: float) -> str:
 def plain_signs(text: str) -> str:
     """Text with hyphens as minus signs, which all terminals and programs can read."""
     return text.replace(_MINUS, "-").replace(MISSING, "-")
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless the number is 1."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"

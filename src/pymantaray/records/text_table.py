@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 200_000_000
 """A 24 Hz CTD writes 600,000 rows of at most 300 bytes on a cast to 12 km and back at 1 m/s."""
+MONTHS = {name: k + 1 for k, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}  # noqa: SIM905
+"""Number of a month by the first three letters of its English name."""
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.replay.clocks import gross_of
 from pymantaray.replay.switching import fit_clocks
 
@@ -11,7 +12,6 @@ Array = NDArray[np.float64]
 _MIN_PAIRS = 3  # of a node whose offset, two numbers, leaves something to check
 _SUSPECT_SIGMAS, _SUSPECT_OFFSET = 4.0, 2.0  # standard errors, m; of the offset of a suspect node
 _SUSPECT_SHARE = 0.5  # of the squared residuals of its pairs, which its offset must explain
-_NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 _MAX_ITERATIONS = 20  # of clocks and positions
 _SETTLED = 1e-3  # m; change of the ranges after which they are final
 
@@ -170,7 +170,7 @@ def _offset(pairs: pd.DataFrame, residual: Array, name: str) -> tuple[Array, flo
     before = float(np.sum(residual[own] ** 2))
     if rank < 2 or before == 0.0:
         return np.full(2, np.nan), np.nan, np.nan
-    scale = max(_NORMAL * float(np.median(np.abs(left))), np.sqrt(np.mean(left[own] ** 2)))
+    scale = max(MAD_TO_SIGMA * float(np.median(np.abs(left))), np.sqrt(np.mean(left[own] ** 2)))
     error = scale * float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(design[own].T @ design[own]))[-1]))
     return np.asarray(offset), error, 1.0 - float(np.sum(left[own] ** 2)) / before
 
@@ -193,7 +193,7 @@ def _scatter(events: pd.DataFrame, taken: pd.DataFrame, names: list[str]) -> Arr
 
     residual, pair = _residuals_m(events, taken), events["pair"]
     apart = residual - residual.groupby(pair).transform("median")
-    size = apart.abs().groupby(pair).median().dropna() * _NORMAL
+    size = apart.abs().groupby(pair).median().dropna() * MAD_TO_SIGMA
     if len(size) <= len(names):
         return np.full(len(names), np.nan)
     ends = events.drop_duplicates("pair").set_index("pair").loc[size.index, ["source", "receiver"]]

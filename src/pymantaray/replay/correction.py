@@ -5,15 +5,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyproj
 from numpy.typing import NDArray
 
+from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.replay.clocks import clock_errors
 from pymantaray.replay.compare import Replay
 from pymantaray.replay.events import Events
 
 Array = NDArray[np.float64]
-_ELLIPSOID = pyproj.Geod(ellps="WGS84")
 
 
 def correct_events(events: Events, replay: Replay) -> Events:
@@ -55,5 +54,5 @@ def _moved(position: Array, north: float, east: float, geographic: bool) -> Arra
         return np.asarray(position + np.array([north, east, 0.0]))
     azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(north, east)
     n = len(position)
-    lon, lat, _ = _ELLIPSOID.fwd(position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance))
+    lon, lat, _ = ELLIPSOID.fwd(position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance))
     return np.stack([lat, lon, position[:, 2]], axis=-1)

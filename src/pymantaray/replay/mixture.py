@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics.reflection import wave_height_rms
 from pymantaray.geometry import stream
+from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.replay.options import PredictionOptions
 from pymantaray.replay.summary import RESAMPLES, percentiles
+from pymantaray.sensing.picking import LEVEL_SPREAD_DB
 
 Array = NDArray[np.float64]
-_SPREAD_DB = 6.0  # of a level about the predicted one, as in sensing.picking
 _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5
 _CLUTTER = 0.02  # share of receptions that no candidate explains
 _CLUTTER_WIDTH = 0.1  # s
@@ -22,7 +23,6 @@ _UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error tha
 _COVERED = 0.95  # of the events of even hours, by their intervals
 _MIN_EVENTS = 40  # events; with fewer, intervals are those of the mixture
 _MAX_QUANTILE = 0.9998
-_NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
 HOUR = 3600.0
 
@@ -65,7 +65,7 @@ def first_detected(candidates: pd.DataFrame, merit_db: float | None = None) -> A
     certain = loss - 10.0 * np.log10(share)  # a rare strong arrival does not hide the others
     np.minimum.at(least, group, certain)
     limit = least[group] + _WITHIN_DB if merit_db is None else merit_db
-    detected = np.clip(share * ndtr((limit - loss) / _SPREAD_DB), 1e-9, 1.0 - 1e-9)
+    detected = np.clip(share * ndtr((limit - loss) / LEVEL_SPREAD_DB), 1e-9, 1.0 - 1e-9)
     missed = np.log1p(-detected)
     total = np.cumsum(missed) - missed
     start = np.searchsorted(group, np.arange(least.size))
@@ -331,7 +331,7 @@ def _parts(residual: "pd.Series[float]", pair: "pd.Series[str]") -> tuple[float,
     """Standard deviations of constant errors of pairs about zero, and of the rest; by medians, so that a few wrong arrivals do not count."""
     middle = residual.groupby(pair).transform("median")
     constant = residual.groupby(pair).median().abs().median()
-    return _NORMAL * float(constant), _NORMAL * float((residual - middle).abs().median())
+    return MAD_TO_SIGMA * float(constant), MAD_TO_SIGMA * float((residual - middle).abs().median())
 
 
 def _quantile(values: Array, level: float) -> float:

@@ -5,13 +5,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.geometry import stream
+from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.replay.clocks import clock_errors, clock_table
 from pymantaray.replay.summary import RESAMPLES, percentiles
 
 Array = NDArray[np.float64]
 _MIN_SEPARATION = 4.0  # standard deviations between candidates that can be separated
 _MAX_ITERATIONS = 50  # of clocks and candidates
-_NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 
 
 def fit_clocks(
@@ -116,7 +116,7 @@ def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float,
     residuals (by their median absolute deviation).
     """
     left = taken["taken_residual_s"].abs()
-    clear = taken["apart_s"] > _MIN_SEPARATION * _NORMAL * left.dropna().median()
+    clear = taken["apart_s"] > _MIN_SEPARATION * MAD_TO_SIGMA * left.dropna().median()
     told = pd.concat([events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1)[clear]
     parts = []
     for (pair, *_), way in told.groupby(["pair", "source", "receiver"], sort=True):

@@ -3,16 +3,15 @@
 from collections.abc import Sequence
 
 import numpy as np
-import pyproj
 from numpy.typing import NDArray
 
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import EarthSphere, LocalFrame
+from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.replay.events import Events
 from pymantaray.water import Water
 
 Array = NDArray[np.float64]
-_ELLIPSOID = pyproj.Geod(ellps="WGS84")
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
@@ -74,7 +73,7 @@ def ends_of(
         return source, receiver
     if water.frame is not None and not water.uniform:
         return _in_frame(source, water.frame), _in_frame(receiver, water.frame)
-    azimuth, _, distance = _ELLIPSOID.inv(source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0])
+    azimuth, _, distance = ELLIPSOID.inv(source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0])
     bearing = np.radians(azimuth)
     distance = distance if earth is None else earth.frame_distance(distance)
     along = np.stack([distance * np.cos(bearing), distance * np.sin(bearing), receiver[:, 2]], axis=-1)

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.image import imread
 
+from pymantaray.records.digits import counted
 from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
 from pymantaray.report.explore import as_json
 from pymantaray.report.page import Explorer, Page, Picture
@@ -63,7 +64,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
         "pairs": np.stack([part["transmitter_depth"].values, part["receiver_depth"].values], axis=1),
         "error": values.ravel().astype(float).round(3),
     }
-    instants = "1 instant" if atlas.sizes["time"] == 1 else f"{atlas.sizes['time']} instants"
+    instants = counted(atlas.sizes["time"], "instant")
     thinned = [
         f"The interactive map shows every {step}-th column in both directions; the figures and the file contain all columns."
     ]

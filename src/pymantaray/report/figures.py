@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import pymantaray.report
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
 from pymantaray.records import Measurements, Trajectories
+from pymantaray.records.digits import counted
 from pymantaray.report.style import Array, ocean_header, ocean_name
 from pymantaray.study.store import Run
 from pymantaray.study.tables import RunTables
@@ -73,7 +74,7 @@ class RunResults:
     def realizations(self) -> str:
         """Number of realizations with its noun."""
         count = len(self.run.estimates.realization)
-        return "1 realization" if count == 1 else f"{count} realizations"
+        return counted(count, "realization")
 
     @property
     def attempts(self) -> int:

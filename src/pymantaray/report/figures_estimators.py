@@ -10,12 +10,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
+from pymantaray.evaluation.ping_error import BASELINE
 from pymantaray.report import style
 from pymantaray.report.figures import register
 from pymantaray.report.style import Array
 
 _ROW = 0.17  # height of a line [in]
-_BASELINE = "straight"
 
 
 @style.styled
@@ -36,7 +36,7 @@ def error_and_consistency(
     under_water = at_pings.set_index("condition").reindex(names)
     _draw_errors(grid[0], errors["rmse_m"].to_numpy(dtype=float), colours)
     _draw_errors(grid[1], under_water["rmse_m"].to_numpy(dtype=float), colours)
-    for least in under_water.loc[under_water.index == _BASELINE, "bound_rmse_m"].dropna():
+    for least in under_water.loc[under_water.index == BASELINE, "bound_rmse_m"].dropna():
         look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--"}
         handles.append(grid[1].axvline(least, label="lower bound", **look))
     axes = grid[0]

@@ -14,8 +14,8 @@ from pymantaray.report import style
 from pymantaray.report.figures import RunResults, register
 from pymantaray.study.store import RAY_PICTURE
 
-_UPPER = 500.0  # m; depth of the upper panel of the profiles
 _BELOW = 3.0  # how far down the picture goes at least, in depths of the deepest end or eigenray
+UPPER_DEPTH = 500.0  # m; depth of the upper panels of profiles and sections
 _MIN_DEPTH = 100.0  # m
 _ROWS = 300  # of the colour image
 _FAN: dict[str, Any] = {"color": "#565656", "linewidth": 0.35, "alpha": 0.8, "zorder": 3}
@@ -41,7 +41,7 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
         for axes in (whole, upper):
             reach = draw_profile(axes, profile, name, colours[i], line=_REGION_LINES[i % 4])
         deepest = max(deepest, reach)
-    limit = min(_UPPER, deepest) or 1.0
+    limit = min(UPPER_DEPTH, deepest) or 1.0
     whole.set_ylim(deepest or 1.0, 0.0)
     upper.set_ylim(limit, 0.0)
     _fit_speed_axis(upper, [profile for _, profile in profiles], limit)

@@ -12,7 +12,7 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.locate import Location, SurveyPlan
 from pymantaray.locate.write import write_location
 from pymantaray.records import whole_file
-from pymantaray.records.digits import show
+from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report import style
 from pymantaray.report.figures import FigureSpec
@@ -119,11 +119,7 @@ def _fact(location: Location) -> str:
     used, count = int(location.solution.used.sum()), len(location.survey)
     epoch = location.survey.epoch
     day = "" if np.isnat(epoch) else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
-    return f"{location.survey.source}: {used:,} of {count:,} pings used, {_nodes(len(location.survey.nodes))}{day}"
-
-
-def _nodes(count: int) -> str:
-    return "1 node" if count == 1 else f"{count} nodes"
+    return f"{location.survey.source}: {used:,} of {count:,} pings used, {counted(len(location.survey.nodes), 'node')}{day}"
 
 
 def _cards(location: Location) -> list[Card]:

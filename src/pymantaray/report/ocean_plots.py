@@ -20,10 +20,9 @@ from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 from pymantaray.report import style
-from pymantaray.report.figures_ocean import sound_speed_profiles
+from pymantaray.report.figures_ocean import UPPER_DEPTH, sound_speed_profiles
 
 _LEVEL = 100.0  # m; of the map unless another is asked for
-_UPPER = 500.0  # m; depth of the upper panels of the sections
 LAND = "#d9d2c7"
 CELLS: dict[str, Any] = {"shading": "nearest", "rasterized": True}
 _ARROWS = {style.DOUBLE: 32, style.COLUMN: 18}  # across the longer side of a map
@@ -248,7 +247,7 @@ def sound_speed_sections(
     figure = style.new_figure(style.DOUBLE, 4.4, header)
     widths = _widths(ocean["lat"].values, ocean["lon"].values)
     panels = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
-    for i, limit in enumerate((min(_UPPER, deepest), deepest)):
+    for i, limit in enumerate((min(UPPER_DEPTH, deepest), deepest)):
         shown = np.concatenate([cut.speed[depth <= limit].ravel() for cut in cuts])
         low, high = np.nanmin(shown), np.nanmax(shown)
         for j, cut in enumerate(cuts):

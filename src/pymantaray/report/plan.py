@@ -12,7 +12,7 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.plan import PlanResults
 from pymantaray.plan.detail import DesignDetail, detail_of
 from pymantaray.plan.ensemble import mean_score
-from pymantaray.records.digits import show
+from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report import plan_figures as figures
 from pymantaray.report import style
@@ -24,7 +24,7 @@ from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json
 
-_MOST_OTHERS = 3  # designs of the front beside the best one
+_MAX_OTHERS = 3  # designs of the front beside the best one
 _FEW_VALUES = 12  # of a key that can divide designs into series
 
 
@@ -81,7 +81,7 @@ def shown_designs(results: PlanResults) -> dict[str, DesignDetail]:
     if not any(one.failure for one in results.base):
         details[figures.AS_IT_IS] = detail_of(plan, {})
     loss = results.losses(plan.section.ranked_by)[:, 0]
-    others = [int(k) for k in np.argsort(loss) if results.front[k] and k != best][:_MOST_OTHERS]
+    others = [int(k) for k in np.argsort(loss) if results.front[k] and k != best][:_MAX_OTHERS]
     return details | {_words(results.designs[k]): detail_of(plan, results.designs[k]) for k in others}
 
 
@@ -110,7 +110,7 @@ def _page(
         description=" ".join(results.sentences),
         notes=[
             *([SYNTHETIC_NOTE] if synthetic else []),
-            *(f"{_count(count, 'design')} failed: {line}" for line, count in failed.items()),
+            *(f"{counted(count, 'design')} failed: {line}" for line, count in failed.items()),
         ],
         cards=_cards(results),
         first_tables=[_near_table(results)],
@@ -121,16 +121,12 @@ def _page(
     )
 
 
-def _count(count: int, noun: str) -> str:
-    return f"{count:,} {noun}{'' if count == 1 else 's'}"
-
-
 def _fact(results: PlanResults) -> str:
     plan = results.plan
-    waters = _count(len(plan.waters), "water")
+    waters = counted(len(plan.waters), "water")
     of = "all vehicles" if plan.section.error_of is None else f"vehicle {plan.section.error_of}"
     return (
-        f"{_count(len(results.designs), 'design')} in {waters}, condition {plan.condition}, position errors of {of},"
+        f"{counted(len(results.designs), 'design')} in {waters}, condition {plan.condition}, position errors of {of},"
         f" objectives: {', '.join(plan.section.objectives).replace('_', ' ')}"
     )
 

@@ -16,7 +16,7 @@ from pymantaray.report import style
 from pymantaray.report.figures_fleet import draw_depths, draw_plan
 
 AS_IT_IS = "Study as it is"
-_MOST_NUMBERS = 14  # participants of a matrix with a number in each cell
+_MAX_NUMBERS = 14  # participants of a matrix with a number in each cell
 _NAME_LETTERS = 44  # of a design in a legend
 _BELOW: dict[str, Any] = {
     "loc": "outside lower center",
@@ -224,7 +224,7 @@ def _draw_pairs(axes: Axes, detail: DesignDetail) -> Any:
         matrix[names.index(a), names.index(b)] = matrix[names.index(b), names.index(a)] = lost
     image = axes.imshow(matrix, vmin=0.0, vmax=100.0, cmap="Blues")
     axes.grid(visible=False)
-    if len(names) <= _MOST_NUMBERS:
+    if len(names) <= _MAX_NUMBERS:
         for (i, j), lost in np.ndenumerate(matrix):
             if np.isfinite(lost):
                 axes.text(

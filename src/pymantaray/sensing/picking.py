@@ -22,7 +22,7 @@ from pymantaray.sensing.timing import ONE_WAY, Timing
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 PickRule = Literal["first-detected", "strongest-detected"]
-_SPREAD_DB = 6.0  # dB; standard deviation of an arrival's level without a sonar
+LEVEL_SPREAD_DB = 6.0  # dB; standard deviation of an arrival's level without a sonar
 _FAR_DB = 1e4  # dB; replaces an infinite loss
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 _TAIL = 8.0  # standard deviations; limit of normal levels in integrals
@@ -106,7 +106,7 @@ class Picker:
         if self.sonar is not None:
             spread, excess = self.sonar.spread_db, self.sonar.figure_of_merit_db - loss
         else:
-            spread, excess = _SPREAD_DB, (self.below_strongest_db or 0.0) + least[competes] - loss
+            spread, excess = LEVEL_SPREAD_DB, (self.below_strongest_db or 0.0) + least[competes] - loss
         strongest = _earliest(ranks, competes, loss == least[competes])
         if self.rule == "first-detected":
             picked, missed = _first(ranks, competes, probability_of_excess(excess, spread))

@@ -303,7 +303,7 @@ def _along_rays(
         if currents is not None or reception.detector is None:
             raise SensingError(
                 "currents along rays: they need the paths of the rays, which are not traced under rough ice; leave out"
-                " ice_slope_deg (--ice-slope), or set currents to rest"
+                " --ice-slope, or use --currents rest (in Python: ice_slope_deg, currents='rest')"
             )
         return AlongRays(None, reception.detector.loss_db(medium, *ends, arrivals, None))
     delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)

@@ -15,9 +15,9 @@ from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code, land
 from pymantaray.acoustics._kernels.field import find_level
 from pymantaray.compile import inlined, kernel
 
-_MOST_PIECES = 5_000
+_MAX_PIECES = 5_000
 _BEYOND_ALL = 1e9  # m; depth beyond all rays
-_LEAST_SINE = 1e-12
+_MIN_SINE = 1e-12
 _BEYOND = 0.2
 _NODE = (
     2e3  # m; longer pieces of a path get an even number of intermediate nodes, so none is at a turning point
@@ -30,7 +30,7 @@ def fits(s, walls, course, q0):
     rule = course.rule
     flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     kind = rule.kind == at.OPEN or (rule.kind == at.FORWARD and flat)
-    return s.layered and kind and course.axis.sb == 0.0 and abs(q0) < _LEAST_SINE
+    return s.layered and kind and course.axis.sb == 0.0 and abs(q0) < _MIN_SINE
 
 
 @inlined
@@ -137,7 +137,7 @@ def _face(layer, here, way, top):
     turning = start + a * a * (c_ref - c_end) * (c_ref + c_end) < 0.0
     down = down != turning
     z_end, c_end = (z1, c1) if down else (z0, c0)
-    s_end = math.sqrt(max(start + a * a * (c_ref - c_end) * (c_ref + c_end), _LEAST_SINE**2))
+    s_end = math.sqrt(max(start + a * a * (c_ref - c_end) * (c_ref + c_end), _MIN_SINE**2))
     s_end = s_end if down else -s_end
     step = (sine - s_end) / (a * g) if turning else (z_end - z) * (cosine + a * c_end) / (sine + s_end)
     return z_end, c_end, s_end, step, turning
@@ -210,7 +210,7 @@ def trace_arcs(s, walls, course, angle, ray):
     if room > 0:
         _record(path[0], 0.0, 0.0, z, (cosine, sine), at.IN_WATER)
     ok = not (z <= top and sine < 0.0) and not (z >= bottom and sine > 0.0)
-    for _ in range(_MOST_PIECES):
+    for _ in range(_MAX_PIECES):
         if not ok or 0 < room < count + 1:
             break
         layer = _bounded(_layer(s, k), top, bottom)

@@ -17,7 +17,7 @@ from pymantaray.acoustics._kernels.trace import fan_ray, trace
 from pymantaray.compile import kernel
 
 KNOWN, _FAILED = 99, -1  # generations of an eigenray and of a candidate without a result
-_MOST_GENERATIONS = 4  # maximum number of generations of candidates
+_MAX_GENERATIONS = 4  # maximum number of generations of candidates
 _ALIKE, _ALIKE_FAILED = 0.1, 0.02  # rad; candidates with the same cells and closer launches count as one
 _SHIFT_MARGIN = 4.0  # in shifts of a reflection by another slope of the bed: distance within which a neighbouring cell is tried
 _BACK = 1e-6  # rad; the tolerance of the search limits the accuracy of an edge
@@ -44,7 +44,7 @@ def _find(candidates, n, cells, m, counts):
 @kernel
 def add_candidate(candidates, n, cells, m, q, counts, generation):
     """Append a candidate unless it exists or there is no room; return the number of candidates."""
-    if n >= candidates.shape[0] or _MOST_GENERATIONS < generation < KNOWN or counts % 32 == 0:
+    if n >= candidates.shape[0] or _MAX_GENERATIONS < generation < KNOWN or counts % 32 == 0:
         return n
     if _find(candidates, n, cells, m, counts) >= 0:
         return n

@@ -18,7 +18,7 @@ from pymantaray.compile import entry, inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import bilinear_weights
 
 LUT_SIZE = 512
-_LEAST_STEP = 50.0  # m; between columns
+_MIN_STEP = 50.0  # m; between columns
 ABOVE_SCALE = 20.0  # m; length over which the extension above the surface becomes constant
 BELOW_SCALE = 200.0  # m; the same below the deepest level
 
@@ -286,7 +286,7 @@ def cut_section(domain, line, horizontal, work):
     if domain.kind == at.SMOOTH:
         count = column_count(domain, horizontal, store.shape[0])
         # columns at both ends; beyond them, rays of short and steep links use the polynomial of the first cell
-        step = max(horizontal / (count - 1), _LEAST_STEP)
+        step = max(horizontal / (count - 1), _MIN_STEP)
         _cut_smooth(domain, line, step, count, work)
         return FieldSection(at.SMOOTH, count, 0.0, step, breaks, *levels, store, domain.layered)
     reach = 1000.0  # m beyond the ends; rays of steep links may extend behind the source

@@ -66,13 +66,11 @@ N_INFO = 6
 
 # Rows of the array of sea-bed cells: reflections of the last ray, held cells, and cells to try.
 LANDED, HELD, TRIED = 0, 1, 2
-MOST_BOUNCES = 15  # at each boundary
+MAX_BOUNCES = 15  # at each boundary
 
 # Candidate, see `cells`: cells, launch angle, cross-track slowness, reflections at both boundaries, generation.
-CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(
-    MOST_BOUNCES + 1, MOST_BOUNCES + 5
-)
-N_CANDIDATE = MOST_BOUNCES + 5
+CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(MAX_BOUNCES + 1, MAX_BOUNCES + 5)
+N_CANDIDATE = MAX_BOUNCES + 5
 
 SMOOTH, LINEAR = 0, 1  # kinds of a field
 
@@ -184,6 +182,7 @@ path (n, N_PATH) receives every accepted step of a full ray if it has rows.
 
 N_LANES = 57  # rows of sixteen numbers, see `march`
 MAX_COLUMNS = 1024
+MAX_STEPS = 100_000  # of a ray
 MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
@@ -227,7 +226,7 @@ def shapes(
         path=(path, N_PATH),
         breaks=(columns + 1,),
         wall_breaks=(lines + 2,),
-        cells=(3, MOST_BOUNCES + 2),
+        cells=(3, MAX_BOUNCES + 2),
         candidates=(MAX_CANDIDATES, N_CANDIDATE),
         small=(6, 4),
         acc=(4, 2 * n_depth),

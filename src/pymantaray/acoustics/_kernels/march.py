@@ -22,7 +22,7 @@ from pymantaray.acoustics._kernels.lanes import (
     store,
     take,
 )
-from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, FAN_TUBE, LEAST_WIDTH, A, C
+from pymantaray.acoustics._kernels.step import E1, E3, E4, E5, E6, E7, FAN_TUBE, MIN_WIDTH, A, C
 from pymantaray.compile import inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
@@ -357,7 +357,7 @@ def _controlled(rows, h, left, room, width, levels):
     """
     error = h * (_embedded(rows, at.W) + left * _embedded(rows, at.P)) + 1e-300
     if any_lane(levels):
-        width = choose(width < LEAST_WIDTH, LEAST_WIDTH, width)
+        width = choose(width < MIN_WIDTH, MIN_WIDTH, width)
         tube = h * load(rows, _TOL) / (FAN_TUBE * width) * _embedded(rows, at.XI)
         error = error + choose(levels, tube, 0.0)
     most = load(rows, _TOL) * h

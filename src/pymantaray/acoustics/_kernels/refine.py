@@ -20,9 +20,9 @@ INSET = (
 )
 _DIFFERENCE_STEP = 1e-5  # rad; distance of rays whose differences are derivatives
 # If Newton's method fails, the slopes of the boundaries across the plane increase from zero in these shares
-_FIRST_SHARE, _LEAST_SHARE = 0.25, 1.0 / 128.0
+_FIRST_SHARE, _MIN_SHARE = 0.25, 1.0 / 128.0
 _MAX_MOVES = 24  # of a bracket's ends
-_LEAST_MOVE = 1e-3  # of the bracket's width: shortest move
+_MIN_MOVE = 1e-3  # of the bracket's width: shortest move
 _RETURN_DISTANCE = 10.0  # times the miss; a ray farther beyond the edges of the held cells does not return
 _ROUGH_MISS = 1e-4  # of the course: allowed miss of a ray with a share of the slope
 
@@ -131,7 +131,7 @@ def _widened(s, walls, course, bracket, tol, work):
     y, ray = work.y, full_ray(work)
     a, b, q, fa, fb = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0
     rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
-    least = _LEAST_MOVE * step
+    least = _MIN_MOVE * step
     for attempt in range(_MAX_MOVES):
         ok, _, _, _ = trace(s, walls, course, a, q, tol, ray)
         beyond = moved < 0 and (not ok or y[at.XI] * rise < 0.0)
@@ -319,7 +319,7 @@ def _increase_slope(s, walls, course, start, bracket, accuracy, work):
     m, q, share, jacobian = start, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     ahead = _FIRST_SHARE
     rate_m, rate_q = 0.0, 0.0  # derivatives of the ray by the share
-    while ahead > _LEAST_SHARE:
+    while ahead > _MIN_SHARE:
         ahead = min(ahead, 1.0 - share)
         last = share + ahead == 1.0
         trial = Trial(m + ahead * rate_m, q + ahead * rate_q, jacobian, 10, wanted, False)

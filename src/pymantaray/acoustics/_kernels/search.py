@@ -31,14 +31,12 @@ _CUBIC_DEPARTURE = (
     16.0 / 27.0
 )  # bound of the distance between a cubic Hermite polynomial and its chord, per slope defect, times four
 _EXIT_GAP = 0.25  # of the link; rays whose exits from the water are farther apart left it at different cycles
-_LEAST_RISE = (
-    0.3  # of the steepness at the exit must remain within an interval whose rays all leave the water
-)
+_MIN_RISE = 0.3  # of the steepness at the exit must remain within an interval whose rays all leave the water
 _EXIT_AGREEMENT = 0.3  # of the distance to the exit: allowed error of the exit that the derivatives predict
 _WINDOW_WIDTH = 2e-5  # rad; width down to which rays that stay in the water are searched between such exits
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its size, and if this share times the
 # error of the predicted turning depths exceeds the second number of metres
-_LEAST_BEND, _LEAST_BEND_TIMES_DEFECT = 0.2, 1.25
+_MIN_BEND, _MIN_BEND_TIMES_DEFECT = 0.2, 1.25
 _PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # verdicts on an interval
 _HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
@@ -148,7 +146,7 @@ def _maximum_between(a, b, h, bend):
     as a share of the nearer miss.
     """
     defect = max(_turning_defect(a, b, h, at.TOP), _turning_defect(a, b, h, at.LOW))
-    return bend > _LEAST_BEND and bend * defect > _LEAST_BEND_TIMES_DEFECT
+    return bend > _MIN_BEND and bend * defect > _MIN_BEND_TIMES_DEFECT
 
 
 @kernel
@@ -177,8 +175,8 @@ def _leave_water_alike(a, b, length):
     ahead, back = h * a[at.LEFT_RATE], h * b[at.LEFT_RATE]
     return (
         max(a[at.LEFT], b[at.LEFT]) + max(ahead, -back, 0.0) < length
-        and h * a[at.LEFT_BEND] > _LEAST_RISE - 1.0
-        and h * b[at.LEFT_BEND] < 1.0 - _LEAST_RISE
+        and h * a[at.LEFT_BEND] > _MIN_RISE - 1.0
+        and h * b[at.LEFT_BEND] < 1.0 - _MIN_RISE
         and max(abs(ahead - gap), abs(back - gap)) < _EXIT_AGREEMENT * min(a[at.LEFT], b[at.LEFT])
         and abs(0.5 * (ahead + back) - gap) < 0.5 * max(abs(ahead), abs(back))
     )

@@ -9,6 +9,7 @@ the receiver is, is followed level by level. The surface has a depth and a slope
 import math
 from collections import namedtuple
 
+from pymantaray.acoustics._kernels.layout import MAX_STEPS
 from pymantaray.compile import entry, kernel
 
 SkipWater = namedtuple("SkipWater", "depth speed deck zone bed table step")
@@ -20,7 +21,6 @@ SkipLink.__doc__ = """Depths of the ends [m], range [m], depth and slope of the 
 RANGE, TIME, TURNS, BEDS = range(4)  # rows of a table
 ANGLE, MISS, TRAVEL, END_ANGLE, SURFACES, BOTTOMS, TURNED, RATE, N_RAY = range(9)  # columns of a ray
 FAILED = -1.0  # surface reflections of a ray that does not arrive
-_MOST_STEPS = 100_000
 _STEEPEST = 1.53  # rad; a steeper ray is dropped
 _FLAT = 1e-12
 _STEP = 0.5  # of the spacing of the surface
@@ -68,7 +68,7 @@ def _below(water, k, z, sine, a, left, most_bottom):
     t, turns, beds = 0.0, 0, 0
     g = (speed[k + 1] - speed[k]) / (depth[k + 1] - depth[k])
     c = speed[k] + g * (z - depth[k])
-    for _ in range(_MOST_STEPS):
+    for _ in range(MAX_STEPS):
         g = (speed[k + 1] - speed[k]) / (depth[k + 1] - depth[k])
         down = sine > 0.0 or (sine == 0.0 and g < 0.0)
         target = k + 1 if down else k
@@ -123,7 +123,7 @@ def _above(water, link, r, z, angle):
     """
     t, bounces = 0.0, 0
     bottom = water.depth[water.deck]
-    for _ in range(_MOST_STEPS):
+    for _ in range(MAX_STEPS):
         c, g = _speed_above(water, z)
         slope = math.tan(angle)
         bend = -g / c * (1.0 + slope * slope)

@@ -24,7 +24,7 @@ from pymantaray.compile import inlined, kernel
 
 # relative accuracy of the ray tube's width: 0.004 dB; and for a fan's ray with steps that end at the levels
 TUBE, FAN_TUBE = 1e-3, 2e-3
-LEAST_WIDTH = 0.05  # minimum width of a tube for the error control, in lengths of the ray
+MIN_WIDTH = 0.05  # minimum width of a tube for the error control, in lengths of the ray
 
 # Dormand and Prince (1980), the pair RK5(4)7M; the tests compare it with scipy.integrate.RK45
 C = np.array((0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0))

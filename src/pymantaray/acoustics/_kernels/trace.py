@@ -30,12 +30,11 @@ from pymantaray.acoustics._kernels.boundary import (
     surface_at,
 )
 from pymantaray.acoustics._kernels.field import find_level, move_level
-from pymantaray.acoustics._kernels.layout import BoundaryRule, Course, Ray
-from pymantaray.acoustics._kernels.step import FAN_TUBE, LEAST_WIDTH, TUBE, derivative, step, step_error
+from pymantaray.acoustics._kernels.layout import MAX_STEPS, BoundaryRule, Course, Ray
+from pymantaray.acoustics._kernels.step import FAN_TUBE, MIN_WIDTH, TUBE, derivative, step, step_error
 from pymantaray.compile import inlined, kernel, out_of_line, shared
 
-MAX_STEPS = 100_000
-_MOST_STUCK = 20  # minimum step of a ray so flat that rounding of the field turns it
+_MAX_STUCK = 20  # minimum steps in a row; then the ray is so flat that rounding of the field turns it
 _ENDLESS_LEG = 1e7  # m; length of a leg that ends at a boundary
 
 
@@ -196,14 +195,14 @@ def trace(s, walls, course, angle, q0, tol, ray):
             if h < 1e-7 * length:
                 return False, count, turns, code
             continue
-        error = step_error(h, ray, max(length - gone - pos, 0.0), tol, LEAST_WIDTH * length, tube)
+        error = step_error(h, ray, max(length - gone - pos, 0.0), tol, MIN_WIDTH * length, tube)
         allowed = tol * h / length
         if error > allowed:
             if h > 1e-9 * length:
                 h *= max(0.2, 0.9 * math.sqrt(math.sqrt(allowed / error)))
                 continue
             stuck += 1
-            if stuck > _MOST_STUCK:
+            if stuck > _MAX_STUCK:
                 return False, count, turns, code
         h_next = h * (min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0)
         face = -1

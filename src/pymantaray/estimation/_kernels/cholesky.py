@@ -17,7 +17,7 @@ from pymantaray.estimation._kernels.products import (
 # Part of its diagonal element that is left to a pivot when rounding has taken its digits.
 NO_DIGITS = 1e-12
 # Least information: some direction may stray by 1,000 km, or as many radians, given all that are eliminated after it.
-LEAST_PIVOT = 1e-12
+MIN_PIVOT = 1e-12
 
 
 @entry
@@ -49,7 +49,7 @@ def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyp
     for k in range(diagonal.shape[0]):
         for r in range(6):
             pivot = diagonal[k, r, r]
-            if not pivot > max(NO_DIGITS * element[k, r], LEAST_PIVOT):
+            if not pivot > max(NO_DIGITS * element[k, r], MIN_PIVOT):
                 return k
             root = math.sqrt(pivot)
             diagonal[k, r, r] = root

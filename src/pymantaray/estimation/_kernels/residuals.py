@@ -28,7 +28,7 @@ Sightings = namedtuple("Sightings", "pose landmark measured root")
 Sightings.__doc__ = "Landmarks (n,) in the body frames of poses: places as measured, and the root of their information (n, 6, 6)."
 Positions = namedtuple("Positions", "variable measured information")
 Positions.__doc__ = "Measured positions (n, 3), and their information (n, 3, 3)."
-Poses = namedtuple("Poses", "rotation place")
+PoseArrays = namedtuple("PoseArrays", "rotation place")
 Matrix = namedtuple("Matrix", "row diagonal above gradient")
 Matrix.__doc__ = (
     "Normal equations: the row of each variable, blocks on and above the diagonal, and the gradient."

@@ -66,7 +66,7 @@ class Experiment(_Span):
     year_starts_h: Annotated[int, pydantic.Field(ge=0, le=48)] = 0
     """Start of a yearly data set, after midnight of 1 January. [h]"""
     datasets: tuple[Dataset, ...]
-    """What it consists of."""
+    """Data sets of the experiment."""
 
     def year_of(self, instant: np.datetime64) -> int:
         """Year of the data set for an instant."""
@@ -83,7 +83,7 @@ class Product(_Span):
     """A product of Copernicus Marine."""
 
     datasets: tuple[Dataset, ...]
-    """What it consists of."""
+    """Data sets of the product."""
 
 
 class Catalogue(_Table):
