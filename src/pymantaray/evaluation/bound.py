@@ -11,6 +11,7 @@ from pymantaray.estimation import CONDITIONS, Estimator, GraphValues, build_grap
 from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph
 from pymantaray.estimation.marginals import PositionCovariance
+from pymantaray.evaluation.ranging_error import check_same_vehicles
 from pymantaray.geometry import stream
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
@@ -28,10 +29,7 @@ def ping_samples(measurements: Measurements) -> NDArray[np.intp]:
 
 def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArray[np.bool_]:
     """Mask of vehicles that are active and have no GNSS fix at each ping, shape (n_pings, n_vehicles)."""
-    if truth.name.tolist() != measurements.name.tolist():
-        raise EvaluationError(
-            f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
-        )
+    check_same_vehicles(truth, measurements)
     return submerged_at(truth, measurements, ping_samples(measurements))
 
 

@@ -43,6 +43,14 @@ class RangeErrors:
     bending: Array
 
 
+def check_same_vehicles(truth: Trajectories, measurements: Measurements) -> None:
+    """Raise an error if the vehicles of two records differ."""
+    if truth.name.tolist() != measurements.name.tolist():
+        raise EvaluationError(
+            f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
+        )
+
+
 def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
     """
     Signed errors of the refracted ranges.
@@ -88,10 +96,7 @@ def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[
     EvaluationError
         If the vehicles of both records differ.
     """
-    if truth.name.tolist() != measurements.name.tolist():
-        raise EvaluationError(
-            f"measurements of vehicles {list(measurements.name)}, truth of {list(truth.name)}"
-        )
+    check_same_vehicles(truth, measurements)
     kinds = [_KIND_OF_ROLE.get(r, "vehicle") for r in truth.role.tolist()]
     rank = np.array([_KINDS.index(k) for k in kinds] + [0] * measurements.landmark_name.size, dtype=int)
     one, other = rank[measurements.range_transmitter], rank[measurements.range_receiver]

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -11,7 +10,7 @@ from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
 from pymantaray.locate.read_options import ReadOptions
-from pymantaray.locate.survey import LeverArm, Node, Survey, TravelDirection
+from pymantaray.locate.survey import LeverArm, Node, Survey, TravelDirection, check_names
 from pymantaray.records.text_table import TextTable, numbers_of, read_text_table
 
 Array = NDArray[np.float64]
@@ -334,8 +333,7 @@ def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places)
         )
     }
     names = [str(name).strip() for name in table.frame["name"]]
-    if len(set(names)) < len(names):
-        raise LocateError(f"{path}: two nodes have the name {pd.Series(names).mode()[0]}; rename one")
+    check_names(names, path)
     return {
         name: Node(
             name,

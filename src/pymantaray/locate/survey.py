@@ -229,9 +229,7 @@ class Survey:
         if n == 0:
             raise LocateError(f"{self.source}: no ping has an answer; the survey needs answers")
         names = [node.name for node in self.nodes]
-        if len(set(names)) < len(names):
-            twice = next(name for name in names if names.count(name) > 1)
-            raise LocateError(f"{self.source}: two nodes have the name {twice}; rename one")
+        check_names(names, self.source)
         if self.node.min() < 0 or max(self.node.max(), self.partner.max()) >= len(names):
             raise LocateError(
                 f"{self.source}: the node of a ping does not exist; allowed indices: 0 to {len(names) - 1}"
@@ -373,3 +371,10 @@ class Survey:
 def _three(values: Array) -> tuple[float, float, float]:
     north, east, depth = map(float, values)
     return north, east, depth
+
+
+def check_names(names: list[str], source: object) -> None:
+    """Raise an error if two nodes of a source have one name."""
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise LocateError(f"{source}: two nodes have the name {twice}; rename one")

@@ -72,6 +72,7 @@ _DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
 _MONTH_FIRST = r"(?P<month>\d{1,2})/(?P<day>\d{1,2})/(?P<year>\d{4}|\d\d)$"
 AIR_PRESSURE = 10.1325
 """Air pressure to subtract from absolute pressures. [dbar]"""
+AIR_PRESSURE_NOTE = f"{AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure"
 
 
 def instrument_table(path: Path, lines: Lines) -> InstrumentTable | None:
@@ -258,7 +259,7 @@ def _rbr(lines: Lines) -> InstrumentTable:
         and (k := next((k for k, title in enumerate(titles) if title.startswith("pressure")), None))
         is not None
     ):
-        notes.append(f"{AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure")
+        notes.append(AIR_PRESSURE_NOTE)
         for cells in rows.values():
             cells[k] = repr(_value(cells[k]) - AIR_PRESSURE) if cells[k] else ""
     head = [line.strip() for line in lines[:start]]

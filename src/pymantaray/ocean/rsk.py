@@ -18,7 +18,7 @@ import pandas as pd
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.cast import CastTable
-from pymantaray.ocean.instruments import AIR_PRESSURE, known_unit
+from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE, known_unit
 from pymantaray.records.text_table import MAX_BYTES
 
 _MAGIC = b"SQLite format 3\0"
@@ -152,7 +152,7 @@ def _table(path: Path, cast: _Cast, units: dict[str, str]) -> CastTable:
     values = {name: np.asarray(rows[name], dtype=float) for name in channels}
     if absolute:
         values["pressure"] = values["pressure"] - AIR_PRESSURE
-        notes.append(f"{AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure")
+        notes.append(AIR_PRESSURE_NOTE)
     time = rows["timestamp"][0] if rows.size else np.datetime64("NaT", "ms")
     return CastTable(
         path,
