@@ -198,6 +198,26 @@ def test_wound_pose_graphs_are_solved_in_few_steps_to_gtsams_cost(angle, start):
     assert ours.final_cost <= factors.error(best) * (1.0 + 1e-6)
 
 
+def test_long_chains_with_loop_closures_take_few_steps_although_the_first_matrix_is_indefinite():
+    fleet = make_fleet(1, n_vehicles=2, n_times=10_000, turn=0.0, gnss_every=400)
+    graph = build_graph(fleet.noisy, "straight")
+    problem, state = distance_problem(graph), GraphState.of(fleet.truth)
+    assert problem.linearize(state, 2).factorize() is None
+    steps = []
+    options = SolveOptions(report=lambda _, cost: steps.append(cost))
+    solution = GraphSolver(options).solve(graph, fleet.truth)
+    assert solution.status.name == "OK"
+    assert len(steps) <= 8, steps  # Gauss-Newton without curvature takes 14
+    plain, state = [], GraphState.of(fleet.truth)
+    for _ in range(20):
+        equations = problem.linearize(state)
+        plain.append(equations.cost)
+        state = state.moved(problem.structure, equations.factorize().solve(-equations.gradient))
+    assert solution.final_cost == pytest.approx(plain[-1], rel=1e-9)
+    largest = np.abs(solution.values.position - state.position).max()
+    assert largest < 1e-4  # m
+
+
 def test_steps_are_reported_with_the_cost_behind_them():
     graph, values = wound(8, 0.1, 0.2)
     told = []

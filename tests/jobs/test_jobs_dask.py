@@ -13,7 +13,7 @@ from refusals import refused
 from stub_tasks import Square, run_squares, squares_in
 
 from pymantaray.errors import JobError
-from pymantaray.jobs import pool
+from pymantaray.jobs import dask_pool
 from pymantaray.jobs.pool import check_scheduler
 
 pytest.importorskip("distributed")
@@ -43,6 +43,24 @@ def test_a_client_gives_the_same_results_as_processes_of_this_machine(tmp_path):
     assert squares_in(tmp_path / "dask") == squares_in(tmp_path / "here")
 
 
+@pytest.mark.parametrize(("seconds", "few"), [(1e9, True), (0.0, False)])
+def test_short_tasks_are_sent_in_batches_and_long_ones_alone(tmp_path, monkeypatch, seconds, few):
+    monkeypatch.setattr(dask_pool, "_BATCH_SECONDS", seconds)
+    sizes, send = [], dask_pool.DaskPool._send
+
+    def count(self, kind, batch):
+        sizes.append(len(batch))
+        send(self, kind, batch)
+
+    monkeypatch.setattr(dask_pool.DaskPool, "_send", count)
+    with client_here(2) as client:
+        lines = run_squares(tasks(300, 0.0), tmp_path / "dask", client=client)
+    assert lines == dict.fromkeys(range(300))
+    assert len(squares_in(tmp_path / "dask")) == sum(sizes) == 300
+    assert (len(sizes) < 200) == few
+    assert max(sizes) <= 64
+
+
 @pytest.mark.parametrize(
     "address", ["nonsense", "127.0.0.1", "tcp://host", "foo://host:1", "tcp://host:port", ""]
 )
@@ -58,7 +76,7 @@ def test_addresses_that_a_scheduler_prints_are_taken(address):
 
 
 def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(pool, "_CONNECT_TIMEOUT", 1.0)
+    monkeypatch.setattr(dask_pool, "_CONNECT_TIMEOUT", 1.0)
     address = "tcp://127.0.0.1:9"  # which no process is given by chance
     line = f"^scheduler {address}: cannot be reached: .*$"
     refused(JobError, line, run_squares, tasks(1), tmp_path / "out", client=address)
@@ -91,10 +109,37 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path
 
 
 @pytest.mark.slow
+def test_a_task_that_kills_its_worker_fails_alone_although_others_are_in_its_batch(
+    cluster, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(dask_pool, "_BATCH_SECONDS", 1e9)
+    deadly = Square(90, deaths=1000)
+    over = threading.Event()
+
+    def replace_workers():
+        while not over.wait(0.2):
+            dead = [worker for worker in cluster.workers if worker.poll() is not None]
+            cluster.workers[:] = [worker for worker in cluster.workers if worker not in dead]
+            for _ in dead:
+                cluster.add_worker()
+
+    thread = threading.Thread(target=replace_workers)
+    thread.start()
+    try:
+        every = [deadly if n == deadly.number else Square(n) for n in range(150)]
+        lines = run_squares(every, tmp_path / "out", client=cluster.address)
+    finally:
+        over.set()
+        thread.join()
+    assert {n for n, line in lines.items() if line} == {deadly.number}
+    assert lines[deadly.number].startswith("a worker ended early")
+
+
+@pytest.mark.slow
 def test_a_scheduler_that_stays_away_is_one_line_and_the_job_resumes_elsewhere(
     cluster, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(pool, "_RECONNECT_TIMEOUT", 4.0)
+    monkeypatch.setattr(dask_pool, "_RECONNECT_TIMEOUT", 4.0)
     out = tmp_path / "out"
 
     def end():

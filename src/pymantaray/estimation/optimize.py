@@ -17,6 +17,8 @@ _COST_ROUNDING = 1e-9  # relative; smaller increases of the cost are rounding
 # and the next one compensates. (A damped solve from there costs ten full steps.)
 _MAX_RISES = 2
 _CURVATURE_GAIN = 100.0  # factor by which a step with curvature shortens the next step
+_HIGHEST_ORDER = 3  # of the matrices of undamped steps
+_MAX_INDEFINITE = 2  # indefinite matrices of an order before it is given up
 _STALLED_FALL = 1e-9  # relative decrease of the cost at which damped steps from a singular start end
 _FIRST_DAMPING, _MAX_DAMPING = 1e-5, 1e5  # of the diagonal
 _SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use full curvature
@@ -84,17 +86,21 @@ def _gauss_newton(
     Undamped steps; returns the optimum and the state of lowest cost. ``last_step`` is NaN if the cost stays above its lowest.
 
     With the curvature of odometry a step leaves 1 % of the error, without it a sixth. The curvature of distances, used from
-    the second step on, matters if range residuals exceed the uncertainty of odometry. Each is omitted as soon as the matrix
-    is not positive definite with it, and both are omitted in the last step, which measures convergence.
+    the second step on, matters if range residuals exceed the uncertainty of odometry. A step omits each with which its matrix
+    is not positive definite, as it often is at the start of a long mission. The next step tries again; after the second time
+    it is omitted for good. Both are omitted in the last step, which measures convergence.
     """
-    state, equations, most = initial, problem.linearize(initial, 2), 3
+    state, equations, most = initial, problem.linearize(initial, 2), _HIGHEST_ORDER
+    indefinite = [0] * (_HIGHEST_ORDER + 1)
     lowest, above, best = equations.cost, 0, initial
     progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
         factor = equations.factorize()
         while factor is None and equations.order > 1:
-            most = equations.order - 1
-            equations = problem.linearize(state, most)
+            indefinite[equations.order] += 1
+            if indefinite[equations.order] == _MAX_INDEFINITE:
+                most = min(most, equations.order - 1)
+            equations = problem.linearize(state, equations.order - 1)
             factor = equations.factorize()
         if factor is None:
             return Optimum(state, replace(progress, singular=True, last_step=np.nan)), best

@@ -1,14 +1,13 @@
-"""Pools of workers (processes of this machine, workers of a Dask scheduler, or this process), and the queue of tasks."""
+"""Pools of workers (processes of this machine or this process), the queue of tasks, and the loop that runs it."""
 
 import json
 import logging
 import os
 import re
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from functools import partial
 from queue import Empty, SimpleQueue
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("pymantaray.jobs")
 _ATTEMPTS = 3  # per task if its worker ends
-_DASK_WINDOW = 4096  # tasks in the queue of the scheduler
-_CONNECT_TIMEOUT = 10.0  # for the first answer of a scheduler [s]
-_RECONNECT_TIMEOUT = 60.0  # for a lost scheduler [s]
 _EXECUTION_LOCK = threading.Lock()  # one task at a time per worker: numerical libraries are not thread-safe
 _ADDRESS = re.compile(r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/:]+):\d{1,5}|inproc://\S+")
 _CHECK_INTERVAL = 5.0  # between checks of the scheduler [s]
@@ -145,6 +141,9 @@ class Pool:
             future.set_exception(error)
         return future
 
+    def flush(self) -> None:
+        """Send issued tasks that still wait in this process."""
+
     def worker_failure(self, key: str, error: BaseException) -> str | None:  # noqa: ARG002
         """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
         return None
@@ -201,7 +200,9 @@ def open_pool(work: TaskFunction, client: "Client | str | None", workers: int | 
     """Pool of a Dask client or scheduler address, or of processes of this machine, by default one per core."""
     if client is None:
         return ProcessPool(partial(_start, work), workers or os.cpu_count() or 1)
-    return _DaskPool(work, client)
+    from pymantaray.jobs.dask_pool import DaskPool
+
+    return DaskPool(work, client)
 
 
 def _start(work: TaskFunction) -> TaskFunction:
@@ -220,22 +221,32 @@ def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None 
         try:
             while len(running) < pool.window and (key := queue.next()) is not None:
                 running[_submit(queue, pool, key, outcomes)] = key
+            pool.flush()
             if meanwhile is not None:
                 meanwhile()
                 meanwhile = None
-            try:
-                future = outcomes.get(timeout=_CHECK_INTERVAL)
-            except Empty:
-                pool.check()
-                continue
-            if future in running:  # others belong to a lost scheduler
-                _take(queue, pool, running[future], future)
-                del running[future]
+            for future in _finished(outcomes, pool):
+                if future in running:  # others belong to a lost scheduler
+                    _take(queue, pool, running[future], future)
+                    del running[future]
         except SchedulerLostError:
             for key in running.values():
                 queue.requeue(key)
             running.clear()
             pool.reconnect()
+
+
+def _finished(outcomes: "SimpleQueue[Any]", pool: Pool) -> list[Any]:
+    """All finished futures, after waiting for the first one; none if the pool was checked meanwhile."""
+    out = []
+    try:
+        out.append(outcomes.get(timeout=_CHECK_INTERVAL))
+    except Empty:
+        pool.check()
+    with suppress(Empty):
+        while True:
+            out.append(outcomes.get_nowait())
+    return out
 
 
 def _submit(queue: Queue, pool: Pool, key: str, outcomes: "SimpleQueue[Any]") -> Any:
@@ -262,80 +273,3 @@ def _take(queue: Queue, pool: Pool, key: str, future: Any) -> None:
             queue.requeue(key)
         return
     queue.record_result(key, result)
-
-
-class _DaskPool(Pool):
-    """Pool of a Dask scheduler's workers."""
-
-    window = _DASK_WINDOW
-
-    def __init__(self, work: TaskFunction, client: "Client | str") -> None:
-        super().__init__(partial(_start, work))
-        try:
-            import distributed
-        except ImportError:
-            raise JobError("scheduler: Dask is not installed; pip install 'pymantaray[dask]'") from None
-        self._dask: Any = distributed
-        self._work, self._scheduler = work, client
-        self._client: Any = None
-        self._has_workers = True
-
-    def __enter__(self) -> Self:
-        if isinstance(self._scheduler, str):  # replaces Dask's log of many lines by one line
-            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-        self._client = (
-            self._connect(_CONNECT_TIMEOUT) if isinstance(self._scheduler, str) else self._scheduler
-        )
-        self._address = self._client.scheduler.address
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._client is not self._scheduler:
-            self._close()
-
-    def submit(self, task: StoreTask) -> Any:
-        try:
-            return self._client.submit(self._work, task, key=f"{task.kind}-{task.key}")
-        except (OSError, RuntimeError, ValueError) as error:  # the client is closed
-            self.check()
-            raise SchedulerLostError(str(error)) from None
-
-    def worker_failure(self, key: str, error: BaseException) -> str | None:
-        if isinstance(error, self._dask.KilledWorker):
-            return f"a worker ended early {error.allowed_failures + 1} times on {key[:8]}; it may be out of memory"
-        if isinstance(error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)):
-            raise SchedulerLostError(str(error))
-        return None
-
-    def check(self) -> None:
-        if self._client.status != "running":
-            raise SchedulerLostError(f"scheduler {self._address}: {self._client.status}")
-        if bool(self._client.nthreads()) != self._has_workers:
-            self._has_workers = not self._has_workers
-            if not self._has_workers:
-                _LOG.warning("scheduler %s has no workers; waiting for workers", self._address)
-
-    def reconnect(self) -> None:
-        _LOG.warning("scheduler %s does not answer; waiting for it", self._address)
-        until = time.monotonic() + _RECONNECT_TIMEOUT
-        while time.monotonic() < until:
-            if self._client is not self._scheduler:
-                self._close()
-            with suppress(JobError):
-                self._client = self._connect(5.0)
-                _LOG.warning("scheduler %s answers again; continuing", self._address)
-                return
-            time.sleep(1.0)
-        raise JobError(f"scheduler {self._address}: no answer; start it and run the same job again to resume")
-
-    def _connect(self, timeout: float) -> Any:
-        address = self._scheduler if isinstance(self._scheduler, str) else self._address
-        try:
-            return self._dask.Client(address, timeout=timeout, set_as_default=False)
-        except (OSError, ValueError, TimeoutError) as error:
-            cause = str(error).partition("\n")[0] or "no answer"
-            raise JobError(f"scheduler {address}: cannot be reached: {cause}") from None
-
-    def _close(self) -> None:
-        with suppress(Exception):
-            self._client.close(timeout=2.0)

@@ -2,6 +2,7 @@
 
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -104,7 +105,7 @@ class Record:
                 array = np.array(values, dtype=str if dtype == "U" else dtype)
             except (TypeError, ValueError) as error:
                 raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
-            if array.dtype.kind == "i" and not np.array_equal(array, values):
+            if array.dtype.kind == "i" and array.dtype != values.dtype and not np.array_equal(array, values):
                 raise RecordError(f"{self.kind}: {f.name} has values that do not fit type {dtype}")
             dims = f.metadata["dims"]
             if array.ndim != len(dims):
@@ -120,6 +121,7 @@ class Record:
             object.__setattr__(self, f.name, array)
 
     @classmethod
+    @cache
     def _columns(cls) -> list[Field[Any]]:
         return [f for f in fields(cls) if "dims" in f.metadata]
 

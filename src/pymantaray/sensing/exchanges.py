@@ -38,7 +38,8 @@ def selected_exchanges(receptions: Receptions, links: int, link: Indices, direct
 
     ``link`` is the link of each attempt, -1 without one; ``direction`` is the direction of its ping.
     """
-    rows = np.pad(receptions.selected_rows(links), ((0, 0), (0, 1)), constant_values=-1)
+    rows = np.full((2, links + 1), -1, dtype=np.intp)  # the last column is that of attempts without a link
+    rows[:, :-1] = receptions.selected_rows(links)
     return Exchanges(rows[direction, link], rows[1 - direction, link], direction)
 
 

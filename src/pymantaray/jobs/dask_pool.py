@@ -1,0 +1,227 @@
+"""
+Pool of the workers of a Dask scheduler, which receive short tasks in batches.
+
+A message of Dask costs several milliseconds of CPU. The pool measures tasks of each kind and sends as many at a time as take
+half a second. Before it has measured a kind it sends single tasks, a limited number of them.
+"""
+
+import hashlib
+import logging
+import statistics
+import threading
+import time
+from collections import Counter, defaultdict, deque
+from collections.abc import Sequence
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+from pymantaray.errors import JobError
+from pymantaray.jobs.pool import Pool, SchedulerLostError, StoreTask, TaskFunction
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_LOG = logging.getLogger("pymantaray.jobs")
+_WINDOW = 4096  # tasks in the queue of the scheduler
+_CONNECT_TIMEOUT = 10.0  # for the first answer of a scheduler [s]
+_RECONNECT_TIMEOUT = 60.0  # for a lost scheduler [s]
+_BATCH_SECONDS = 0.5  # of a batch of short tasks
+_MAX_BATCH = 64  # tasks
+_FIRST_TASKS = 64  # tasks of a kind with the scheduler before the kind is measured
+_MEASURED = 8  # batches after which a kind is measured
+_BATCHES_PER_THREAD = 2  # at least, so that all threads of the workers are busy
+
+
+class _BatchLostError(Exception):
+    """A worker ended during a batch; its tasks are issued again, one by one."""
+
+
+class _Issued(NamedTuple):
+    """Task and the future of its result."""
+
+    task: StoreTask
+    future: Future[Any]
+
+
+def run_batch(work: TaskFunction, tasks: Sequence[StoreTask]) -> tuple[float, list[Any]]:
+    """Run tasks one after another in a worker; return the mean time of a task [s] and the results."""
+    begin = time.perf_counter()
+    results = [work(task) for task in tasks]
+    return (time.perf_counter() - begin) / len(tasks), results
+
+
+class DaskPool(Pool):
+    """Pool of a Dask scheduler's workers."""
+
+    window = _WINDOW
+
+    def __init__(self, work: TaskFunction, client: "Client | str") -> None:
+        super().__init__(lambda: work)
+        try:
+            import distributed
+        except ImportError:
+            raise JobError("scheduler: Dask is not installed; pip install 'pymantaray[dask]'") from None
+        self._dask: Any = distributed
+        self._work, self._scheduler = work, client
+        self._client: Any = None
+        self._threads, self._has_workers = 0, True
+        self._waiting: dict[str, list[_Issued]] = {}
+        """Tasks by kind that are not sent yet."""
+        self._sent: dict[Any, list[_Issued]] = {}
+        """Tasks of each future of Dask."""
+        self._number_sent: Counter[str] = Counter()
+        """Tasks of each kind with the scheduler."""
+        self._seconds: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=2 * _MEASURED))
+        """Mean times of a task in the latest batches of each kind."""
+        self._first_tasks = _FIRST_TASKS
+        self._alone: set[str] = set()
+        """Keys of tasks that are sent one by one, because a worker ended during their batch."""
+        self._lock = threading.Lock()  # results arrive in a thread of Dask
+
+    def __enter__(self) -> Self:
+        """Connect to the scheduler."""
+        if isinstance(self._scheduler, str):  # replaces Dask's log of many lines by one line
+            logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+        self._client = (
+            self._connect(_CONNECT_TIMEOUT) if isinstance(self._scheduler, str) else self._scheduler
+        )
+        self._address = self._client.scheduler.address
+        with suppress(OSError):  # `check` asks again
+            self._threads = sum(self._client.nthreads().values())
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Cancel unfinished tasks, and close the client if it is the pool's own."""
+        self._forget()
+        if self._client is not self._scheduler:
+            self._close()
+
+    def submit(self, task: StoreTask) -> Any:
+        """Issue a task, which `flush` sends; return its future."""
+        issued = _Issued(task, Future())
+        with self._lock:
+            self._waiting.setdefault(task.kind, []).append(issued)
+        return issued.future
+
+    def flush(self) -> None:
+        """Send issued tasks, short ones in batches."""
+        for kind in list(self._waiting):
+            while batch := self._next_batch(kind):
+                self._send(kind, batch)
+
+    def _next_batch(self, kind: str) -> list[_Issued]:
+        """Tasks to send together; none if no more tasks of this kind should be with the scheduler now."""
+        with self._lock:
+            waiting, sent = self._waiting[kind], self._number_sent[kind]
+            if not self._is_measured(kind):
+                size = 1 if sent < self._first_tasks else 0
+            else:
+                typical = statistics.median(self._seconds[kind])
+                share = (sent + len(waiting)) // (_BATCHES_PER_THREAD * max(self._threads, 1))
+                size = max(min(int(_BATCH_SECONDS / max(typical, 1e-6)), _MAX_BATCH, share), 1)
+            if waiting and waiting[0].task.key in self._alone:
+                size = 1
+            batch = waiting[:size]
+            cut = next((i for i, issued in enumerate(batch) if i and issued.task.key in self._alone), size)
+            batch, self._waiting[kind] = batch[:cut], waiting[cut:]
+            self._number_sent[kind] += len(batch)
+        return batch
+
+    def _is_measured(self, kind: str) -> bool:
+        return len(self._seconds[kind]) >= _MEASURED
+
+    def _send(self, kind: str, batch: list[_Issued]) -> None:
+        tasks = [issued.task for issued in batch]
+        name = tasks[0].key
+        if len(tasks) > 1:
+            name = hashlib.sha256("".join(task.key for task in tasks).encode()).hexdigest()
+        try:
+            future = self._client.submit(run_batch, self._work, tasks, key=f"{kind}-{name}")
+        except (OSError, RuntimeError, ValueError) as error:  # the client is closed
+            self.check()
+            raise SchedulerLostError(str(error)) from None
+        with self._lock:
+            self._sent[future] = batch
+        future.add_done_callback(partial(self._receive, kind))
+
+    def _receive(self, kind: str, future: Any) -> None:
+        """Pass the results of a batch to the futures of its tasks."""
+        with self._lock:
+            batch = self._sent.pop(future, None)
+        if batch is None:  # of a lost scheduler, or after the end
+            return
+        error: BaseException | None = None
+        results: list[Any] = []
+        try:
+            seconds, results = future.result()
+        except BaseException as cause:  # noqa: BLE001  raised again in the main thread
+            error = cause
+        with self._lock:
+            self._number_sent[kind] -= len(batch)
+            if error is None:
+                self._seconds[kind].append(seconds)
+            elif isinstance(error, self._dask.KilledWorker) and len(batch) > 1:
+                error = _BatchLostError()
+                self._alone.update(issued.task.key for issued in batch)
+        if error is not None:
+            for issued in batch:
+                issued.future.set_exception(error)
+            return
+        for issued, result in zip(batch, results, strict=True):
+            issued.future.set_result(result)
+
+    def worker_failure(self, key: str, error: BaseException) -> str | None:
+        """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
+        if isinstance(error, _BatchLostError):
+            return ""
+        if isinstance(error, self._dask.KilledWorker):
+            return f"a worker ended early {error.allowed_failures + 1} times on {key[:8]}; it may be out of memory"
+        if isinstance(error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)):
+            raise SchedulerLostError(str(error))
+        return None
+
+    def check(self) -> None:
+        """Raise `SchedulerLostError` if the scheduler is lost; called if no task ends for some seconds."""
+        if self._client.status != "running":
+            raise SchedulerLostError(f"scheduler {self._address}: {self._client.status}")
+        threads = sum(self._client.nthreads().values())
+        if not threads and self._has_workers:
+            _LOG.warning("scheduler %s has no workers; waiting for workers", self._address)
+        self._threads, self._has_workers = threads, threads > 0
+        self._first_tasks = min(4 * self._first_tasks, _WINDOW)  # tasks are long, and workers may be many
+
+    def reconnect(self) -> None:
+        """Wait for the scheduler; raise `JobError` if it does not come back."""
+        _LOG.warning("scheduler %s does not answer; waiting for it", self._address)
+        self._forget()
+        until = time.monotonic() + _RECONNECT_TIMEOUT
+        while time.monotonic() < until:
+            if self._client is not self._scheduler:
+                self._close()
+            with suppress(JobError):
+                self._client = self._connect(5.0)
+                _LOG.warning("scheduler %s answers again; continuing", self._address)
+                return
+            time.sleep(1.0)
+        raise JobError(f"scheduler {self._address}: no answer; start it and run the same job again to resume")
+
+    def _forget(self) -> None:
+        """Drop all issued tasks; Dask cancels tasks whose futures are gone."""
+        with self._lock:
+            self._sent.clear()
+            self._waiting.clear()
+            self._number_sent.clear()
+
+    def _connect(self, timeout: float) -> Any:
+        address = self._scheduler if isinstance(self._scheduler, str) else self._address
+        try:
+            return self._dask.Client(address, timeout=timeout, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            cause = str(error).partition("\n")[0] or "no answer"
+            raise JobError(f"scheduler {address}: cannot be reached: {cause}") from None
+
+    def _close(self) -> None:
+        with suppress(Exception):
+            self._client.close(timeout=2.0)
