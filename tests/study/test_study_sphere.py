@@ -1,9 +1,19 @@
 """Estimators with straight lines on a spherical Earth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pymantaray.estimation import RangeEndpoints
+from pymantaray.estimation import (
+    GraphSolver,
+    IncrementalOptions,
+    Method,
+    RangeEndpoints,
+    SolveOptions,
+    solve_conditions,
+)
+from pymantaray.estimation.on_sphere import OnSphere
 from pymantaray.records import SolveStatus
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.realization import RealizationSolver
@@ -62,6 +72,46 @@ def test_estimators_with_straight_lines_predict_the_chord_through_the_earth(roun
 def test_graphs_on_a_sphere_are_solved(round_earth):
     result = RealizationSolver(round_earth[1]).solve(0)
     assert {one.status for one in result.solutions.values()} == {SolveStatus.OK}
+
+
+@pytest.mark.parametrize(
+    "method",
+    [Method(incremental=True), Method(lag=1e6), Method(lag=1e6, incremental=True)],
+    ids=["incremental", "fixed-lag", "incremental-fixed-lag"],
+)
+def test_on_line_solvers_use_the_chord_as_the_batch_does(round_earth, method):
+    run = round_earth[1]
+    m = run.noisy_measurements(0)
+    # precise ranges, so that the shape of the Earth matters
+    m = replace(
+        m, range_sigma=np.full_like(m.range_sigma, 0.01), straight_range=run.measurements.straight_range
+    )
+    batch = EstimatorFactory(run).estimator({c.name: c for c in run.config.conditions}["straight"], 0)
+    tight = IncrementalOptions(relinearize=1e-6, wildfire=1e-9, final_updates=50, end_tolerance=1e-2)
+    solver = GraphSolver(SolveOptions(step_tolerance=1e-9, incremental=tight))
+    estimators = {
+        "batch": batch,
+        "on line": replace(batch, method=method),
+        "in the flat frame": replace(batch, model=None),
+    }
+    solved = solve_conditions(m, estimators, solver=solver)
+    assert solved["on line"].usable
+    online, flat = (
+        np.linalg.norm(solved[name].position - solved["batch"].position, axis=-1).max()
+        for name in ("on line", "in the flat frame")
+    )
+    assert flat > 0.02
+    assert online < 0.05 * flat
+
+
+def test_a_factory_gives_on_line_solvers_the_sphere(tiny, round_earth):
+    sections = [
+        {"name": "isam2", "ranges": "straight", "solver": "incremental"},
+        {"name": "lag", "ranges": "straight", "solver": {"kind": "fixed-lag", "lag_h": 1.0}},
+    ]
+    factory = EstimatorFactory(round_earth[1])
+    for section in tiny(conditions=sections).conditions:
+        assert isinstance(factory.estimator(section, 0).model, OnSphere)
 
 
 def test_a_flat_earth_has_no_such_model(fly_tiny):

@@ -16,6 +16,7 @@ from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.minima import SAME_COST
+from pymantaray.estimation.on_sphere import OnSphere
 from pymantaray.estimation.range_models import (
     AdjustableModel,
     ClockPrior,
@@ -226,7 +227,10 @@ class _Fleet:
     ) -> GraphSolution:
         assert self._graph is not None  # built for the first estimator
         graph, model_ranges = _with_model(
-            with_ranges(self._graph, measurements, estimator.ranges, estimator.links), measurements, estimator
+            with_ranges(self._graph, measurements, estimator.ranges, estimator.links),
+            measurements,
+            estimator,
+            start,
         )
         poses = None
         if self._samples is not None:
@@ -388,9 +392,13 @@ def _with_range_sigma(sigma: float, others: UnknownsEstimate | None) -> Unknowns
 
 
 def _with_model(
-    graph: FactorGraph, measurements: Measurements, estimator: Estimator
+    graph: FactorGraph, measurements: Measurements, estimator: Estimator, start: GraphValues
 ) -> tuple[FactorGraph, ModelRanges | None]:
-    """Graph of an estimator and its range model; a model with one speed for each link only scales the distances."""
+    """
+    Graph of an estimator and its range model.
+
+    A model with one speed for each link only scales the distances, and so does the sphere in solvers that use distances.
+    """
     if estimator.model is None:
         return graph, None
     timed = timed_ranges(measurements, estimator.ranges, estimator.links)
@@ -399,11 +407,12 @@ def _with_model(
     )
     plain = estimator.uncertainty is None and not unknown
     if isinstance(estimator.model, ConstantSpeed | TransmitterSpeed) and plain:
-        ratio = estimator.model.speed(timed.sound_speed) / timed.sound_speed
-        ranges = graph["range"]
-        longer = ranges.with_columns(distance=ratio * ranges.column("distance"))
-        scaled = replace(longer, covariance=ratio[:, None, None] ** 2 * ranges.covariance)
-        return graph.with_factors(range=scaled), None
+        return _with_longer_ranges(graph, estimator.model.speed(timed.sound_speed) / timed.sound_speed), None
+    if isinstance(estimator.model, OnSphere) and plain and estimator.method.uses_distances:
+        place = np.concatenate([start.position, start.landmark_position])
+        place[: graph.n_poses, 2] = measurements.depth.ravel()  # dead reckoning has worse depths
+        links = timed.links(place[timed.transmitter], place[timed.receiver])
+        return _with_longer_ranges(graph, estimator.model.frame_scale(links)), None
     unknowns = None
     if unknown or isinstance(estimator.model, AdjustableModel):
         unknowns = RangeUnknowns(
@@ -416,3 +425,10 @@ def _with_model(
             bias_sigma=estimator.bias_sigma,
         )
     return graph, ModelRanges(estimator.model, timed, estimator.uncertainty, estimator.correlated, unknowns)
+
+
+def _with_longer_ranges(graph: FactorGraph, ratio: Array) -> FactorGraph:
+    """Graph with distances and their standard deviations multiplied by a ratio."""
+    ranges = graph["range"]
+    longer = ranges.with_columns(distance=ratio * ranges.column("distance"))
+    return graph.with_factors(range=replace(longer, covariance=ratio[:, None, None] ** 2 * ranges.covariance))

@@ -39,6 +39,11 @@ class Method:
     lag: float | None = None
     kalman: bool = False
 
+    @property
+    def uses_distances(self) -> bool:
+        """True if ranges can only be distances between positions, without a range model."""
+        return self.incremental or self.lag is not None
+
 
 @dataclass(frozen=True)
 class IncrementalOptions:

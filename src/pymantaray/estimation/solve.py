@@ -86,7 +86,7 @@ class GraphSolver:
         loss, poses = method.loss, np.empty((0, 0), dtype=np.intp)
         if covariance_poses is not None:
             poses = check_poses(graph, covariance_poses)
-        if (method.incremental or method.lag is not None) and model_ranges is not None:
+        if method.uses_distances and model_ranges is not None:
             raise EstimationError(
                 "an incremental or fixed-lag solve needs ranges as distances; choose the range model constant or transmitter"
             )

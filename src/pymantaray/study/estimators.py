@@ -2,12 +2,12 @@
 
 from pymantaray.config.estimators import ConditionSection, ExactBelief, FixedLagSolver
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
+from pymantaray.estimation.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.study.beliefs import Beliefs
 from pymantaray.study.range_models import build_range_model
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
-from pymantaray.study.range_models.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.study.store import Run
 from pymantaray.study.true_unknowns import true_amplitudes, true_clocks
@@ -78,9 +78,8 @@ class EstimatorFactory:
         return out
 
     def _earth(self, section: ConditionSection) -> EarthSphere | None:
-        """Sphere on which an estimator measures distances; None in a flat frame, for incremental solvers and without ranges."""
-        distances = section.solver.kind in {"incremental", "fixed-lag"} or section.ranges == "none"
-        if self._run.config.acoustics.earth != "sphere" or distances:
+        """Sphere on which an estimator measures distances; None in a flat frame and without ranges."""
+        if self._run.config.acoustics.earth != "sphere" or section.ranges == "none":
             return None
         return EarthSphere.at_latitude(float(self._run.ocean.attrs["centre_latitude_deg"]))
 

@@ -1,8 +1,9 @@
 """Range models along straight lines on a spherical Earth."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pymantaray.estimation import (
+from pymantaray.estimation.range_models import (
     ConstantSpeed,
     MeanSlowness,
     Prediction,
@@ -15,7 +16,7 @@ from pymantaray.geometry.sphere import EarthSphere
 ALONG_CHORDS = ConstantSpeed, TransmitterSpeed, MeanSlowness
 
 
-class OnSphere:
+class OnSphere(RangeModel):
     """
     Range model along straight lines, with the chord through the Earth instead of the distance in the flat frame.
 
@@ -36,3 +37,14 @@ class OnSphere:
             transmitter_gradient=ratio[:, None] * flat.transmitter_gradient,
             receiver_gradient=ratio[:, None] * flat.receiver_gradient,
         )
+
+    def frame_scale(self, links: RangeEndpoints) -> NDArray[np.float64]:
+        """
+        Factor from each measured range to the distance in the flat frame of the same travel time.
+
+        It depends on depth and on the distance from the frame's centre, and changes by less than 1e-6 if an end moves 1 km
+        horizontally within 50 km of the centre, or 5 m vertically.
+        """
+        distance = np.linalg.norm(links.receiver - links.transmitter, axis=1)
+        measured = links.sound_speed * self.predict(links).travel_time
+        return np.divide(distance, measured, out=np.ones_like(distance), where=measured > 0.0)
