@@ -306,6 +306,17 @@ def test_one_realization_has_no_interval_and_three_have_one(made_run, run, tmp_p
     assert any("(95 %)" in remark for _, _, remark in headlines(RunResults(run)))
 
 
+def test_an_rmse_has_its_standard_error_if_that_is_known(run):
+    results = RunResults(run)
+    table = results.tables["ate_pooled"].frame
+    error = {"odometry": float("nan"), "straight": 0.25, "refracted": 0.5}
+    table["rmse_m"], table["rmse_standard_error_m"] = 12.5, table["condition"].map(error)
+    remarks = [remark for what, _, remark in headlines(results) if what.startswith("Position error, ")]
+    texts = dict(zip(table["condition"], (remark.split("; ")[1] for remark in remarks), strict=True))
+    assert texts["straight"] == "RMSE 12.50 m ± 0.25 m"
+    assert texts["odometry"] == "RMSE 12.50 m"
+
+
 def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, reported, tmp_path):
     conditions = tuple(f"estimator-{i}" for i in range(7))
     many = run_page(

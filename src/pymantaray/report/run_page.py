@@ -131,11 +131,11 @@ def headlines(results: RunResults) -> list[Card]:
 
 def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
     """Cards of the position errors of each condition and of their first difference."""
-    cards, at_pings = [], tables["ping_error"].frame.set_index("condition")["rmse_m"]
+    cards, at_pings = [], tables["ping_error"].frame.set_index("condition")
     for row in tables["ate_pooled"].frame.to_dict("records"):
         what = f"Position error, {condition_label(row['condition']).lower()}"
-        rmse = metres(row["rmse_m"])
-        remark = f"mean; RMSE {rmse}; RMSE under water at pings {metres(at_pings[row['condition']])}"
+        pings = at_pings.loc[row["condition"]].to_dict()
+        remark = f"mean; RMSE {_rmse(row)}; RMSE under water at pings {_rmse(pings)}"
         cards.append(Card(what, metres(row["mean_m"]), remark))
     for row in tables["ate_difference"].frame.head(1).to_dict("records"):
         ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
@@ -143,6 +143,12 @@ def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
         what = f"{row['condition']} minus {row['baseline']}".capitalize()
         cards.append(Card(what, signed_metres(row["pooled_difference_m"]), f"mean position error{interval}"))
     return cards
+
+
+def _rmse(row: Mapping[str, float]) -> str:
+    """RMSE of a row with its standard error, if it has one."""
+    error = row["rmse_standard_error_m"]
+    return metres(row["rmse_m"]) + (f" ± {metres(error)}" if np.isfinite(error) else "")
 
 
 def warnings_of(results: RunResults) -> list[str]:
