@@ -47,4 +47,4 @@ class OnSphere(RangeModel):
         """
         distance = np.linalg.norm(links.receiver - links.transmitter, axis=1)
         measured = links.sound_speed * self.predict(links).travel_time
-        return np.divide(distance, measured, out=np.ones_like(distance), where=measured > 0.0)
+        return np.asarray(np.divide(distance, measured, out=np.ones_like(distance), where=measured > 0.0))
