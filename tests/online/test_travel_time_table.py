@@ -9,7 +9,7 @@ from pymantaray.acoustics import choose_arrivals, find_eigenrays
 from pymantaray.errors import OnlineError
 from pymantaray.online import CellStatus, TravelTimeTable, build_table, open_table, save_table
 from pymantaray.online.build import Box, build_tree
-from pymantaray.online.samples import Samples
+from pymantaray.online.samples import NO_ARRIVAL, Samples
 from pymantaray.water import Water
 
 WITH_RANGE = (CellStatus.DIRECT, CellStatus.BOUNCED, CellStatus.AMBIGUOUS)
@@ -93,6 +93,35 @@ def test_a_small_region_with_an_earlier_arrival_between_the_tested_points_is_fou
     assert ok.sum() > 100
     assert np.abs(found.travel_time - time)[ok].max() * 1500.0 < table.tolerance
     assert table.shares()["border"] < 0.01
+
+
+def _island(places: np.ndarray) -> Samples:
+    """Arrivals at 1,500 m/s in a small ellipsoid only, with a shadow all around."""
+    inside = (((places - [30.0, 55.0, 1400.0]) / [6.0, 6.0, 29.0]) ** 2).sum(axis=1) < 1.0
+    straight = np.hypot(places[:, 1] - places[:, 0], places[:, 2])
+    n = len(places)
+    return Samples(
+        value=np.where(inside, 0.0, np.nan),
+        gradient=np.where(inside[:, None], np.zeros((n, 3)), np.nan),
+        straight=straight,
+        slowness=places[:, 2] / straight / 1500.0,
+        family=np.where(inside, 0, NO_ARRIVAL),
+        bounces=np.zeros((n, 2), dtype=np.int64),
+        several=np.zeros(n, dtype=bool),
+        lead=np.full(n, np.inf),
+        lead_gradient=np.zeros((n, 3)),
+    )
+
+
+def test_arrivals_in_a_small_region_within_a_shadow_are_found() -> None:
+    box = Box((0.0, 0.0, 1000.0), (100.0, 200.0, 2000.0), (5.0, 5.0, 20.0))
+    table = TravelTimeTable(box.lower, box.upper, 0.05, build_tree(box, [_island], 0.05))
+    places = [30.0, 55.0, 1400.0] + np.array([6.0, 6.0, 29.0]) * np.random.default_rng(6).uniform(
+        -0.57, 0.57, (2000, 3)
+    )
+    assert np.isfinite(_island(places).value).all()
+    assert not np.any(table.travel_time(*places.T).status == CellStatus.SHADOW)
+    assert table.shares()["shadow"] > 0.99
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pymantaray.errors import OnlineError
 from pymantaray.online.cells import LEAF, CellStatus, Tree
 from pymantaray.online.interpolation import REFERENCE_SLOWNESS, interpolate
-from pymantaray.online.samples import OUTSIDE, Sampler, Samples
+from pymantaray.online.samples import NO_ARRIVAL, OUTSIDE, Sampler, Samples
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -23,6 +23,9 @@ _HALVES = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2], indexing="ij"), 
 _CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
 _CORNER_ROWS = np.array([int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]) for c in _CORNERS])
 _FINEST = 2  # binary logarithm of the smallest cell in lattice steps
+_LARGEST_SHADOW = (
+    _FINEST + 2
+)  # of a cell without an arrival: a larger one may hide arrivals between the tested points
 _BRANCH_BYTES, _CELL_BYTES = 4, 60  # approximate sizes in a table
 _Accepted = tuple[Whole, Whole, Whole]
 """Branches of cells, keys of their corners, and their status."""
@@ -179,12 +182,14 @@ def _judge(
     accurate = np.maximum(error, jump.sum(axis=2)).max(axis=1) <= _MARGIN * tolerance
     accurate &= _accurate_within(store, cells, corners, accurate & ~early, _MARGIN * tolerance)
     can = cells.log_size > _FINEST
-    done = ~early & (accurate | (alike & (family[:, 0] < 0))) | ~can.any(axis=1)
+    empty = alike & (family[:, 0] < 0)
+    unsure = (family[:, 0] == NO_ARRIVAL) & np.any(cells.log_size > _LARGEST_SHADOW, axis=1)
+    done = ~early & (accurate | (empty & ~unsure)) | ~can.any(axis=1)
     bounced = samples.bounces[rows[:, 0]].any(axis=1)
     status = np.where(bounced, CellStatus.BOUNCED, CellStatus.DIRECT)
     status = np.where(samples.several[rows].any(axis=1), CellStatus.AMBIGUOUS, status)
     nothing = np.where(family[:, 0] == OUTSIDE, CellStatus.OUTSIDE, CellStatus.SHADOW)
-    status = np.where(accurate, status, np.where(alike & (family[:, 0] < 0), nothing, CellStatus.BORDER))
+    status = np.where(accurate, status, np.where(empty, nothing, CellStatus.BORDER))
     return (
         done,
         status.astype(np.int64),
