@@ -10,6 +10,7 @@ SUBJECTS = (
     "locate",
     "replay",
     "sweep",
+    "plan",
     "foreign_graph",
 )
 """From a single ray to whole studies; scripts that are not listed come last."""

@@ -169,3 +169,16 @@ def test_the_page_has_the_front_the_map_and_the_sentences(tmp_path):
     for name in ("designs", "near_optimal", "lost_by_pair", "error_over_time"):
         assert (page.parent / "tables" / f"{name}.csv").stat().st_size > 20
     assert all(sentence in text for sentence in results.sentences if "'" not in sentence)
+
+
+def test_the_map_fills_its_figure(tmp_path):
+    from pymantaray.plan.detail import detail_of
+    from pymantaray.report.plan_figures import map_figure
+
+    plan = load_plan(write(tmp_path, free={"landmarks.T.depth": [5.0, 300.0]}))
+    details = {f"T at {depth:g} m": detail_of(plan, {"landmarks.T.depth": depth}) for depth in (5.0, 300.0)}
+    for shown in (details, {"one": details["T at 5 m"]}):
+        figure = map_figure(shown, "Test Sea")
+        figure.canvas.draw()
+        assert [axes.get_position().width >= 0.35 for axes in figure.axes] == [True, True]
+        assert all(axes.get_position().height >= 0.5 for axes in figure.axes)

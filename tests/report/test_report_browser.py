@@ -10,17 +10,21 @@ import pytest
 import xarray as xr
 from browser import BROWSER, faults, overflow
 from campaigns import make_campaign, survey_of, water
+from factories import TINY
 from PIL import Image
 
 from pymantaray.locate import LocateOptions, locate
+from pymantaray.plan import DeploymentPlan, PlanSection, search_designs
 from pymantaray.report import (
     write_atlas_page,
     write_comparison,
     write_location_page,
+    write_plan_page,
     write_replay,
     write_report,
     write_sweep_page,
 )
+from pymantaray.study import parse_study
 
 pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -85,6 +89,26 @@ def comparison_file(run_folder, made_run, tmp_path_factory):
 @pytest.fixture(scope="module")
 def replay_file(made_replay, tmp_path_factory):
     return write_replay(made_replay, tmp_path_factory.mktemp("replay") / "out")
+
+
+@pytest.fixture(scope="module")
+def plan_file(tmp_path_factory):
+    """Six designs in two waters, with depths of a receiver and times between pings."""
+    receiver = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0, "sigma": 2.0}
+    section = PlanSection(
+        free={"landmarks.T.depth": [5.0, 150.0, 300.0], "mission.ping_interval_h": [1.0, 2.0]},
+        objectives=("error", "cost"),
+        costs={"ping": 1.0},
+        oceans=({}, {"centre_lat": 74.0}),
+        lost_of="T",
+    )
+    plan = DeploymentPlan(parse_study({**TINY, "landmarks": [receiver]}, "tiny"), section)
+    return write_plan_page(search_designs(plan, workers=1), tmp_path_factory.mktemp("plan") / "out")
+
+
+@pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
+def plan_opened(request, chromium, plan_file):
+    yield from open_page(chromium, plan_file, *request.param)
 
 
 @pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
@@ -274,6 +298,40 @@ def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(
     page.focus("#only select")
     page.keyboard.press("End")
     assert page.inner_text("#told") == "20 of 40 rows"
+
+
+def test_a_plan_draws_without_errors_or_requests_and_any_score_by_keyboard(plan_opened, plan_file):
+    check_quiet_and_fitting(plan_opened, plan_file)
+    page = plan_opened.page
+    assert faults(page) == []
+    check_keyboard(page)
+    check_dark(page)
+    assert page.evaluate("[...document.images].filter((i) => i.complete && i.naturalWidth > 0).length") >= 4
+    table = pd.read_csv(plan_file.parent / "tables" / "designs.csv")
+
+    def expected(column, across):
+        hours = sorted(table["mission.ping_interval_h"].unique())
+        rows = [table[table["mission.ping_interval_h"] == h].sort_values("landmarks.T.depth") for h in hours]
+        return [(sorted(part[across]), sorted(part[column])) for part in rows]
+
+    def drawn():
+        return [(sorted(x), sorted(y)) for _, x, y in page.evaluate(DRAWN)]
+
+    for control, column, across in (
+        (None, "error_m", "landmarks.T.depth"),
+        ("#across", "error_m", "lost_percent"),
+    ):
+        if control:
+            page.select_option(control, across)
+        assert drawn() == [
+            (pytest.approx(x, rel=1e-5), pytest.approx(y, rel=1e-5)) for x, y in expected(column, across)
+        ]
+    page.focus("#up")
+    page.keyboard.press("ArrowDown")
+    assert drawn() == [
+        (pytest.approx(x, rel=1e-5), pytest.approx(y, rel=1e-5))
+        for x, y in expected("rmse_m", "lost_percent")
+    ]
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from pymantaray.plan.definition import DeploymentPlan as DeploymentPlan
+    from pymantaray.plan.definition import PlanSection as PlanSection
     from pymantaray.plan.definition import load_plan as load_plan
     from pymantaray.plan.results import PlanResults as PlanResults
     from pymantaray.plan.search import search_designs as search_designs

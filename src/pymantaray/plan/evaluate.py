@@ -24,6 +24,7 @@ from pymantaray.study.store import Run
 
 Array = NDArray[np.float64]
 _DRAWS = 200  # of each position error, for the 95 % quantile
+_BIAS_DIGITS = 6  # decimals of a bias in metres; the convergence of the solver limits smaller ones
 _DETECTED = 0.5  # links with a smaller probability of detection carry no information
 
 
@@ -85,7 +86,7 @@ class DesignEvaluator:
             error_m=error_quantile(bias, covariance),
             rmse_m=_root_mean(noise + shift),
             bound_rmse_m=_root_mean(noise),
-            bias_rmse_m=_root_mean(shift),
+            bias_rmse_m=round(_root_mean(shift), _BIAS_DIGITS),
             lost_percent=lost,
             heard_by_two_percent=heard,
             cost=cost_of(run.config, run.measurements, plan.costs, self._plan.condition),

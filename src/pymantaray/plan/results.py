@@ -28,6 +28,7 @@ _SCORES = [name for name in Scores._fields if name != "failure"]
 _YES = ("no", "yes")
 _WORDS = {
     "error_m": "95 % error [m]",
+    "bias_rmse_m": "RMS bias [m]",
     "worst_error_m": "95 % error, worst tenth [m]",
     "worst_lost_percent": "lost, worst tenth [%]",
     "worst_front": "front, worst tenth",
@@ -156,8 +157,7 @@ class PlanResults:
                 continue
             now, before = mean_score(scores, name), mean_score(self.base, name)
             if np.isfinite(now):
-                instead = f" instead of {before:.3g}{unit}" if np.isfinite(before) else ""
-                out.append(f"{text} {now:.3g}{unit}{instead}.")
+                out.append(f"{text} {now:.3g}{unit}{_instead(now, before, unit)}.")
         return [*out, *self._of_ensemble(), *self._of_one_number(), *self._of_limits()]
 
     @property
@@ -201,7 +201,7 @@ class PlanResults:
         count = int(np.ceil(WORST * len(scores)))
         which = "the worst of them" if count == 1 else f"the worst {count} of them"
         now, before = worst_score(scores, "error_m"), worst_score(self.base, "error_m")
-        instead = f" instead of {before:.3g} m" if np.isfinite(before) else ""
+        instead = _instead(now, before, " m")
         return [
             f"These are means over {len(scores)} waters; in {which} the 95 % error is {now:.3g} m{instead}."
         ]
@@ -286,6 +286,12 @@ def _step(key: str, values: Array, lost: Array, links: str) -> str:
         f"{links} {lost[k:].mean():.3g} % of the ranges on average with {key} of {_shown(values[k])} or more, and"
         f" {lost[:k].mean():.3g} % with {_shown(values[k - 1])} or less."
     )
+
+
+def _instead(now: float, before: float, unit: str) -> str:
+    """Comparison with the study as it is; empty if its value is the same or missing."""
+    same = not np.isfinite(before) or f"{now:.3g}" == f"{before:.3g}"
+    return "" if same else f" instead of {before:.3g}{unit}"
 
 
 def _shown(value: Any) -> str:

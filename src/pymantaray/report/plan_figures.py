@@ -96,7 +96,7 @@ def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
     axes.plot(*values[front].T, "o", color=style.BLUE, markersize=4.0)
     axes.plot(*values[results.best], linestyle="none", zorder=5, **_BEST)
     base = results.base_row
-    axes.plot(base[x], base[y], "x", color=style.INK, zorder=6)
+    axes.plot(base[x], base[y], "x", color=style.INK, markersize=9.0, zorder=4)  # visible behind the best
     axes.margins(0.08)
     axes.set_ylim(bottom=0.0)
 
@@ -105,15 +105,15 @@ def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
 def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
     """Mission of the best design in plan and depth, with the landmarks and stations of the other designs."""
     (_, best), *others = details.items()
-    figure = style.new_figure(style.DOUBLE, 3.4, header)
-    plan, depth = figure.subplots(1, 2)
+    figure = style.new_figure(style.DOUBLE, 3.4, header, layout=None)
+    places = _moved(best, [detail for _, detail in others])
+    low = 0.26 if any(len(points) for points in places) else 0.14  # room for the legend
+    plan, depth = (figure.add_axes((left, low, 0.4, 0.87 - low)) for left in (0.08, 0.58))
     colours = style.vehicle_colours(best.truth.name.size)
-    figure.draw_without_rendering()
     draw_plan(plan, best.truth, best.measurements, colours)
     draw_depths(depth, best.truth, colours)
     for z in best.measurements.landmark_position[:, 2]:
         depth.axhline(z, color=style.INK, linestyle="--", linewidth=0.9)
-    places = _moved(best, [detail for _, detail in others])
     for sign, points in zip(_SIGNS, places, strict=False):
         look: dict[str, Any] = {
             "color": style.GREY,
@@ -146,7 +146,7 @@ def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
         if len(points)
     ]
     if entries:
-        style.common_legend(figure, entries, **_BELOW)
+        style.common_legend(figure, entries, loc="lower center", ncols=2)
     return figure
 
 
