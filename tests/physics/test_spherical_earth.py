@@ -1,6 +1,7 @@
 """Rays on a spherical Earth, against the ray equations in the plane through the Earth's centre."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pyproj
@@ -14,7 +15,7 @@ from pymantaray.errors import AcousticsError
 from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.replay import Events, replay_events
 from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import simulate_mission
+from pymantaray.study.mission import earth_note, simulate_mission
 from pymantaray.water import open_water
 
 EARTH = EarthSphere.at_latitude(78.0)
@@ -183,3 +184,19 @@ def test_study_with_a_sphere_measures_ranges_through_the_earth():
     assert np.nanmax(earlier) > 0.0
     heard = np.isfinite(earlier)
     np.testing.assert_allclose(1450.0 * earlier[heard], shorter[heard], atol=0.4)
+
+
+def test_trajectories_far_from_the_centre_of_a_flat_frame_have_a_warning():
+    config = load_study("quick")
+    mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+    truth, ranges = mission.truth, mission.ranging_truth
+    assert earth_note(config, truth, ranges) is None
+    extent = np.hypot(truth.position[..., 0], truth.position[..., 1]).max()
+    away = replace(truth, position=truth.position + np.array([15e3 + extent, 0.0, 0.0]))
+    note = earth_note(config, away, ranges)
+    farthest = 1e-3 * np.hypot(away.position[..., 0], away.position[..., 1]).max()
+    assert note.startswith(
+        f"Trajectories extend to {farthest:.1f} km from the centre of the frame, and links are up to 12.0 km"
+    )
+    assert note.endswith('use --earth sphere (in Python: earth="sphere"; in TOML: acoustics.earth).')
+    assert earth_note(config.with_(**{"acoustics.earth": "sphere"}), away, ranges) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -17,11 +18,13 @@ from pymantaray.records import Arrivals
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _DOWN = np.array([0.0, 0.0, 1.0])
-_OFFSETS = np.array(
-    [0.75, 1.5, 3.0, 6.0]
+_OFFSETS = 0.75 * 2.0 ** np.arange(
+    0.0, 3.1, 0.5
 )  # caustic widths above and below a receiver at which folds are looked for
 _WIDTH, _WIDTH_HZ = 2.5, 12e3  # m at Hz; width of a caustic of rays that curve with a radius of 88 km
-_INSIDE = np.array([0.7, 1.4])  # widths of the caustic inside it, from which its field is continued
+_INSIDE = np.array(
+    [0.2, 0.4, 0.7, 1.4]
+)  # widths inside the caustic; its field is continued from the last three, or the first
 _FARTHEST = 4.0  # widths of the caustic; maximum distance on its dark side
 _WIDEST = 40.0  # rad; between the two rays of a fold
 
@@ -148,15 +151,17 @@ def find_tails(
     Notes
     -----
     Beside a fold, the argument x of Airy's function (see `received_loss_db`), :math:`(A_a + A_b) x^{1/4}`, :math:`(A_b - A_a) x^{-1/4}` and
-    the mean time are smooth functions of depth. They are computed from the two rays at two depths inside the caustic and
-    extrapolated linearly to the receiver, where x is negative.
+    the mean time are smooth functions of depth. They are computed from the two rays at three depths inside the caustic (0.4, 0.7 and
+    1.4 widths; beside a cusp, where the fold is narrow, 0.2, 0.4 and 0.7) and extrapolated to the receiver, where x is negative:
+    x and the time quadratically, because the phase needs a fraction of a cycle, the amplitudes linearly.
     """
     folds = _search(medium, source, receiver, arrivals, frequency_hz, bounces, threads)
     if not folds:
         return Tails(np.zeros(0, dtype=np.int64), Waves(*np.zeros((3, 0))))
     link = np.array([fold.link for fold in folds])
     place = np.array([[fold.edge + step * fold.width for step in _INSIDE] for fold in folds])
-    ends = np.repeat(source[link], 2, axis=0), np.repeat(receiver[link], 2, axis=0)
+    n = _INSIDE.size
+    ends = np.repeat(source[link], n, axis=0), np.repeat(receiver[link], n, axis=0)
     ends[1][:, 2] += place.ravel()
     rays = find_eigenrays(medium, *ends, *bounces, None, threads=threads)
     waves = waves_of(
@@ -165,11 +170,13 @@ def find_tails(
     pairs = fold_pairs(rays, frequency_hz, _WIDEST)
     found: list[tuple[int, Fold]] = []
     for row, fold in enumerate(folds):
-        both = [_nearest(rays, pairs, 2 * row + k, fold) for k in (0, 1)]
-        if None not in both:
-            chosen = pairs[np.array(both, dtype=np.int64)].T
-            inside = fold_between(waves.at(chosen[0]), waves.at(chosen[1]), frequency_hz)
-            found.append((fold.link, _continued(inside, place[row])))
+        at = [_nearest(rays, pairs, n * row + k, fold) for k in range(n)]
+        for k in (1, 0):
+            three = _nested(rays, pairs, at[k : k + 3])
+            if three is not None:
+                inside = fold_between(waves.at(three[:, 0]), waves.at(three[:, 1]), frequency_hz)
+                found.append((fold.link, _continued(inside, place[row, k : k + 3])))
+                break
     kept: list[tuple[int, Fold]] = []
     for link_row, fold_here in found:
         others = [other for i, other in kept if i == link_row]
@@ -244,8 +251,7 @@ def _edge(
         (int(rays.surface_bounces[p[0]]), int(rays.bottom_bounces[p[0]]), int(rays.caustics[p[0]]))
         for p in pairs
     ]
-    inner, outer = rays.launch_angle[a], rays.launch_angle[b]
-    if counts[0] != counts[1] or inner.min() < outer.min() or inner.max() > outer.max():
+    if counts[0] != counts[1] or not _contains(rays, b, a):
         return None
     x, y = (
         (1.5 * math.pi * frequency_hz * float(rays.travel_time[p[1]] - rays.travel_time[p[0]])) ** (2.0 / 3.0)
@@ -255,7 +261,13 @@ def _edge(
     edge = offsets[0] - x * width
     if width == 0.0 or edge * width < 0.0 or edge / width > _FARTHEST:
         return None
-    return _Edge(link, edge, width, counts[0][:2], float(inner.mean()))
+    return _Edge(link, edge, width, counts[0][:2], float(rays.launch_angle[a].mean()))
+
+
+def _contains(rays: Arrivals, outer: Indices, inner: Indices) -> bool:
+    """True if the launch angles of a fold enclose those of the same fold nearer to its caustic."""
+    far, near = rays.launch_angle[outer], rays.launch_angle[inner]
+    return bool(far.min() <= near.min() and near.max() <= far.max())
 
 
 def _has_rays(arrivals: Arrivals, edge: _Edge, angle: Array) -> bool:
@@ -291,8 +303,20 @@ def _nearest(rays: Arrivals, pairs: Indices, link: int, edge: _Edge) -> int | No
     return int(at[np.argmin(apart)])
 
 
+def _nested(rays: Arrivals, pairs: Indices, at: list[int | None]) -> Indices | None:
+    """Rows (3, 2) of the rays of a fold at three places, from its caustic inwards; None if they do not belong to one fold."""
+    rows = np.array([row for row in at if row is not None], dtype=np.int64)
+    chosen = pairs[rows]
+    if rows.size < len(at) or not all(_contains(rays, far, near) for near, far in itertools.pairwise(chosen)):
+        return None
+    return chosen
+
+
 def _continued(inside: Fold, place: Array) -> Fold:
-    """Fold at offset 0, extrapolated linearly from two places."""
-    share = place[1] / (place[1] - place[0])
-    time, argument, size, skew = (np.array([share * c[0] + (1.0 - share) * c[1]]) for c in inside[:4])
+    """Fold at offset 0 from three places: time and argument are extrapolated quadratically, the others linearly from the last two."""
+    share = place[2] / (place[2] - place[1])
+    size, skew = (np.array([share * c[1] + (1.0 - share) * c[2]]) for c in (inside.size, inside.skew))
+    others = [(place[[1, 2]], place[0]), (place[[0, 2]], place[1]), (place[[0, 1]], place[2])]
+    weight = [float(np.prod(a / (a - b))) for a, b in others]
+    time, argument = (np.array([np.dot(weight, c)]) for c in (inside.time, inside.argument))
     return Fold(time, argument, size, skew, inside.phase[:1])

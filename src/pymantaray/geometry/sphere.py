@@ -21,17 +21,32 @@ _FLAT_ERROR = (
 )  # m over m³; of ranges where the sound speed increases with pressure, see `flat_earth_note`
 
 
-def flat_earth_note(longest: float) -> str | None:
+def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:
     """
-    Return a sentence about the error of a flat Earth, None for links of at most 15 km [m].
+    Return a sentence about the error of a flat Earth, None for links and trajectories within 15 km.
 
     The curvature acts like a gradient c / R of the sound speed. Where the gradient g is that of pressure, it changes ranges over a
     distance d by about d^3 g / (12 c R): 0.15 m at 10 km, 3.9 m at 30 km.
+
+    Parameters
+    ----------
+    longest : float
+        Length of the longest link. [m]
+    farthest : float
+        Greatest horizontal distance of a trajectory from the centre of the frame. [m]
+
+    Returns
+    -------
+    str or None
     """
-    if not longest > _FLAT_LIMIT:
+    if not (longest > _FLAT_LIMIT or farthest > _FLAT_LIMIT):
         return None
+    links = f"links are up to {1e-3 * longest:.1f} km long"
+    begin = links.capitalize()
+    if farthest > _FLAT_LIMIT:
+        begin = f"Trajectories extend to {1e-3 * farthest:.1f} km from the centre of the frame, and {links}"
     return (
-        f"Links are up to {1e-3 * longest:.1f} km long: on a flat Earth, their ranges are too long by up to about"
+        f"{begin}: on a flat Earth, their ranges are too long by up to about"
         f' {_FLAT_ERROR * longest**3:.1f} m; use --earth sphere (in Python: earth="sphere"; in TOML: acoustics.earth).'
     )
 

@@ -65,7 +65,17 @@ _BRIEF = {
         "median_size_high_m",
     ]
 }
-_HEADS = {"percent": "predicted [%]"}
+_HEADS = {
+    "percent": "predicted [%]",
+    "q90_size_m": "90 % of sizes below [m]",
+    "within_1_sigma": "within 1 sigma [%]",
+    "within_2_sigma": "within 2 sigma [%]",
+    "within_95": "in 95 % interval [%]",
+    "within_95_low": "from [%]",
+    "within_95_high": "to [%]",
+    "pair_m": "constant per pair [m]",
+    "varying_m": "varying [m]",
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,7 @@
 """Consistency of each node's position with the ranges of all its pairs, and clocks without the effect of wrong positions."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -10,10 +12,38 @@ from pymantaray.replay.switching import fit_clocks
 
 Array = NDArray[np.float64]
 _MIN_PAIRS = 3  # of a node whose offset, two numbers, leaves something to check
-_SUSPECT_SIGMAS, _SUSPECT_OFFSET = 4.0, 2.0  # standard errors, m; of the offset of a suspect node
+_SUSPECT_OFFSET = 2.0  # m, of a suspect node
 _SUSPECT_SHARE = 0.5  # of the squared residuals of its pairs, which its offset must explain
+_SUSPECT_LEVEL = 0.03  # probability that one of the right nodes of a campaign is suspect
+_CONFIRMED = 0.5  # of the significance limit, which must be exceeded without any one pair too
+_WATER_SHARE = 0.5  # of the variance of a pair's residual, due to the assumed water; it grows with distance
+_SHARED_WATER = 2.0 / 3.0  # of that part, the same for all pairs of a node
+_WEAK = 0.05  # singular value of directions that are almost parallel
+_POSITION_SHARE = 0.5  # of the variance, due to the usual errors of the positions of both nodes
 _MAX_ITERATIONS = 20  # of clocks and positions
 _SETTLED = 1e-3  # m; change of the ranges after which they are final
+
+
+class _Offset(NamedTuple):
+    """Offset of a node that its pairs suggest; NaN if unknown."""
+
+    offset: Array
+    """North and east. [m]"""
+    error: float
+    """Standard error along the worst direction. [m]"""
+    explained: float
+    """Share of the squared residuals of its pairs that the offset explains."""
+    significance: float
+    """F statistic over its limit. Above 1, the smallest of it and those without any one pair, over their own limit."""
+
+    @property
+    def suspect(self) -> bool:
+        """True if the offset is large, significant and explains the residuals."""
+        large = float(np.hypot(*self.offset)) > _SUSPECT_OFFSET
+        return bool(large and self.explained > _SUSPECT_SHARE and self.significance > 1.0)
+
+
+_UNKNOWN = _Offset(np.full(2, np.nan), np.nan, np.nan, -1.0)
 
 
 def fit_clocks_and_nodes(
@@ -78,35 +108,43 @@ def node_table(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
     -------
     pandas.DataFrame
         One row per node: number of ``pairs`` and ``events``; ``north_m`` and ``east_m``, the offset of the true position from the
-        stated one, with ``standard_error_m`` (the larger semi-axis); ``explained``, the share of the squared residuals of its pairs
+        stated one, with ``standard_error_m`` (the larger semi-axis, with the errors that events share); ``explained``, the share of the squared residuals of its pairs
         that the offset explains; ``scatter_m``, the standard deviation of range errors that vary in time and are due to this node; and
         ``suspect``.
 
     Notes
     -----
     A node at the offset :math:`\delta` from its stated position changes the range of a pair by :math:`u \cdot \delta`, where u is
-    the direction from the other node. The median residuals of the pairs of a node, in metres, determine its offset by least squares.
-    The residual scale of all pairs gives the standard errors. The most significant node is suspect if its offset is above 2 m and
-    4 standard errors and explains half of its squared residuals. Its part is then removed from all pairs, and the others are examined
-    again: a wrong node affects one pair of every other node. A node with fewer than three pairs is not examined. A wrong sound
-    speed, which lengthens all ranges, differs from an offset only if the pairs of the node have several directions.
+    the direction from the other node. The median residuals of the pairs of a node, in metres, determine its offset by generalized least
+    squares. Residuals of pairs of one node are correlated: they share the error of the assumed water, which grows with the distance d. For
+    the variance :math:`s^2` of a residual, the covariance of two pairs of a node is :math:`s^2 r_i r_j / 3` with r = d over the rms distance;
+    the rest is independent. The variance is that of the residuals of all pairs after the fit, which also contains ice, wrong arrivals and
+    clocks. The offset of a right node is not zero: half of the variance, :math:`s^2 / 4` per axis and node, is attributed to usual errors of
+    positions.
+
+    The most significant node is suspect if its offset is above 2 m, explains half of its squared residuals, and has an F statistic above
+    its 3 % limit (divided by the number of nodes), and above half of this limit without any one of its pairs, so that one wrong arrival
+    is not enough. Its part is then removed from all pairs, and the others are examined again: a wrong node affects one pair of every
+    other node. A node with fewer than three pairs is not examined.
     """
     pairs = _pair_residuals(events, taken)
     names = sorted(set(events["source"]) | set(events["receiver"]))
     residual = pairs["residual_m"].to_numpy(dtype=float).copy()
-    found: dict[str, tuple[Array, float, float]] = {}
+    free = len(pairs) - 2 - _clocks_from_one_way(events, pairs)
+    found: dict[str, _Offset] = {}
     while True:
-        fits = {name: _offset(pairs, residual, name) for name in names if name not in found}
-        worst = max(fits, key=lambda name: _significance(fits[name]), default=None)
-        if worst is None or not _is_suspect(fits[worst]):
+        fits = {name: _offset(pairs, residual, name, free) for name in names if name not in found}
+        wrong = [name for name in fits if fits[name].suspect]
+        if not wrong:
             break
+        worst = max(wrong, key=lambda name: fits[name].significance)
         found[worst] = fits[worst]
-        residual = residual - _directions(pairs, worst) @ fits[worst][0]
+        residual = residual - _directions(pairs, worst) @ fits[worst].offset
     scatter = _scatter(events, taken, names)
     count = pd.concat([events["source"], events["receiver"]]).value_counts()
     rows = []
     for k, name in enumerate(names):
-        offset, error, explained = found.get(name) or fits[name]
+        offset, error, explained, _ = found.get(name) or fits[name]
         of = (pairs["first"] == name) | (pairs["second"] == name)
         rows.append((name, of.sum(), count[name], *offset, error, explained, scatter[k], name in found))
     columns = ["node", "pairs", "events", "north_m", "east_m", "standard_error_m", "explained", "scatter_m"]
@@ -144,47 +182,90 @@ def _pair_residuals(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
         first=ends[:, 0],
         second=ends[:, 1],
         residual_m=_residuals_m(events, taken),
+        distance_m=events["distance_m"],
         north=np.cos(bearing),
         east=np.sin(bearing),
     )
     table = table[table["residual_m"].notna() & (events["distance_m"] > 0.0)]
     return table.groupby("pair", sort=True).agg(
-        {"first": "first", "second": "first", "residual_m": "median", "north": "mean", "east": "mean"}
+        {
+            "first": "first",
+            "second": "first",
+            "residual_m": "median",
+            "distance_m": "mean",
+            "north": "mean",
+            "east": "mean",
+        }
     )
+
+
+def _clocks_from_one_way(events: pd.DataFrame, pairs: pd.DataFrame) -> int:
+    """Number of clock offsets that were fitted to pairs with events in one direction only, which therefore have smaller residuals."""
+    used = events[events["pair"].isin(pairs.index)]
+    both = used.groupby("pair")["source"].nunique() > 1
+
+    def fitted(table: pd.DataFrame) -> int:
+        names = sorted({*table["first"], *table["second"]})
+        return (
+            int(np.linalg.matrix_rank(np.array([_membership(table, name) for name in names]))) if names else 0
+        )
+
+    return fitted(pairs) - fitted(pairs[both.reindex(pairs.index)])
+
+
+def _membership(pairs: pd.DataFrame, name: str) -> Array:
+    """1 for pairs to a node, -1 for pairs from it, otherwise 0."""
+    return np.asarray((pairs["second"] == name).astype(float) - (pairs["first"] == name).astype(float))
 
 
 def _directions(pairs: pd.DataFrame, name: str) -> Array:
     """Unit vectors from the other node of each pair to a node, zero for pairs without it."""
-    sign = (pairs["second"] == name).astype(float) - (pairs["first"] == name).astype(float)
-    return pairs[["north", "east"]].to_numpy() * sign.to_numpy()[:, None]
+    return pairs[["north", "east"]].to_numpy() * _membership(pairs, name)[:, None]
 
 
-def _offset(pairs: pd.DataFrame, residual: Array, name: str) -> tuple[Array, float, float]:
-    """Offset of a node [m], its standard error [m], and the share of the squared residuals that it explains; NaN if unknown."""
-    design = _directions(pairs, name)
-    own = design.any(axis=1)
-    if np.count_nonzero(own) < _MIN_PAIRS:
-        return np.full(2, np.nan), np.nan, np.nan
-    offset, _, rank, _ = np.linalg.lstsq(design[own], residual[own], rcond=1e-6)
+def _offset(pairs: pd.DataFrame, residual: Array, name: str, free: int) -> _Offset:
+    """Offset of a node from the residuals of all pairs [m], of which a number is free after the fit."""
+    from scipy.stats import f as f_distribution
+
+    design, distance = _directions(pairs, name), pairs["distance_m"].to_numpy()
+    own = np.flatnonzero(design.any(axis=1))
+    if own.size < _MIN_PAIRS or free < 1 or np.linalg.matrix_rank(design[own], tol=1e-6) < 2:
+        return _UNKNOWN
+    relative = distance / np.sqrt(np.mean(distance**2))
+    offset, covariance = _weighted(design[own], relative[own], residual[own])
     left = residual - design @ offset
-    before = float(np.sum(residual[own] ** 2))
-    if rank < 2 or before == 0.0:
-        return np.full(2, np.nan), np.nan, np.nan
-    scale = max(MAD_TO_SIGMA * float(np.median(np.abs(left))), np.sqrt(np.mean(left[own] ** 2)))
-    error = scale * float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(design[own].T @ design[own]))[-1]))
-    return np.asarray(offset), error, 1.0 - float(np.sum(left[own] ** 2)) / before
+    before, scale = float(np.sum(residual[own] ** 2)), float(np.sum(left**2)) / free
+    if before == 0.0:
+        return _UNKNOWN
+    nodes = len({*pairs["first"], *pairs["second"]})
+    limit = float(f_distribution.isf(_SUSPECT_LEVEL / nodes, 2, free))
+    significance = _f_statistic(offset, covariance, scale) / limit
+    for pair in own if significance > 1.0 else ():
+        others = own[own != pair]
+        if np.linalg.matrix_rank(design[others], tol=_WEAK) < 2:
+            significance = 0.0
+            break
+        fit = _weighted(design[others], relative[others], residual[others])
+        significance = min(significance, _f_statistic(*fit, scale) / (_CONFIRMED * limit))
+    largest = float(np.linalg.eigvalsh(covariance)[-1]) / (1.0 - 0.5 * _POSITION_SHARE)
+    error = float(np.sqrt(scale * largest * free / max(free - 2, 1)))
+    return _Offset(offset, error, 1.0 - float(np.sum(left[own] ** 2)) / before, significance)
 
 
-def _significance(fit: tuple[Array, float, float]) -> float:
-    offset, error, _ = fit
-    size = float(np.hypot(*offset))
-    return -1.0 if np.isnan(size) else size / max(error, 1e-9)
+def _weighted(design: Array, distance: Array, residual: Array) -> tuple[Array, Array]:
+    """Offset by generalized least squares, and its covariance for residuals of variance 1; distances are relative."""
+    water = (1.0 - _SHARED_WATER) * np.diag(distance**2) + _SHARED_WATER * np.outer(distance, distance)
+    noise = (1.0 - _WATER_SHARE - 0.5 * _POSITION_SHARE) * np.eye(distance.size) + _WATER_SHARE * water
+    weighted = np.linalg.solve(noise, design)
+    covariance = np.linalg.inv(design.T @ weighted)
+    return np.asarray(covariance @ (weighted.T @ residual)), np.asarray(covariance)
 
 
-def _is_suspect(fit: tuple[Array, float, float]) -> bool:
-    size = float(np.hypot(*fit[0]))
-    large = size > _SUSPECT_OFFSET and fit[2] > _SUSPECT_SHARE
-    return bool(large and _significance(fit) > _SUSPECT_SIGMAS)
+def _f_statistic(offset: Array, covariance: Array, scale: float) -> float:
+    """Squared offset over its variance if the node has the usual error of its position, per axis; infinite without noise."""
+    usual = covariance + 0.5 * _POSITION_SHARE * np.eye(2)
+    size = float(offset @ np.linalg.solve(usual, offset)) / 2.0
+    return size / scale if scale > 0.0 else np.inf
 
 
 def _scatter(events: pd.DataFrame, taken: pd.DataFrame, names: list[str]) -> Array:

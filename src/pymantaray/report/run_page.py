@@ -162,7 +162,7 @@ def warnings_of(results: RunResults) -> list[str]:
         lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
     for name, (stop, time) in results.run.truth.stops.items():
         lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
-    if note := earth_note(results.run.config, results.run.ranging_truth):
+    if note := earth_note(results.run.config, results.run.truth, results.run.ranging_truth):
         lines.append(note)
     return lines
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.config.sections import StudyConfig
@@ -114,7 +115,7 @@ def simulate_mission(
             schedule=schedule,
         )
         mission = replace(mission, draws=draws)
-    if note := earth_note(config, mission.ranging_truth):
+    if note := earth_note(config, mission.truth, mission.ranging_truth):
         LOG.warning(note)
     with watch.stage("picture"):
         mission = replace(mission, picture=mission_picture(config, mission, medium))
@@ -123,11 +124,17 @@ def simulate_mission(
     return mission
 
 
-def earth_note(config: StudyConfig, truth: RangingTruth) -> str | None:
+def earth_note(config: StudyConfig, truth: Trajectories, ranging: RangingTruth) -> str | None:
     """Sentence about the error of a flat Earth; None if it is small or the study's Earth is a sphere."""
-    if config.acoustics.earth != "flat" or not truth.distance.size:
+    if config.acoustics.earth != "flat":
         return None
-    return flat_earth_note(float(np.nanmax(truth.distance)))
+    farthest = np.hypot(truth.position[..., 0], truth.position[..., 1])
+    return flat_earth_note(_largest(ranging.distance), _largest(farthest))
+
+
+def _largest(lengths: NDArray[np.float64]) -> float:
+    """Largest of some lengths that is known, zero without one. [m]"""
+    return float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
 
 
 def _check_participants(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
