@@ -28,11 +28,15 @@ from pymantaray.acoustics._kernels.refine import (
     Launch,
     cubic_angle,
     finish,
+    jumps,
     miss_noise,
     polish,
+    put_off,
     refine,
     sort_rows,
+    taken_up,
     unresolved_db,
+    widened,
 )
 from pymantaray.acoustics._kernels.search import (
     BEYOND,
@@ -56,7 +60,10 @@ from pymantaray.acoustics._kernels.trace import course_to_levels, direct_course,
 from pymantaray.compile import entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
-_CLEAR, _THROUGH, _BLOCKED = range(3)  # course of a ray: in the water, through the surface, into the sea bed
+# Ray of a bracket: in the water, through the surface, into the sea bed, in the water and weak; or no ray because the miss jumps; or no ray
+_CLEAR, _THROUGH, _BLOCKED, _WEAK, _JUMP, _NONE = range(6)
+# Brackets in the order of refinement: those that may contain an arrival, those with a jump, those with a miss so steep that rays are weak
+_LIKELY, _UNLIKELY, _STEEP_BRACKET = range(3)
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
@@ -404,44 +411,72 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
     the cut-off.
     """
     n, course = fan
-    rows, brackets = work.rows, work.brackets
+    brackets, rank = work.brackets, work.nodes  # the search has ended and needs its nodes no longer
     count, through_surface, blocked, weak = 0, 0, 0, 0
     for i in range(n):
-        if is_weak(brackets[i], cutoff[1], RESOLUTION):
-            continue
-        launch = polish(s, walls, course, brackets[i], accuracy, work)
-        if not launch.ok:
-            launch = refine(s, walls, course, brackets[i], accuracy, cutoff[1], work)
-        if not launch.ok:
-            continue
-        place = _course_of(launch, course, walls, work)
-        through_surface += 1 if place == _THROUGH else 0
-        blocked += 1 if place == _BLOCKED else 0
-        if place != _CLEAR:
-            continue
-        row = rows[count]
-        finish(row, work.y, launch, course, link, 0.0)
-        row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
-        slope = work.y[at.XI]
-        noise = miss_noise(accuracy.fine, slope, link.length)
-        row[at.SPREADING_DB] += unresolved_db(brackets[i], noise, slope)
-        if row[at.SPREADING_DB] > cutoff[0]:
-            weak += 1
-        else:
-            count = _keep_row(rows, count)
-    if count + weak > 0:
-        return count, through_surface, blocked, weak
-    for i in range(n):  # the course of weak rays matters only without any other ray
-        if not is_weak(brackets[i], cutoff[1], RESOLUTION):
-            continue
-        angle = cubic_angle(brackets[i, 0], brackets[i, 1], 0.0)
-        ok, steps, turns, _ = trace(s, walls, course, angle, 0.0, accuracy.coarse, full_ray(work))
-        place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
-        through_surface += 1 if place == _THROUGH else 0
-        blocked += 1 if place == _BLOCKED else 0
-        if ok and place == _CLEAR:
-            return count, through_surface, blocked, 1
+        rank[i] = _STEEP_BRACKET if is_weak(brackets[i], cutoff[1], RESOLUTION) else _LIKELY
+    for turn in range(_STEEP_BRACKET + 1):
+        for i in range(n):
+            if rank[i] != turn:
+                continue
+            if turn == _STEEP_BRACKET:
+                place = _course_of_weak(s, walls, course, brackets[i], accuracy, work)
+            else:
+                own = brackets[i], course, turn == _LIKELY
+                place = _keep_bracket(s, walls, link, own, cutoff, accuracy, (count, work))
+            if place == _JUMP:
+                rank[i] = _UNLIKELY
+            through_surface += 1 if place == _THROUGH else 0
+            blocked += 1 if place == _BLOCKED else 0
+            weak += 1 if place == _WEAK else 0
+            count = _keep_row(work.rows, count) if place == _CLEAR else count
+            if turn == _STEEP_BRACKET and weak > 0:
+                break
+        if count + weak > 0:  # the other brackets matter only without any ray
+            break
     return count, through_surface, blocked, weak
+
+
+@kernel
+def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
+    """
+    Refine the direct ray of a bracket and fill its row after the first count rows of room (count, work).
+
+    own contains the bracket, its course, and True at the first attempt, which stops if the miss jumps. Returns _CLEAR if the ray is an
+    arrival, _WEAK if it is below the cut-off, _THROUGH the surface, _BLOCKED by the sea bed, _JUMP, or _NONE.
+    """
+    bracket, course, first = own
+    count, work = room
+    launch = Launch(False, 0.0, 0.0, 0, 0)
+    if first:
+        launch = polish(s, walls, course, bracket, accuracy, work)
+    if not launch.ok:
+        wide = widened(s, walls, course, bracket, accuracy.fine, work) if first else taken_up(bracket)
+        if first and jumps(wide, cutoff[1]):
+            put_off(wide, bracket)
+            return _JUMP
+        launch = refine(s, walls, course, wide, accuracy, cutoff[1], work)
+    if not launch.ok:
+        return _NONE
+    place = _course_of(launch, course, walls, work)
+    if place != _CLEAR:
+        return place
+    row, slope = work.rows[count], work.y[at.XI]
+    finish(row, work.y, launch, course, link, 0.0)
+    row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
+    row[at.SPREADING_DB] += unresolved_db(bracket, miss_noise(accuracy.fine, slope, link.length), slope)
+    return _WEAK if row[at.SPREADING_DB] > cutoff[0] else _CLEAR
+
+
+@kernel
+def _course_of_weak(s, walls, course, bracket, accuracy, work):
+    """Course of the ray at the root of a bracket's cubic: _WEAK in the water, _THROUGH, _BLOCKED, or _NONE if it does not reach the end."""
+    angle = cubic_angle(bracket[0], bracket[1], 0.0)
+    ok, steps, turns, _ = trace(s, walls, course, angle, 0.0, accuracy.coarse, full_ray(work))
+    place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
+    if place != _CLEAR:
+        return place
+    return _WEAK if ok else _NONE
 
 
 @kernel

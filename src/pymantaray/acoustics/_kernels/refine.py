@@ -15,6 +15,10 @@ from pymantaray.compile import kernel
 
 RESOLUTION = 1e-6  # rad; narrower intervals of a fan of direct rays are not divided
 _NARROWEST_JUMP = 1e-9  # rad; a narrower jump of the miss contains no ray
+_WIDEST_JUMP, _STEEPEST = (
+    5e-5,
+    10.0,
+)  # rad, times the slope of a weak ray; the miss jumps in a narrower bracket where it is steeper
 INSET = (
     1e-3  # m; rays to a receiver on a boundary end this far inside, and the travel time is corrected (Fermat)
 )
@@ -28,6 +32,9 @@ _ROUGH_MISS = 1e-4  # of the course: allowed miss of a ray with a share of the s
 
 Launch = namedtuple("Launch", "ok angle q steps turns")
 Launch.__doc__ = """An eigenray: True if it is one, launch angle, slowness out of the plane, steps of its path, turning points."""
+
+Widened = namedtuple("Widened", "ok a b fa fb q")
+Widened.__doc__ = """Widened bracket: False if a ray fails, launch angles and misses of both ends, slowness out of the plane."""
 
 Trial = namedtuple("Trial", "angle q jacobian most wanted exact")
 Trial.__doc__ = """Start of Newton's method, largest number of rays, and required code of reflections.
@@ -75,15 +82,42 @@ def miss_noise(tol, slope, length):
 
 
 @kernel
-def refine(s, walls, course, bracket, accuracy, weak, work):
-    """Find the direct ray of a bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
+def jumps(wide, weak):
+    """True if the miss is much steeper than weak across a widened bracket, as at a crest: usually the bracket contains no ray."""
+    width = wide.b - wide.a
+    return (
+        wide.ok
+        and wide.fa * wide.fb <= 0.0
+        and width < _WIDEST_JUMP
+        and abs(wide.fb - wide.fa) > _STEEPEST * weak * width
+    )
+
+
+@kernel
+def put_off(wide, bracket):
+    """Store a widened bracket in columns of the bracket that are used no longer."""
+    bracket[0, at.SLOPE], bracket[1, at.SLOPE] = wide.a, wide.b
+    bracket[0, at.SLOWNESS], bracket[1, at.SLOWNESS] = wide.fa, wide.fb
+    bracket[0, at.SLOWNESS_SLOPE] = wide.q
+
+
+@kernel
+def taken_up(bracket):
+    """Widened bracket that `put_off` stored."""
+    a, b = bracket[0], bracket[1]
+    return Widened(True, a[at.SLOPE], b[at.SLOPE], a[at.SLOWNESS], b[at.SLOWNESS], a[at.SLOWNESS_SLOPE])
+
+
+@kernel
+def refine(s, walls, course, wide, accuracy, weak, work):
+    """Find the direct ray of a widened bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
 
     Newton's method on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection. It stops
     without a ray if the bracket is narrower than _NARROWEST_JUMP and the miss in it steeper than weak by more than the rays' errors.
     The end state stays in work.y and its path in work.path.
     """
     y, ray, tol, miss = work.y, full_ray(work), accuracy.fine, accuracy.miss
-    ok, a, b, fa, fb, q = _widened(s, walls, course, bracket, tol, work)
+    ok, a, b, fa, fb, q = wide
     if not ok:
         return Launch(False, a, q, 0, 0)
     bracketed = fa * fb <= 0.0
@@ -122,11 +156,10 @@ def refine(s, walls, course, bracket, accuracy, weak, work):
 
 
 @kernel
-def _widened(s, walls, course, bracket, tol, work):
+def widened(s, walls, course, bracket, tol, work):
     """Widen a bracket until it contains the root, which horizontal refraction moves by a small angle.
 
-    Returns ok, both launch angles and misses, and the slowness out of the plane. If the bracket is still too narrow, the misses
-    have the same sign.
+    If the bracket is still too narrow, the misses have the same sign.
     """
     y, ray = work.y, full_ray(work)
     a, b, q, fa, fb = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0
@@ -136,7 +169,7 @@ def _widened(s, walls, course, bracket, tol, work):
         ok, _, _, _ = trace(s, walls, course, a, q, tol, ray)
         beyond = moved < 0 and (not ok or y[at.XI] * rise < 0.0)
         if not ok and not beyond:
-            return False, a, b, fa, fb, q
+            return Widened(False, a, b, fa, fb, q)
         if ok:
             fa = y[at.W] - course.target
             if y[at.DY_DQ] > 0.0:
@@ -144,7 +177,7 @@ def _widened(s, walls, course, bracket, tol, work):
         ok, _, _, _ = trace(s, walls, course, b, q, tol, ray)
         beyond = beyond or (moved > 0 and (not ok or y[at.XI] * rise < 0.0))
         if not ok and not beyond:
-            return False, a, b, fa, fb, q
+            return Widened(False, a, b, fa, fb, q)
         if ok:
             fb = y[at.W] - course.target
             if y[at.DY_DQ] > 0.0:
@@ -164,7 +197,7 @@ def _widened(s, walls, course, bracket, tol, work):
             -1 if abs(fa) < abs(fb) else 1
         )  # by at most the bracket's width: beyond a caustic's other ray there is no root
         a, b = (a - step, b) if moved < 0 else (a, b + step)
-    return True, a, b, fa, fb, q
+    return Widened(True, a, b, fa, fb, q)
 
 
 @kernel

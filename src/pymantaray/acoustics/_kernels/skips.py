@@ -226,6 +226,14 @@ def _level(water, z):
 
 
 @kernel
+def _upper_part(water, link, place, t, surfaces):
+    """Follow a ray above the deck from place (range, depth, angle); return its range, depth, angle, time, and reflections (-1 if too many)."""
+    r, z, angle, more, hit = _above(water, link, place[0], place[1], place[2])
+    surfaces += hit
+    return r, z, angle, t + more, surfaces if hit >= 0 and surfaces <= link.most_surface else -1
+
+
+@kernel
 def _launch(water, link, angle, ray):
     """Follow a ray from the source to the receiver's range."""
     ray[ANGLE], ray[SURFACES], ray[MISS] = angle, FAILED, 0.0
@@ -251,30 +259,20 @@ def _launch(water, link, angle, ray):
                 angle = math.atan2(sine, math.sqrt((1.0 - sine) * (1.0 + sine)))
                 break
             angle = math.atan2(sine, math.sqrt((1.0 - sine) * (1.0 + sine)))
-        r, z, angle, more, hit = _above(water, link, r, z, angle)
-        if hit < 0:
+        r, z, angle, t, surfaces = _upper_part(water, link, (r, z, angle), t, surfaces)
+        if surfaces < 0:
             return
-        t, surfaces = t + more, surfaces + hit
-        if surfaces > link.most_surface:
-            return
+        if r < link.length - 1e-9:
+            skip, more, turned, hit = _jump(water, angle)
+            if r + skip < link.length and beds + hit <= link.most_bottom:
+                r, t, turns, beds = r + skip, t + more, turns + int(turned), beds + int(hit)
+                r, z, angle, t, surfaces = _upper_part(water, link, (r, deck_depth, -angle), t, surfaces)
+                if surfaces < 0:
+                    return
         if r >= link.length - 1e-9:
             break
         inside, z, k = False, deck_depth, water.deck
         sine, a = math.sin(angle), math.cos(angle) / deck_speed
-        skip, more, turned, hit = _jump(water, angle)
-        if r + skip < link.length and beds + hit <= link.most_bottom:
-            r, t, turns, beds = r + skip, t + more, turns + int(turned), beds + int(hit)
-            angle, inside = -angle, True
-            r, z, angle, more, hit = _above(water, link, r, z, angle)
-            if hit < 0:
-                return
-            t, surfaces = t + more, surfaces + hit
-            if surfaces > link.most_surface:
-                return
-            if r >= link.length - 1e-9:
-                break
-            inside, z, k = False, deck_depth, water.deck
-            sine, a = math.sin(angle), math.cos(angle) / deck_speed
     else:
         return
     ray[MISS], ray[TRAVEL], ray[END_ANGLE] = z - link.end, t, angle
