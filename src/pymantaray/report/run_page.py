@@ -1,6 +1,6 @@
 """Page of a run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from hashlib import sha256
 from typing import Any
 
@@ -145,7 +145,7 @@ def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
     return cards
 
 
-def _rmse(row: Mapping[str, float]) -> str:
+def _rmse(row: Mapping[Hashable, Any]) -> str:
     """RMSE of a row with its standard error, if it has one."""
     error = row["rmse_standard_error_m"]
     return metres(row["rmse_m"]) + (f" ± {metres(error)}" if np.isfinite(error) else "")
