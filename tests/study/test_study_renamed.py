@@ -9,11 +9,12 @@ from factories import TINY
 from refusals import refused
 
 from pymantaray.config import convert_study
-from pymantaray.config.renamed import LISTS, NEW_VALUES, RENAMED, new_key, with_new_names
+from pymantaray.config.renamed import NEW_VALUES, RENAMED, new_key, with_new_names
 from pymantaray.errors import StudyError
 from pymantaray.study import load_sound, load_study, open_run, parse_study, study_toml
 from pymantaray.sweep.definition import parse_sweep
 
+LISTS = {"study.conditions": "conditions", "estimators": "conditions"}  # two former lists are one now
 MIGRATION = Path(__file__).parents[2] / "docs" / "reference" / "migration.md"
 OLD = """
 [study]
