@@ -291,7 +291,7 @@ def _step(key: str, values: Array, lost: Array, links: str) -> str:
 def _instead(now: float, before: float, unit: str) -> str:
     """Comparison with the study as it is; empty if its value is the same or missing."""
     same = not np.isfinite(before) or f"{now:.3g}" == f"{before:.3g}"
-    return "" if same else f" instead of {before:.3g}{unit}"
+    return "" if same else f" instead of {before:.3g}{unit.partition(' of ')[0]}"
 
 
 def _shown(value: Any) -> str:
