@@ -1,9 +1,10 @@
 """
-A vehicle estimates its position on board: dead reckoning, ranges at a constant sound speed, and MantaRay's travel-time table.
+A vehicle estimates its position on board: dead reckoning, ranges at two constant sound speeds, and MantaRay's travel-time table.
 
 `python examples/on_board.py [FIGURE]` runs a mission of 20 minutes below warm surface water (packages: `pymantaray[serve]`). Two beacons
-ping in turn. The program starts `mantaray serve`, which computes what the vehicle hears and when. The loop feeds three estimators with
-the same odometry, depths and travel times, prints their errors, and draws truth and estimates.
+ping in turn. The program starts `mantaray serve`, which computes what the vehicle hears and when. The loop feeds four estimators with
+the same odometry, depths and travel times, prints their errors, and draws truth and estimates. One constant speed is 1,500 m/s, the
+other is the speed of the profile at the vehicle's depth of 60 m.
 """
 
 import http.client
@@ -71,14 +72,17 @@ def hear(
 
 
 def estimators(profile: Path) -> dict[str, OnlineEstimator]:
-    """Three estimators that differ in their ranges only."""
+    """Four estimators that differ in their ranges only."""
     water = open_water(str(profile), bathymetry=300.0)
+    medium, _ = water.at_start
+    at_vehicle = float(medium.sound_speed_at([START.position])[0])
     # without the third numbers, cells are halved to 0.2 m and building takes ten times as long
     table = build_table(water, (195.0, 205.0, 2.5), (50.0, 70.0, 2.5), (500.0, 4000.0, 50.0), tolerance=0.1)
     wide = {"lag": 30.0, "gate": np.inf}
     return {
         "dead reckoning": OnlineEstimator(START, {}, 1500.0, **wide),
         "1500 m/s": OnlineEstimator(START, BEACONS, 1500.0, **wide),
+        f"{at_vehicle:.1f} m/s": OnlineEstimator(START, BEACONS, at_vehicle, **wide),
         "MantaRay": OnlineEstimator(START, BEACONS, table, **wide),
     }
 

@@ -5,6 +5,7 @@ import pytest
 from table_reader import COMPILER, bits_of, compiled, read
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.errors import OnlineError
 from pymantaray.online import CellStatus, TravelTimeTable, build_table, save_table
 from pymantaray.water import Water
 
@@ -49,6 +50,15 @@ def test_a_bearing_selects_the_water_of_its_sector(sectored: TravelTimeTable) ->
     opposite = sectored.horizontal_range(places[:, 0], places[:, 1], time, central + np.pi)
     far = places[:, 2] > 500.0
     assert np.nanmedian(np.abs(opposite.horizontal_range - places[:, 2])[far]) > 5.0 * sectored.tolerance
+
+
+def test_sectors_that_are_too_large_together_are_refused_with_the_limit_of_the_table() -> None:
+    water = _water(1.0)
+    one = build_table(water, *LIMITS, tolerance=0.2, node=NODE)
+    limit = int(1.5 * one.tree.nbytes)
+    words = rf"more than {limit / 1e3:.0f} kB .*--error 0\.8;.* fewer sectors \(--sectors\)"
+    with pytest.raises(OnlineError, match=words):
+        build_table(water, *LIMITS, tolerance=0.2, node=NODE, sectors=SECTORS, max_bytes=limit)
 
 
 def test_a_bearing_that_is_not_finite_is_outside_without_a_warning(sectored: TravelTimeTable) -> None:

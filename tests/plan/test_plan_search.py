@@ -12,7 +12,8 @@ from refusals import refused
 from pymantaray.cli.main import main
 from pymantaray.errors import PlanError, StudyError, WriteError
 from pymantaray.plan import load_plan, search_designs
-from pymantaray.plan.results import difference
+from pymantaray.plan.evaluate import Scores
+from pymantaray.plan.results import PlanResults, difference
 from pymantaray.study import load_study
 
 LANDMARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
@@ -135,6 +136,19 @@ def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
     assert any(sentence.startswith("T loses") for sentence in told["sentences"])
     results = search_designs(load_plan("mission.toml"), workers=1)
     refused(WriteError, "exists", results.write_best, tmp_path / "out" / "best.toml")
+
+
+def test_sentences_compare_scores_with_their_digits_and_one_unit(tmp_path):
+    plan = load_plan(write(tmp_path, free={"landmarks.T.depth": [5.0]}))
+    best = Scores(error_m=30.04, lost_percent=3.29, heard_by_two_percent=100.0, cost=28132.0)
+    base = Scores(error_m=32.13, lost_percent=2.27, heard_by_two_percent=100.0, cost=28033.5)
+    sentences = PlanResults(plan, [{"landmarks.T.depth": 5.0}], [[best]], [base]).sentences
+    assert sentences[1:] == [
+        "95 % of the position errors of all vehicles are below 30 m instead of 32.1 m.",
+        "All links lose 3.29 % of the ranges instead of 2.27 %.",
+        "At least two receivers hear 100 % of the pings.",
+        "The deployment costs 28,132 instead of 28,033.5.",
+    ]
 
 
 def test_changes_between_trees_name_entries():

@@ -118,7 +118,12 @@ class _Cells(NamedTuple):
 
 
 def build_tree(
-    box: Box, samplers: Sequence[Sampler], tolerance: float, *, max_bytes: float = math.inf
+    box: Box,
+    samplers: Sequence[Sampler],
+    tolerance: float,
+    *,
+    max_bytes: float = math.inf,
+    other_bytes: float = 0.0,
 ) -> Tree:
     """
     Halve cells until the interpolated range errs by less than a tolerance at all tested points.
@@ -132,7 +137,9 @@ def build_tree(
     tolerance : float
         Bound of the error of the interpolated range at a given travel time. [m]
     max_bytes : float
-        Largest allowed size. [B]
+        Largest allowed size of the table. [B]
+    other_bytes : float
+        Size of the sectors that the table already has. [B]
 
     Returns
     -------
@@ -155,11 +162,10 @@ def build_tree(
         branch[cells.branch[~done]] = (children << 2) | axis[~done]
         branch = np.concatenate([branch, np.zeros(2 * children.size, dtype=np.int64)])
         cells = _halves(cells, ~done, axis, children)
-        _check_size(
-            _BRANCH_BYTES * branch.size + _CELL_BYTES * sum(part[0].size for part in accepted), max_bytes
-        )
+        size = _BRANCH_BYTES * branch.size + _CELL_BYTES * sum(part[0].size for part in accepted)
+        _check_size(other_bytes + size, max_bytes, tolerance)
     tree = _tree(store, branch, accepted)
-    _check_size(tree.nbytes, max_bytes)
+    _check_size(other_bytes + tree.nbytes, max_bytes, tolerance)
     return tree if len(samplers) == 1 else tree._replace(sigma=_sigma(store, accepted, samplers))
 
 
@@ -275,12 +281,13 @@ def _halves(cells: _Cells, split: NDArray[np.bool_], axis: Whole, children: Whol
     )
 
 
-def _check_size(size: float, max_bytes: float) -> None:
+def _check_size(size: float, max_bytes: float, tolerance: float) -> None:
     """Raise an error for a table that is too large."""
     if size > max_bytes:
         raise OnlineError(
             f"travel-time table: more than {max_bytes / 1e3:.0f} kB are needed; smooth the profile (--smooth 10; in Python:"
-            " smooth), allow a larger error (--error 0.2; tolerance), or give larger steps or narrower limits"
+            f" smooth), allow a larger error (--error {4.0 * tolerance:g}; tolerance), or give larger steps, narrower limits or"
+            " fewer sectors (--sectors)"
         )
 
 

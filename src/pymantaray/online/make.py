@@ -78,9 +78,8 @@ def build_table(
     for sector in range(sectors):
         bearing = 2.0 * math.pi * sector / sectors
         radials = [_radial(member, node, bearing) for member in members]
-        budget = max_bytes - sum(tree.nbytes for tree in trees)
-        tree = build_tree(box, radials, tolerance, max_bytes=budget)
-        trees.append(tree)
+        size = sum(tree.nbytes for tree in trees)
+        trees.append(build_tree(box, radials, tolerance, max_bytes=max_bytes, other_bytes=size))
     return TravelTimeTable(
         box.lower, box.upper, float(tolerance), joined(trees), _record(members[0], node, trees)
     )

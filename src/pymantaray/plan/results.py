@@ -157,7 +157,8 @@ class PlanResults:
                 continue
             now, before = mean_score(scores, name), mean_score(self.base, name)
             if np.isfinite(now):
-                out.append(f"{text} {now:.3g}{unit}{_instead(now, before, unit)}.")
+                digits = ",.6g" if name == "cost" else ".3g"
+                out.append(f"{text} {now:{digits}}{unit}{_instead(now, before, unit, digits)}.")
         return [*out, *self._of_ensemble(), *self._of_one_number(), *self._of_limits()]
 
     @property
@@ -201,7 +202,7 @@ class PlanResults:
         count = int(np.ceil(WORST * len(scores)))
         which = "the worst of them" if count == 1 else f"the worst {count} of them"
         now, before = worst_score(scores, "error_m"), worst_score(self.base, "error_m")
-        instead = _instead(now, before, " m")
+        instead = _instead(now, before, " m", ".3g")
         return [
             f"These are means over {len(scores)} waters; in {which} the 95 % error is {now:.3g} m{instead}."
         ]
@@ -288,10 +289,10 @@ def _step(key: str, values: Array, lost: Array, links: str) -> str:
     )
 
 
-def _instead(now: float, before: float, unit: str) -> str:
+def _instead(now: float, before: float, unit: str, digits: str) -> str:
     """Comparison with the study as it is; empty if its value is the same or missing."""
-    same = not np.isfinite(before) or f"{now:.3g}" == f"{before:.3g}"
-    return "" if same else f" instead of {before:.3g}{unit}"
+    same = not np.isfinite(before) or f"{now:{digits}}" == f"{before:{digits}}"
+    return "" if same else f" instead of {before:{digits}}{unit.partition(' of ')[0]}"
 
 
 def _shown(value: Any) -> str:
