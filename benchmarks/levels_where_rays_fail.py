@@ -2,7 +2,8 @@
 
 Run with ``python benchmarks/levels_where_rays_fail.py``: the parabolic equation is the one in `tests/oracles.py`, and
 shares no code with the package. All levels are those of a tone at the centre of the band, relative to spherical spreading. The
-water has no absorption, and the sea bed reflects nothing.
+water has no absorption, and the sea bed reflects nothing. The settings of the package were chosen with the fixed places;
+``--places random`` compares at other places, drawn once, in the ducts and in a duct of another shape.
 """
 
 import argparse
@@ -87,6 +88,30 @@ WATERS = {
     ),
 }  # fmt: skip
 
+RANDOM_SEED = 28
+OTHER_DUCTS = {  # sound speed, depths of the source and of the receivers [m]
+    "duct at 100 m": (WATERS["duct at 100 m"].speed, (60, 140), (40, 200)),
+    "duct below the surface": (WATERS["duct below the surface"].speed, (10, 90), (10, 120)),
+    "duct at 60 m, Munk": (
+        lambda z: 1480.0 + 1.48 * (np.exp(-(z - 60.0) / 30.0) - 1.0 + (z - 60.0) / 30.0), (30, 90), (20, 150),
+    ),
+}  # fmt: skip
+
+
+def random_waters() -> dict[str, Water]:
+    """Ducts with a random source and 13 random receivers each, which the settings of the package were not chosen for."""
+    waters = {}
+    for number, (name, (speed, sources, depths)) in enumerate(OTHER_DUCTS.items()):
+        seed = RANDOM_SEED + number
+        source = float(np.random.default_rng([seed, 1]).integers(*sources))
+        waters[name] = Water(
+            speed, source, 320.0, 400.0, random_places(seed, 13, 400.0, (1200.0, 4400.0), depths)
+        )
+    return waters
+
+
+PLACES = {"fixed": WATERS, "random": random_waters()}
+
 
 def medium_of(water: Water) -> Medium:
     """Medium of a water column, to 1 km."""
@@ -133,9 +158,9 @@ def predicted_db(water: Water, hz: float) -> pd.DataFrame:
     return table
 
 
-def compare(name: str, hz: float) -> pd.DataFrame:
+def compare(name: str, hz: float, places: str = "fixed") -> pd.DataFrame:
     """One row per link of a water column: level of the waves and errors of the predictions. [dB]"""
-    water = WATERS[name]
+    water = PLACES[places][name]
     source, receiver = ends_of(water)
     table, wave = predicted_db(water, hz), wave_db(water, hz)
     spherical = 20.0 * np.log10(np.linalg.norm(receiver - source, axis=1))
@@ -172,11 +197,13 @@ def main() -> None:
     parser.add_argument(
         "--frequencies", type=float, nargs="+", default=[3000.0, 8000.0, 12000.0], help="[Hz]"
     )
+    parser.add_argument("--places", choices=list(PLACES), default="fixed", help="receivers to compare at")
     parser.add_argument("--waters", nargs="+", default=[""], help="parts of names of water columns")
     parser.add_argument("--out", type=Path, help="file for the table of links (CSV)")
     options = parser.parse_args()
-    names = [name for name in WATERS if any(part in name for part in options.waters)]
-    rows = pd.concat([compare(name, hz) for name in names for hz in options.frequencies], ignore_index=True)
+    names = [name for name in PLACES[options.places] if any(part in name for part in options.waters)]
+    tables = [compare(name, hz, options.places) for name in names for hz in options.frequencies]
+    rows = pd.concat(tables, ignore_index=True)
     print(rows.to_string(index=False, float_format="{:.2f}".format))
     print(f"\nlinks within {WITHIN:g} dB of the waves")
     print(summary(rows).to_string(float_format="{:.2f}".format))

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from levels_where_rays_fail import PLACES, compare
 from levels_where_rays_fail import WATERS as COLUMNS
-from levels_where_rays_fail import compare
 from oracles import ParabolicEquation, image_source
 
 from pymantaray.acoustics import Leakage, Medium, find_leaks
@@ -109,3 +109,13 @@ def test_levels_in_ducts_are_those_of_waves(water, hz):
     error = compare(water, hz)["predicted_minus_wave_db"].abs()
     assert (error < 3.0).all()
     assert error.median() < 0.1
+
+
+@pytest.mark.parametrize("water", list(PLACES["random"]))
+@pytest.mark.slow
+def test_levels_of_links_drawn_later_are_those_of_waves(water):
+    """Nine of ten is the goal: the settings were not chosen with these sources, receivers and the duct at 60 m."""
+    error = compare(water, 3e3, "random")["predicted_minus_wave_db"].abs()
+    assert len(error) >= 10
+    assert (error < 3.0).mean() >= 0.9
+    assert error.median() < 0.2

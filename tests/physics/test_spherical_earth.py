@@ -170,6 +170,18 @@ def test_replayed_distances_are_those_of_geocentric_coordinates(tmp_path):
     assert notes["flat"][0].startswith("Links are up to 21.6 km long: on a flat Earth")
 
 
+def test_replayed_nodes_far_from_the_centre_of_the_frame_have_a_note_even_if_links_are_short():
+    notes = {}
+    water = open_water("synthetic:fram", half_extent=20e3)
+    for north in (12e3, 17e3):
+        lat, lon = water.frame.to_geodetic(np.array([north, north - 2e3]), np.zeros(2))
+        ends = np.column_stack([lat, lon, [100.0, 200.0]])
+        events = Events([0.0], ["A"], ["B"], ends[:1], ends[1:], [1.4], geographic=True)
+        notes[north] = [note for note in replay_events(events, water).notes if "flat Earth" in note]
+    assert notes[12e3] == []
+    assert "extend to 17.0 km from the centre of the frame, and links are up to 2.0 km long" in notes[17e3][0]
+
+
 def test_study_with_a_sphere_measures_ranges_through_the_earth():
     missions = {
         earth: simulate_mission(load_study("quick").with_(**{"acoustics.earth": earth}), Stopwatch(), lambda *_: None)

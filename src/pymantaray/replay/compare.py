@@ -291,8 +291,13 @@ def replay_events(
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
     """Sentence about the error of a flat Earth, None if it is small or the Earth is a sphere."""
-    flat = any(water.at_start[0].earth is None for water in waters)
-    return flat_earth_note(float(distance.max())) if flat and events.geographic else None
+    flat = [water for water in waters if water.at_start[0].earth is None]
+    if not flat or not events.geographic:
+        return None
+    every, framed = np.arange(events.time.size), [w for w in flat if w.frame is not None and not w.uniform]
+    nodes = [end[:, :2] for water in framed for end in ends_of(events, every, water)]
+    farthest = max((float(np.hypot(*node.T).max()) for node in nodes), default=0.0)
+    return flat_earth_note(float(distance.max()), farthest)
 
 
 def _with_mixture(

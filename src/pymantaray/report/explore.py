@@ -155,20 +155,21 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
-    """Sections with rays in the water at each ping; none if this water is not available any more."""
+    """Sections with rays in the water at each ping; none if this water is not available any more, no reflections at rough ice."""
     water = medium_of_run(run) if ends.sample.size else None
     if water is None:
         return
     acoustics = run.config.acoustics
     for link in ends.with_rays().tolist():  # in the order of their pings
+        medium = water(float(run.truth.time[ends.sample[link]]))
         picture = ray_picture(
-            water(float(run.truth.time[ends.sample[link]])),
+            medium,
             ends.source[link],
             ends.receiver[link],
             n_range=_RANGES,
             n_depth=_DEPTHS,
             n_points=_POINTS,
-            max_surface_bounces=acoustics.max_surface_bounces,
+            max_surface_bounces=acoustics.max_surface_bounces if medium.surface.roughness is None else 0,
             max_bottom_bounces=acoustics.max_bottom_bounces,
             spreading_cutoff_db=acoustics.cutoff_db,
         )

@@ -1,0 +1,25 @@
+"""Page of ranges under rough ice, where the paths of reflected rays are not available."""
+
+import json
+
+import pandas as pd
+
+from pymantaray import measure
+from pymantaray.report.explore import mission_rays
+from pymantaray.report.figures import RunResults
+
+
+def test_rays_of_the_page_under_rough_ice_have_no_reflections(tmp_path):
+    (tmp_path / "cast.csv").write_text("depth,sound_speed\n0,1434\n100,1442\n400,1455\n1000,1465\n")
+    poses = pd.DataFrame(
+        {"time": [0.0, 600.0] * 2, "vehicle": ["A", "A", "B", "B"], "depth": [30.0, 30.0, 60.0, 60.0]}
+    )
+    poses["north"], poses["east"] = [0.0, 100.0, 1500.0, 1500.0], 0.0
+    run = measure(
+        poses, str(tmp_path / "cast.csv"), 600.0,
+        bathymetry=1000.0, ice=1.5, ice_slope_deg=0.5, max_surface_bounces=2, centre=(74.5, -140.0),
+    )  # fmt: skip
+    assert run.arrivals.surface_bounces.max() > 0
+    sections = json.loads(mission_rays(RunResults(run)))
+    assert sections
+    assert all(section["surface"] == [0] for section in sections)
