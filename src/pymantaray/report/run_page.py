@@ -1,6 +1,7 @@
 """Page of a run."""
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from typing import Any
 
@@ -18,6 +19,7 @@ from pymantaray.report.figures import RunResults
 from pymantaray.report.page import Card, Explorer, Page, Picture, origin_table
 from pymantaray.report.style import clock, condition_label
 from pymantaray.study.mission import earth_note
+from pymantaray.study.references import MANTARAY
 from pymantaray.study.store import CONFIG
 
 SYNTHETIC_NOTE = (
@@ -99,11 +101,9 @@ def _citation(results: RunResults) -> tuple[str, str]:
     digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
     words = f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with MantaRay, {which}"
     note = f"{which}; study {study}, seed {seed}, configuration {digest}"
-    lines = ["@software{mantaray,", "  author = {{The MantaRay developers}},"]
-    lines += ["  title = {MantaRay: effects of refraction on acoustic ranges between underwater vehicles},"]
-    lines += [f"  year = {{{made[:4]}}},"] if made else []
-    lines += [f"  version = {{{version}}},", f"  note = {{{note.replace('_', chr(92) + '_')}}}", "}"]
-    return f"{words}{f' on {made}' if made else ''}.", "\n".join(lines)
+    fields = dict(MANTARAY.fields) | {"version": version, "note": note}
+    fields |= {"year": made[:4]} if made else {}
+    return f"{words}{f' on {made}' if made else ''}.", replace(MANTARAY, fields=fields).bibtex
 
 
 def headlines(results: RunResults) -> list[Card]:

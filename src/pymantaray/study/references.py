@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import metadata
 from importlib.resources import files
 from itertools import chain, count
 from pathlib import Path
@@ -78,6 +79,27 @@ class Reference:
         return "\n".join([f"@{self.fields['type']}{{{self.key},", *lines, "}"])
 
 
+def _address() -> str:
+    """Address of the repository in the package's metadata."""
+    urls = metadata("pymantaray").get_all("Project-URL") or []
+    return dict(url.split(", ", 1) for url in urls)["Repository"]
+
+
+MANTARAY = Reference(
+    "mantaray",
+    {
+        "type": "software",
+        "author": "{The MantaRay developers}",
+        "title": "MantaRay: effects of refraction on acoustic ranges between underwater vehicles",
+        "version": pymantaray.__version__,
+        "year": "2026",
+        "url": _address(),
+    },
+    "the software",
+)
+"""MantaRay itself, as in CITATION.cff."""
+
+
 class Citations(tuple[Reference, ...]):
     """References in the order of the data flow; as text, one line each below the parts that rely on them."""
 
@@ -147,7 +169,7 @@ def _names(uses: Iterable[str]) -> Iterator[str]:
 
 def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
     """Keys of references and the parts that rely on them; a key may occur several times."""
-    yield "mantaray", "the software"
+    yield MANTARAY.key, MANTARAY.used_for
     yield "kogucki-papalia", "conditions and noise of the study"
     o, a = config.ocean, config.acoustics
     for source in o.source:
@@ -221,14 +243,8 @@ def _references() -> dict[str, dict[str, Any]]:
 
 def _fields(key: str) -> Mapping[str, Any]:
     """BibTeX fields of a reference; any other key is the name of a file."""
-    if key == "mantaray":
-        title = "MantaRay: effects of refraction on acoustic ranges between underwater vehicles"
-        return {
-            "type": "misc",
-            "author": "{The MantaRay developers}",
-            "title": title,
-            "version": pymantaray.__version__,
-        }
+    if key == MANTARAY.key:
+        return MANTARAY.fields
     if key in _references():
         return _references()[key]
     return {"type": "misc", "title": key, "note": "data; cite as their provider asks"}
