@@ -47,6 +47,7 @@ def mixture(**options: object) -> dict[str, object]:
 CONDITIONS = {
     "straight": {"ranges": "straight", "range_model": "transmitter"},
     "mixture": mixture(),
+    "off": mixture(off=True),
     "off-sigma": mixture(off=True, model={"sound_speed_sigma": 0.5}),
     "off-scale": mixture(off=True, scale_sigma=3.5e-4),
 }

@@ -85,6 +85,14 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tm
     assert result["trajectory_error"][0]["max_m"] == pytest.approx(error.max(), rel=1e-12)
     assert (result["status"], result["start"], "folder" in result) == ("OK", start, False)
     assert result["cost"] == result["final_cost"] == summary["cost"]
+    for row in result["trajectory_error"]:  # from 1 to three degrees of freedom a pose
+        assert 1.0 < 0.5 * (row["rmse_m"] / row["rmse_standard_error_m"]) ** 2 < 3.0 * row["n"]
+        assert (
+            summary["trajectory_error"][row["vehicle"]]["rmse_standard_error_m"]
+            == row["rmse_standard_error_m"]
+        )
+    robust = told("graph", "solve", file, "--start", start, "--estimator", "huber")
+    assert "rmse_standard_error_m" not in robust["trajectory_error"][0]
     refused = mantaray("graph", "solve", file, "--out", out)
     assert refused.code == 2
     assert refused.err == f"error: {out}: folder is not empty; give a new or empty folder\n"

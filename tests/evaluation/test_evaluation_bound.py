@@ -4,12 +4,21 @@ from dataclasses import replace
 
 import factories
 import numpy as np
+import pandas as pd
 import pytest
 from refusals import refused
 
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import build_graph, collect_estimates, solve_conditions
-from pymantaray.evaluation import DegreesOfFreedom, bound_table, error_bound, error_table, ping_error_table
+from pymantaray.evaluation import (
+    DegreesOfFreedom,
+    attitude_table,
+    bound_table,
+    error_bound,
+    error_table,
+    graph_degrees_of_freedom,
+    ping_error_table,
+)
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import RayStatus
 
@@ -170,18 +179,38 @@ def test_errors_at_pings_by_hand():
     )
 
 
-def exact_freedom(graph, values, poses):
-    """Effective degrees of freedom of the positions of poses, from GTSAM's joint covariance of all poses."""
+def test_the_distance_from_straight_has_the_standard_error_of_its_spread():
+    position = np.repeat([[[0, 0, 0.5]], [[900, 0, 500]], [[0, 900, 700]]], 6, axis=1)
+    truth, o = measured(position, [(1, 2, 2), (2, 0, 4)])
+    rng, rows = np.random.default_rng(3), []
+    for shift in [np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]]), *rng.normal(size=(60, 20, 3))]:
+        estimate = np.broadcast_to(position, (2, len(shift), 3, 6, 3)).copy()
+        estimate[1] += shift[:, None, None]
+        table = ping_error_table(truth, factories.estimates(truth, estimate), o).set_index("condition")
+        rows.append(table.loc["refracted", ["from_straight_rmse_m", "from_straight_rmse_standard_error_m"]])
+    rmse, error = np.array(rows, dtype=float).T
+    # mean squares 1, 4 and 9: their mean has the standard error 7/3
+    np.testing.assert_allclose([rmse[0], error[0]], [np.sqrt(14 / 3), 7 / 3 / (2 * np.sqrt(14 / 3))])
+    assert rmse[1:].std() == pytest.approx(error[1:].mean(), rel=4.0 / np.sqrt(2 * 60))
+    one = factories.estimates(truth, estimate[:, :1])
+    assert ping_error_table(truth, one, o)["from_straight_rmse_standard_error_m"].isna().all()
+
+
+def exact_freedom(graph, values, poses, axes=None):
+    """Effective degrees of freedom of the positions of poses, or of their attitudes about axes, from GTSAM's joint covariance."""
     import gtsam
 
     from pymantaray.estimation._gtsam.factors import graph_factors, values_of
 
     own = list(range(graph.n_poses))
     joint = gtsam.Marginals(graph_factors(graph), values_of(values)).jointMarginalCovariance(own)
-    # GTSAM's errors are in the tangent of the body; the size of a displacement does not depend on its axes
-    rotation = matrix_from_quaternion(values.quaternion)
+    rotation = matrix_from_quaternion(values.quaternion)  # GTSAM's errors are in the tangent of the body
+    part, axes = (slice(3, 6), [0, 1, 2]) if axes is None else (slice(0, 3), axes)
     covariance = np.block(
-        [[rotation[a] @ joint.at(a, b)[3:, 3:] @ rotation[b].T for b in poses] for a in poses]
+        [
+            [(rotation[a] @ joint.at(a, b)[part, part] @ rotation[b].T)[np.ix_(axes, axes)] for b in poses]
+            for a in poses
+        ]
     )
     return np.trace(covariance) ** 2 / np.sum(covariance**2)
 
@@ -200,8 +229,13 @@ def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(c
     # random vectors: 48 and 16
     assert freedom.fleet == pytest.approx(exact_freedom(graph, fleet.truth, range(48)), rel=0.3)
     assert freedom.at_pings == pytest.approx(exact_freedom(graph, fleet.truth, at_pings), rel=0.3)
+    assert freedom.tilt == pytest.approx(exact_freedom(graph, fleet.truth, range(48), [0, 1]), rel=0.3)
+    assert freedom.heading == pytest.approx(exact_freedom(graph, fleet.truth, range(48), [2]), rel=0.3)
     own = [exact_freedom(graph, fleet.truth, poses[a]) for a in range(3)]
     np.testing.assert_allclose(freedom.vehicle, own, rtol=0.5)
+    of_graph = graph_degrees_of_freedom(graph, fleet.truth)
+    np.testing.assert_allclose([of_graph[name] for name in fleet.noise_free.name], own, rtol=0.5)
+    assert of_graph["(all)"] == pytest.approx(exact_freedom(graph, fleet.truth, range(48)), rel=0.3)
     assert DegreesOfFreedom(truth, o, condition).fleet == freedom.fleet, "the same in every run"
 
 
@@ -222,3 +256,8 @@ def test_the_standard_error_of_an_rmse_is_its_spread_over_studies():
     spread = table["rmse_m"].std()  # over studies of one realization
     assert spread == pytest.approx(table["rmse_standard_error_m"].mean(), rel=4.0 / np.sqrt(2 * 60))
     assert pooled["rmse_standard_error_m"].item() == pytest.approx(spread / np.sqrt(60), rel=0.5)
+    freedom = {"straight": DegreesOfFreedom(truth, o)}
+    each = pd.concat(attitude_table(truth, collect_estimates(o, [s]), freedom) for s in solved)
+    for angle in ("tilt", "heading"):
+        error = each[f"{angle}_rmse_standard_error_deg"].mean()
+        assert each[f"{angle}_rmse_deg"].std() == pytest.approx(error, rel=4.0 / np.sqrt(2 * 60))

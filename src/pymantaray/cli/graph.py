@@ -155,7 +155,6 @@ def solve(
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
     from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
-    from pymantaray.evaluation import graph_errors
     from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
 
@@ -165,16 +164,13 @@ def solve(
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
         with step_line(quiet=printing.quiet) as report:
             result = solving.solve(file, content, report)
+        errors = _errors(result)
         if folder is not None:
-            errors = {
-                f"trajectory_error{what}": graph_errors(result.graph, values, result.truth)
-                for what, values in (("", result.values), ("_of_start", result.initial))
-            }
             result.save(folder, more=errors)
             for name, values in result.trajectories.items():
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)
     with printing.printer() as printed:
-        _print_result(printed, result)
+        _print_result(printed, result, errors)
         if out is not None:
             printed.paths(folder=out)
     if result.diagnosis is not None:
@@ -306,12 +302,26 @@ def _print_starts(out: Printer, result: "GraphResult") -> None:
     out.add(alternative_start=None if result.alternative is None else result.alternative.name)
 
 
-def _print_result(out: Printer, result: "GraphResult") -> None:
+def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
+    """Trajectory errors of the solution and of its start; least squares have standard errors."""
+    from pymantaray.evaluation import graph_degrees_of_freedom, graph_errors
+
+    freedom = None
+    if result.truth is not None and result.solution.usable and result.estimator in ("batch", "incremental"):
+        freedom = graph_degrees_of_freedom(result.graph, result.values)
+    return {
+        "trajectory_error": graph_errors(result.graph, result.values, result.truth, freedom),
+        "trajectory_error_of_start": graph_errors(result.graph, result.initial, result.truth),
+    }
+
+
+def _print_result(
+    out: Printer, result: "GraphResult", errors: dict[str, dict[str, dict[str, float]]]
+) -> None:
     """Print status and costs of a solve, and trajectory errors if the truth is known."""
     import numpy as np
     import pandas as pd
 
-    from pymantaray.evaluation import graph_errors
     from pymantaray.records.result_table import ResultTable
 
     s = result.solution
@@ -352,11 +362,12 @@ def _print_result(out: Printer, result: "GraphResult") -> None:
         out.line(result.certificate.text, certificate=asdict(result.certificate))
     if result.truth is None or not s.usable:
         return
-    errors = graph_errors(result.graph, result.values, result.truth)
-    before = graph_errors(result.graph, result.initial, result.truth)
+    before = errors["trajectory_error_of_start"]
     table = pd.DataFrame(
-        {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row} for name, row in errors.items()
+        {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row}
+        for name, row in errors["trajectory_error"].items()
     )
-    brief = ("vehicle", "n", "start_rmse_m", "mean_m", "rmse_m", "p95_m", "max_m")
+    brief = ["vehicle", "n", "start_rmse_m", "mean_m", "rmse_m", "rmse_standard_error_m", "p95_m", "max_m"]
+    brief = [name for name in brief if name in table]  # a robust loss has no standard errors
     caption = "Position error by vehicle, no alignment"
     out.table(ResultTable("trajectory_error", table, caption, brief=brief, words={"n": "poses"}))

@@ -63,21 +63,33 @@ def covariances_at(
     return group_marginals(problem, last, poses, groups, innovations=innovations)
 
 
-class PositionCovariance:
-    """Joint covariance of the positions of all poses of a graph, linearized at the given values, as an operator."""
+class PoseCovariance:
+    """Joint covariance of all poses of a graph, linearized at the given values, as an operator."""
 
     def __init__(self, graph: FactorGraph, values: GraphValues) -> None:
         problem = distance_problem(graph)
         self._row, self._n_poses = problem.structure.row, graph.n_poses
-        self._last = check_convergence(problem, GraphState.of(values)).last
+        state = GraphState.of(values)
+        self._rotation = state.rotation[: self._n_poses]
+        self._last = check_convergence(problem, state).last
 
-    def __matmul__(self, vector: Array) -> Array:
-        """Product with a vector in the world's axes, (n_poses, 3); NaN if some direction is not determined. [m2]"""
+    def positions(self, vector: Array) -> Array:
+        """Product of the positions' part with a vector in the world's axes, (n_poses, 3); NaN if some direction is not determined. [m2]"""
+        return self._product(vector, slice(3, SIZE))
+
+    def rotations(self, vector: Array) -> Array:
+        """Product of the rotations' part with a vector in the world's axes, (n_poses, 3); NaN as for positions. [rad2]"""
+        body = np.einsum(
+            "pji,pj->pi", self._rotation, vector
+        )  # the solver's rotations are about the body's axes
+        return np.einsum("pij,pj->pi", self._rotation, self._product(body, slice(0, 3)))
+
+    def _product(self, vector: Array, part: slice) -> Array:
         if self._last is None:
             return np.full(vector.shape, np.nan)
         z, rows = np.zeros((self._row.size, SIZE)), self._row[: self._n_poses]
-        z[rows, 3:] = vector
-        return self._last.factor.solve(z)[rows, 3:]
+        z[rows, part] = vector
+        return self._last.factor.solve(z)[rows, part]
 
 
 def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:

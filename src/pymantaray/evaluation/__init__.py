@@ -1,6 +1,6 @@
 """Trajectory errors and statistics of range errors; the only folder that compares estimates with the truth."""
 
-from pymantaray.evaluation.bound import DegreesOfFreedom, bound_table, error_bound
+from pymantaray.evaluation.bound import DegreesOfFreedom, bound_table, error_bound, graph_degrees_of_freedom
 from pymantaray.evaluation.comparison import comparison_table
 from pymantaray.evaluation.consistency import consistency_summary, consistency_table, coverage_table
 from pymantaray.evaluation.ping_error import ping_error_table
@@ -34,6 +34,7 @@ __all__ = [
     "dropout_table",
     "error_bound",
     "error_table",
+    "graph_degrees_of_freedom",
     "graph_errors",
     "ping_error_table",
     "range_error_table",

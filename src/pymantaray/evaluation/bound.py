@@ -1,5 +1,6 @@
 """Posterior Cramér-Rao bounds of position errors along the true trajectories, and the degrees of freedom of these errors."""
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -10,7 +11,7 @@ from pymantaray.errors import EvaluationError
 from pymantaray.estimation import CONDITIONS, Estimator, GraphValues, build_graph, covariances_at
 from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph
-from pymantaray.estimation.marginals import PositionCovariance
+from pymantaray.estimation.marginals import PoseCovariance
 from pymantaray.evaluation.ranging_error import check_same_vehicles
 from pymantaray.geometry import stream
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
@@ -110,7 +111,7 @@ def _true_values(truth: Trajectories, o: Measurements) -> GraphValues:
 
 class DegreesOfFreedom:
     r"""
-    Effective degrees of freedom of the squared position errors of one realization.
+    Effective degrees of freedom of the squared position and attitude errors of one realization.
 
     Each attribute is computed at its first use.
 
@@ -130,6 +131,8 @@ class DegreesOfFreedom:
         Degrees of freedom of all poses of each vehicle.
     at_pings : float
         Degrees of freedom of the positions of vehicles under water at the pings.
+    tilt, heading : float
+        Degrees of freedom of the attitudes of all poses about both horizontal axes, and about the vertical.
 
     Raises
     ------
@@ -148,7 +151,7 @@ class DegreesOfFreedom:
         self._submerged = submerged_at_pings(truth, measurements)
         self._shape, self._samples = truth.status.shape, ping_samples(measurements)
         graph = _bound_graph(_known(condition), measurements)
-        self._covariance = PositionCovariance(graph, _true_values(truth, measurements))
+        self._covariance = PoseCovariance(graph, _true_values(truth, measurements))
 
     @cached_property
     def fleet(self) -> float:
@@ -168,15 +171,57 @@ class DegreesOfFreedom:
         mask[:, self._samples] = self._submerged.T
         return self._of(mask, _FLEET_PROBES)
 
+    @cached_property
+    def tilt(self) -> float:
+        """Attitudes of all poses about both horizontal axes."""
+        return self._attitude([True, True, False])
+
+    @cached_property
+    def heading(self) -> float:
+        """Attitudes of all poses about the vertical."""
+        return self._attitude([False, False, True])
+
+    def _attitude(self, axes: list[bool]) -> float:
+        every = np.broadcast_to(axes, (*self._shape, 3))
+        return _effective(self._covariance.rotations, every, _FLEET_PROBES)
+
     def _of(self, mask: NDArray[np.bool_], probes: int) -> float:
-        """Degrees of freedom of the poses of a mask."""
-        rng, own = stream(0, 0, "evaluation", "degrees of freedom"), mask.reshape(-1, 1)
-        trace, square = np.empty((2, probes))
-        for k in range(probes):
-            z = own * rng.choice([-1.0, 1.0], (own.size, 3))
-            product = own * (self._covariance @ z)
-            trace[k], square[k] = np.sum(z * product), np.sum(product**2)
-        return float(trace.mean() ** 2 / square.mean()) if mask.any() else np.nan
+        """Degrees of freedom of the positions of the poses of a mask."""
+        return _effective(self._covariance.positions, mask[..., None] & np.ones(3, dtype=bool), probes)
+
+
+def graph_degrees_of_freedom(graph: FactorGraph, values: GraphValues) -> dict[str, float]:
+    """
+    Effective degrees of freedom of the squared position errors of a least-squares solution of a graph, as in `DegreesOfFreedom`.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    values : GraphValues
+        Values for the linearization, such as the solution.
+
+    Returns
+    -------
+    dict of str to float
+        For each vehicle's name and ``"(all)"``; NaN if the measurements do not determine some direction.
+    """
+    covariance, every = PoseCovariance(graph, values).positions, np.ones((graph.n_poses, 3), dtype=bool)
+    own = {
+        str(name): _effective(covariance, every & (graph.pose_vehicle == a)[:, None], _VEHICLE_PROBES)
+        for a, name in enumerate(graph.vehicle_name)
+    }
+    return {**own, "(all)": _effective(covariance, every, _FLEET_PROBES)}
+
+
+def _effective(covariance: Callable[[Array], Array], mask: NDArray[np.bool_], probes: int) -> float:
+    """Degrees of freedom of the errors of a mask, (..., 3), from random products with their covariance."""
+    rng, own = stream(0, 0, "evaluation", "degrees of freedom"), mask.reshape(-1, 3)
+    trace, square = np.empty((2, probes))
+    for k in range(probes):
+        z = own * rng.choice([-1.0, 1.0], own.shape)
+        product = own * covariance(z)
+        trace[k], square[k] = np.sum(z * product), np.sum(product**2)
+    return float(trace.mean() ** 2 / square.mean()) if mask.any() else np.nan
 
 
 def _known(condition: str) -> Estimator:

@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.evaluation.bound import DegreesOfFreedom, ping_samples, rms_bound, submerged_at_pings
-from pymantaray.evaluation.trajectory_error import standard_error, trajectory_errors
+from pymantaray.evaluation.trajectory_error import spread_standard_error, standard_error, trajectory_errors
 from pymantaray.records import Estimates, Measurements, Trajectories
 
 Array = NDArray[np.float64]
@@ -51,6 +51,8 @@ def ping_error_table(
           if the estimator is biased, and NaN without ``freedom``;
         - ``from_straight_rmse_m`` and ``from_straight_median_m``, distance from the estimate of the same realization with
           ``straight`` ranges, NaN if the study has no such condition;
+        - ``from_straight_rmse_standard_error_m``, standard error of ``from_straight_rmse_m`` from the spread of the realizations,
+          NaN for fewer than two;
         - ``bound_rmse_m``, bound of unbiased estimators with these measurements. It is an expectation over the noise, so
           ``rmse_m`` of a few realizations can be below it by chance;
         - ``efficiency``, the square of ``bound_rmse_m`` divided by that of ``rmse_m``: 1 at the bound.
@@ -71,13 +73,9 @@ def ping_error_table(
     straight = estimates.position[names.index(BASELINE)] if BASELINE in names else np.nan
     rows = []
     for c, name in enumerate(names):
-        own, apart = (
-            e[np.isfinite(e)]
-            for e in (
-                at_pings(errors[c]),
-                at_pings(np.linalg.norm(estimates.position[c] - straight, axis=-1)),
-            )
-        )
+        from_straight = at_pings(np.linalg.norm(estimates.position[c] - straight, axis=-1))
+        own, apart = (e[np.isfinite(e)] for e in (at_pings(errors[c]), from_straight))
+        squares = np.mean(from_straight**2, axis=1) if apart.size else np.empty(0)  # of each realization
         bound = rms_bound(bounds[name], submerged) if bounds is not None else np.nan
         rmse = _rms(own)
         rows.append(
@@ -90,6 +88,7 @@ def ping_error_table(
                 else standard_error(rmse, freedom[name].at_pings, _realizations(at_pings(errors[c]))),
                 "median_m": _median(own),
                 "from_straight_rmse_m": _rms(apart),
+                "from_straight_rmse_standard_error_m": spread_standard_error(squares[np.isfinite(squares)]),
                 "from_straight_median_m": _median(apart),
                 "bound_rmse_m": bound,
                 "efficiency": (bound / rmse) ** 2 if rmse > 0.0 else np.nan,

@@ -82,7 +82,10 @@ def ate_statistics(errors: ArrayLike) -> dict[str, float]:
 
 
 def graph_errors(
-    graph: FactorGraph, values: GraphValues, truth: GraphValues | None
+    graph: FactorGraph,
+    values: GraphValues,
+    truth: GraphValues | None,
+    freedom: Mapping[str, float] | None = None,
 ) -> dict[str, dict[str, float]]:
     """
     Absolute trajectory errors of the values of a graph without alignment, by vehicle and pooled.
@@ -95,12 +98,14 @@ def graph_errors(
         Estimated values.
     truth : GraphValues, optional
         True values.
+    freedom : mapping of str to float, optional
+        Result of `graph_degrees_of_freedom`, for standard errors.
 
     Returns
     -------
     dict of str to dict
         For each vehicle's name and ``"(all)"``: ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``,
-        ``p95_m`` and ``max_m`` of the errors; empty without a truth.
+        ``p95_m`` and ``max_m`` of the errors, and with ``freedom`` also ``rmse_standard_error_m``; empty without a truth.
     """
     if truth is None:
         return {}
@@ -108,7 +113,10 @@ def graph_errors(
     table = {
         str(n): ate_statistics(errors[graph.pose_vehicle == a]) for a, n in enumerate(graph.vehicle_name)
     }
-    return {**table, "(all)": ate_statistics(errors)}
+    table["(all)"] = ate_statistics(errors)
+    for name, nu in (freedom or {}).items():
+        table[name]["rmse_standard_error_m"] = standard_error(table[name]["rmse_m"], nu, 1)
+    return table
 
 
 def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
@@ -218,7 +226,30 @@ def standard_error(rmse: float, degrees_of_freedom: float, realizations: int) ->
     return float(rmse_standard_error(rmse, degrees_of_freedom, realizations)) if realizations else np.nan
 
 
-def attitude_table(truth: Trajectories, estimates: Estimates) -> pd.DataFrame:
+def spread_standard_error(mean_squares: ArrayLike) -> float:
+    """
+    Standard error of an RMSE from the spread of the mean squares of independent realizations, to first order.
+
+    Parameters
+    ----------
+    mean_squares : array_like, shape (n_realizations,)
+        Mean square error of each realization. [m²]
+
+    Returns
+    -------
+    float
+        NaN for fewer than two realizations. [m]
+    """
+    squares = np.asarray(mean_squares, dtype=float)
+    if squares.size < 2:
+        return np.nan
+    of_mean_square = float(np.std(squares, ddof=1)) / np.sqrt(squares.size)
+    return of_mean_square / (2.0 * np.sqrt(squares.mean())) if of_mean_square > 0.0 else 0.0
+
+
+def attitude_table(
+    truth: Trajectories, estimates: Estimates, freedom: Mapping[str, DegreesOfFreedom] | None = None
+) -> pd.DataFrame:
     """
     Errors of the estimated attitudes for each condition, pooled over vehicles, times and realizations.
 
@@ -228,11 +259,14 @@ def attitude_table(truth: Trajectories, estimates: Estimates) -> pd.DataFrame:
         True trajectories.
     estimates : Estimates
         Estimates of all conditions and realizations.
+    freedom : mapping of str to DegreesOfFreedom, optional
+        Degrees of freedom of each condition, for standard errors.
 
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``tilt_rmse_deg`` (per horizontal axis) and ``heading_rmse_deg``; NaN if all solves failed.
+        Columns ``condition``, ``tilt_rmse_deg`` (per horizontal axis) and ``heading_rmse_deg``; NaN if all solves failed. With
+        ``freedom`` also their standard errors, ``tilt_rmse_standard_error_deg`` and ``heading_rmse_standard_error_deg``.
     """
     usable = np.isin(estimates.solve_status, USABLE)
     rotation = matrix_from_quaternion(truth.quaternion)
@@ -241,5 +275,10 @@ def attitude_table(truth: Trajectories, estimates: Estimates) -> pd.DataFrame:
         body = matrix_from_quaternion(estimates.quaternion[c, usable[c]])
         turn = np.degrees(so3_log(rotation @ np.swapaxes(body, -1, -2)))
         tilt, heading = (np.sqrt(np.mean(t**2)) if t.size else np.nan for t in (turn[..., :2], turn[..., 2]))
-        rows.append({"condition": condition, "tilt_rmse_deg": tilt, "heading_rmse_deg": heading})
+        row = {"condition": condition, "tilt_rmse_deg": tilt, "heading_rmse_deg": heading}
+        if freedom is not None:
+            own, count = freedom[condition], int(usable[c].sum())
+            row["tilt_rmse_standard_error_deg"] = standard_error(tilt, own.tilt, count)
+            row["heading_rmse_standard_error_deg"] = standard_error(heading, own.heading, count)
+        rows.append(row)
     return pd.DataFrame(rows)

@@ -69,6 +69,7 @@ _STATISTICS = {
         "rmse_standard_error_m",
         "median_m",
         "from_straight_rmse_m",
+        "from_straight_rmse_standard_error_m",
         "from_straight_median_m",
         "bound_rmse_m",
     ),

@@ -242,7 +242,7 @@ TABLES: dict[str, TableDefinition] = {
     ),
     "attitude": TableDefinition(
         "Errors of attitudes about the horizontal axes and about the vertical",
-        lambda run: attitude_table(run.truth, run.estimates),
+        lambda run: attitude_table(run.truth, run.estimates, run.degrees_of_freedom),
         lambda run: run.config.solves and run.measurements.attitude_vehicle.size > 0,
     ),
     "dropouts": TableDefinition(

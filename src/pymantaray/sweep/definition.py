@@ -42,6 +42,7 @@ _COLUMNS = frozenset(
         "ping_rmse_standard_error_m",
         "ping_median_m",
         "ping_from_straight_rmse_m",
+        "ping_from_straight_rmse_standard_error_m",
         "ping_from_straight_median_m",
         "ping_bound_rmse_m",
         "ping_efficiency",
