@@ -79,10 +79,10 @@ class PoseCovariance:
 
     def rotations(self, vector: Array) -> Array:
         """Product of the rotations' part with a vector in the world's axes, (n_poses, 3); NaN as for positions. [rad2]"""
-        body = np.einsum(
-            "pji,pj->pi", self._rotation, vector
-        )  # the solver's rotations are about the body's axes
-        return np.einsum("pij,pj->pi", self._rotation, self._product(body, slice(0, 3)))
+        # the solver's rotations are about the body's axes
+        body = np.einsum("pji,pj->pi", self._rotation, vector)
+        world: Array = np.einsum("pij,pj->pi", self._rotation, self._product(body, slice(0, 3)))
+        return world
 
     def _product(self, vector: Array, part: slice) -> Array:
         if self._last is None:

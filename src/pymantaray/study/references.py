@@ -82,7 +82,8 @@ class Reference:
 def _address() -> str:
     """Address of the repository in the package's metadata."""
     urls = metadata("pymantaray").get_all("Project-URL") or []
-    return dict(url.split(", ", 1) for url in urls)["Repository"]
+    by_label: dict[str, str] = dict(url.split(", ", 1) for url in urls)
+    return by_label["Repository"]
 
 
 MANTARAY = Reference(
