@@ -46,7 +46,7 @@ _HEADS = {
     "p95_m": "95 % [m]",
     "p99_m": "99 % [m]",
     "from_straight_rmse_m": "RMSE from straight [m]",
-    "from_straight_rmse_standard_error_m": "standard error of RMSE from straight [m]",
+    "from_straight_rmse_standard_error_m": "standard error from straight [m]",
     "from_straight_median_m": "median from straight [m]",
     "rmse_standard_error_m": "standard error of RMSE [m]",
     "bound_rmse_m": "lower bound of RMSE [m]",

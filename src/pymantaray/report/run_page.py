@@ -101,7 +101,9 @@ def _citation(results: RunResults) -> tuple[str, str]:
     digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
     words = f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with MantaRay, {which}"
     note = f"{which}; study {study}, seed {seed}, configuration {digest}"
-    fields = dict(MANTARAY.fields) | {"version": version, "note": note}
+    # a page contains no address
+    fields = {name: value for name, value in MANTARAY.fields.items() if name != "url"}
+    fields |= {"version": version, "note": note}
     fields |= {"year": made[:4]} if made else {}
     return f"{words}{f' on {made}' if made else ''}.", replace(MANTARAY, fields=fields).bibtex
 
