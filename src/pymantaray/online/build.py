@@ -23,9 +23,8 @@ _HALVES = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2], indexing="ij"), 
 _CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
 _CORNER_ROWS = np.array([int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]) for c in _CORNERS])
 _FINEST = 2  # binary logarithm of the smallest cell in lattice steps
-_LARGEST_SHADOW = (
-    _FINEST + 2
-)  # of a cell without an arrival: a larger one may hide arrivals between the tested points
+# size of a cell without an arrival: a larger one may hide arrivals between the tested points
+_LARGEST_SHADOW = _FINEST + 1
 _BRANCH_BYTES, _CELL_BYTES = 4, 60  # approximate sizes in a table
 _Accepted = tuple[Whole, Whole, Whole]
 """Branches of cells, keys of their corners, and their status."""
