@@ -4,7 +4,10 @@ import re
 import subprocess
 import tomllib
 
+import pytest
 from pages import DOCS, ROOT
+
+from pymantaray import citation, load_study
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 URLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
@@ -54,3 +57,15 @@ def test_numbers_beside_the_paper_are_those_of_its_page():
                 region,
                 condition,
             )
+
+
+def test_mantaray_is_cited_as_readme_and_citation_file_do():
+    yaml = pytest.importorskip("yaml")
+    entry = next(reference for reference in citation(load_study("quick")) if reference.key == "mantaray")
+    stated = re.search(r"^@software\{mantaray,$.*?^\}$", README, re.MULTILINE | re.DOTALL)
+    fields = [dict(re.findall(r"(\w+) *= \{(.*)\}", text)) for text in (stated[0], entry.bibtex)]
+    assert fields[0] == fields[1]
+    released = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert fields[1]["url"] == released["url"]
+    assert fields[1]["year"] == released["date-released"][:4]
+    assert fields[1]["title"] == released["title"]

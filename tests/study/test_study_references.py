@@ -6,7 +6,6 @@ from importlib.resources import files
 
 import pytest
 import xarray as xr
-from pages import ROOT
 
 from pymantaray import citation, load_study, run_study
 from pymantaray.errors import OceanError
@@ -134,16 +133,3 @@ def test_text_and_bibtex_hold_every_reference_once(preset):
     assert references.bibtex.count("{") == references.bibtex.count("}")
     assert not re.search(r"(?<!\\)[&%#_]", references.bibtex)
     assert all(f"  {reference}\n" in f"{references}\n" for reference in references)
-
-
-def test_mantaray_is_cited_as_readme_and_citation_file_do():
-    yaml = pytest.importorskip("yaml")
-    entry = next(reference for reference in citation(load_study("quick")) if reference.key == "mantaray")
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    stated = re.search(r"^@software\{mantaray,$.*?^\}$", readme, re.MULTILINE | re.DOTALL)
-    fields = [dict(re.findall(r"(\w+) *= \{(.*)\}", text)) for text in (stated[0], entry.bibtex)]
-    assert fields[0] == fields[1]
-    released = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert fields[1]["url"] == released["url"]
-    assert fields[1]["year"] == released["date-released"][:4]
-    assert fields[1]["title"] == released["title"]
