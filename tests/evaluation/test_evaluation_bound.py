@@ -261,3 +261,10 @@ def test_the_standard_error_of_an_rmse_is_its_spread_over_studies():
     for angle in ("tilt", "heading"):
         error = each[f"{angle}_rmse_standard_error_deg"].mean()
         assert each[f"{angle}_rmse_deg"].std() == pytest.approx(error, rel=4.0 / np.sqrt(2 * 60))
+    # relative errors fall with the root of the degrees of freedom of each angle
+    relative = [
+        (each[f"{a}_rmse_standard_error_deg"] / each[f"{a}_rmse_deg"]).iloc[0] for a in ("tilt", "heading")
+    ]
+    own = freedom["straight"]
+    assert own.tilt > 1.2 * own.heading
+    assert relative[0] / relative[1] == pytest.approx(np.sqrt(own.heading / own.tilt), rel=1e-9)

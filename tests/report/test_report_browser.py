@@ -217,6 +217,15 @@ def contrast(*colours):
     return (bright + 0.05) / (dim + 0.05)
 
 
+def check_page(opened, page_file):
+    """A page draws without errors, requests and faults of axe, by keyboard, and in both schemes; return it."""
+    check_quiet_and_fitting(opened, page_file)
+    assert faults(opened.page) == []
+    check_keyboard(opened.page)
+    check_dark(opened.page)
+    return opened.page
+
+
 def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_file):
     check_quiet_and_fitting(opened, page_file)
     assert faults(opened.page) == []
@@ -224,11 +233,7 @@ def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_fil
 
 
 def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(table_opened, table_file):
-    check_quiet_and_fitting(table_opened, table_file)
-    page = table_opened.page
-    assert faults(page) == []
-    check_keyboard(page)
-    check_dark(page)
+    page = check_page(table_opened, table_file)
     assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
         "straight": [1, 3, 5, 7, 9, 11],
         "refracted": [2, 4, 6, 8, 10, 12],
@@ -248,11 +253,7 @@ def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(tab
 def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboard(
     comparison_opened, comparison_file
 ):
-    check_quiet_and_fitting(comparison_opened, comparison_file)
-    page = comparison_opened.page
-    assert faults(page) == []
-    check_keyboard(page)
-    check_dark(page)
+    page = check_page(comparison_opened, comparison_file)
     table = pd.read_csv(comparison_file.parent / "tables" / "ate_pooled.csv").set_index(
         ["condition", "quantity"]
     )
@@ -280,11 +281,7 @@ def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboar
 
 
 def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(replay_opened, replay_file):
-    check_quiet_and_fitting(replay_opened, replay_file)
-    page = replay_opened.page
-    assert faults(page) == []
-    check_keyboard(page)
-    check_dark(page)
+    page = check_page(replay_opened, replay_file)
     direct, bounced = page.evaluate(DRAWN)
     assert (direct[0], bounced[0]) == ("0 bounces", "1 bounce")
     np.testing.assert_allclose(direct[2], 3.0 * np.arange(20))
@@ -301,11 +298,7 @@ def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(
 
 
 def test_a_plan_draws_without_errors_or_requests_and_any_score_by_keyboard(plan_opened, plan_file):
-    check_quiet_and_fitting(plan_opened, plan_file)
-    page = plan_opened.page
-    assert faults(page) == []
-    check_keyboard(page)
-    check_dark(page)
+    page = check_page(plan_opened, plan_file)
     assert page.evaluate("[...document.images].filter((i) => i.complete && i.naturalWidth > 0).length") >= 4
     table = pd.read_csv(plan_file.parent / "tables" / "designs.csv")
 

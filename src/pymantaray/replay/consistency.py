@@ -108,9 +108,9 @@ def node_table(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
     -------
     pandas.DataFrame
         One row per node: number of ``pairs`` and ``events``; ``north_m`` and ``east_m``, the offset of the true position from the
-        stated one, with ``standard_error_m`` (the larger semi-axis, with the errors that events share); ``explained``, the share of the squared residuals of its pairs
-        that the offset explains; ``scatter_m``, the standard deviation of range errors that vary in time and are due to this node; and
-        ``suspect``.
+        stated one, with ``standard_error_m`` (the larger semi-axis, with the errors that events share); ``explained``, the share of
+        the squared residuals of its pairs that the offset explains; ``scatter_m``, the standard deviation of range errors that vary in
+        time and are due to this node; and ``suspect``.
 
     Notes
     -----
