@@ -1,64 +1,46 @@
 """Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives, loss and detection."""
 
-from pymantaray.acoustics.absorption import Absorption
-from pymantaray.acoustics.caustics import Tails, find_tails
-from pymantaray.acoustics.currents import Currents, current_delays
-from pymantaray.acoustics.eigenrays import find_eigenrays
-from pymantaray.acoustics.interference import Coherent, received_loss_db
-from pymantaray.acoustics.leakage import Leakage, Leaks, find_leaks
-from pymantaray.acoustics.loss import transmission_loss
-from pymantaray.acoustics.medium import Medium
-from pymantaray.acoustics.paths import (
-    path_integrals,
-    quadrature,
-    ray_picture,
-    trace_fan,
-    trace_paths,
-    travel_time_sensitivity,
-)
-from pymantaray.acoustics.profile_files import write_asvp, write_profiles
-from pymantaray.acoustics.profiles import read_profile, read_profiles, smooth_profile, thin_profile
-from pymantaray.acoustics.reflection import FluidBottom, GrainSizeBottom, IceCover, SeaSurface
-from pymantaray.acoustics.selection import ArrivalRule, choose_arrivals, select
-from pymantaray.acoustics.sonar import Sonar, WenzNoise, link_loss_db, probability_of_excess
-from pymantaray.geometry.boundary import BoundarySurface
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Absorption",
-    "ArrivalRule",
-    "BoundarySurface",
-    "Coherent",
-    "Currents",
-    "FluidBottom",
-    "GrainSizeBottom",
-    "IceCover",
-    "Leakage",
-    "Leaks",
-    "Medium",
-    "SeaSurface",
-    "Sonar",
-    "Tails",
-    "WenzNoise",
-    "choose_arrivals",
-    "current_delays",
-    "find_eigenrays",
-    "find_leaks",
-    "find_tails",
-    "link_loss_db",
-    "path_integrals",
-    "probability_of_excess",
-    "quadrature",
-    "ray_picture",
-    "read_profile",
-    "read_profiles",
-    "received_loss_db",
-    "select",
-    "smooth_profile",
-    "thin_profile",
-    "trace_fan",
-    "trace_paths",
-    "transmission_loss",
-    "travel_time_sensitivity",
-    "write_asvp",
-    "write_profiles",
-]
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.acoustics.absorption import Absorption as Absorption
+    from pymantaray.acoustics.caustics import Tails as Tails
+    from pymantaray.acoustics.caustics import find_tails as find_tails
+    from pymantaray.acoustics.currents import Currents as Currents
+    from pymantaray.acoustics.currents import current_delays as current_delays
+    from pymantaray.acoustics.eigenrays import find_eigenrays as find_eigenrays
+    from pymantaray.acoustics.interference import Coherent as Coherent
+    from pymantaray.acoustics.interference import received_loss_db as received_loss_db
+    from pymantaray.acoustics.leakage import Leakage as Leakage
+    from pymantaray.acoustics.leakage import Leaks as Leaks
+    from pymantaray.acoustics.leakage import find_leaks as find_leaks
+    from pymantaray.acoustics.loss import transmission_loss as transmission_loss
+    from pymantaray.acoustics.medium import Medium as Medium
+    from pymantaray.acoustics.paths import path_integrals as path_integrals
+    from pymantaray.acoustics.paths import quadrature as quadrature
+    from pymantaray.acoustics.paths import ray_picture as ray_picture
+    from pymantaray.acoustics.paths import trace_fan as trace_fan
+    from pymantaray.acoustics.paths import trace_paths as trace_paths
+    from pymantaray.acoustics.paths import travel_time_sensitivity as travel_time_sensitivity
+    from pymantaray.acoustics.profile_files import write_asvp as write_asvp
+    from pymantaray.acoustics.profile_files import write_profiles as write_profiles
+    from pymantaray.acoustics.profiles import read_profile as read_profile
+    from pymantaray.acoustics.profiles import read_profiles as read_profiles
+    from pymantaray.acoustics.profiles import smooth_profile as smooth_profile
+    from pymantaray.acoustics.profiles import thin_profile as thin_profile
+    from pymantaray.acoustics.reflection import FluidBottom as FluidBottom
+    from pymantaray.acoustics.reflection import GrainSizeBottom as GrainSizeBottom
+    from pymantaray.acoustics.reflection import IceCover as IceCover
+    from pymantaray.acoustics.reflection import SeaSurface as SeaSurface
+    from pymantaray.acoustics.selection import ArrivalRule as ArrivalRule
+    from pymantaray.acoustics.selection import choose_arrivals as choose_arrivals
+    from pymantaray.acoustics.selection import select as select
+    from pymantaray.acoustics.sonar import Sonar as Sonar
+    from pymantaray.acoustics.sonar import WenzNoise as WenzNoise
+    from pymantaray.acoustics.sonar import link_loss_db as link_loss_db
+    from pymantaray.acoustics.sonar import probability_of_excess as probability_of_excess
+    from pymantaray.geometry.boundary import BoundarySurface as BoundarySurface
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

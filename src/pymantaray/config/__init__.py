@@ -1,26 +1,19 @@
 """Study files: sections with defaults and checks, presets, and conversion to text."""
 
-from pymantaray.config.load import (
-    convert_study,
-    list_presets,
-    load_sound,
-    load_study,
-    parse_study,
-    preset_text,
-    starter_text,
-)
-from pymantaray.config.sections import SoundConfig, StudyConfig
-from pymantaray.config.text import study_toml
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "SoundConfig",
-    "StudyConfig",
-    "convert_study",
-    "list_presets",
-    "load_sound",
-    "load_study",
-    "parse_study",
-    "preset_text",
-    "starter_text",
-    "study_toml",
-]
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.config.load import convert_study as convert_study
+    from pymantaray.config.load import list_presets as list_presets
+    from pymantaray.config.load import load_sound as load_sound
+    from pymantaray.config.load import load_study as load_study
+    from pymantaray.config.load import parse_study as parse_study
+    from pymantaray.config.load import preset_text as preset_text
+    from pymantaray.config.load import starter_text as starter_text
+    from pymantaray.config.sections import SoundConfig as SoundConfig
+    from pymantaray.config.sections import StudyConfig as StudyConfig
+    from pymantaray.config.text import study_toml as study_toml
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -1,74 +1,49 @@
 """Factor graphs, their file formats and their solution; knows measurements, never the ocean or the truth."""
 
-from pymantaray.estimation.build import build_graph
-from pymantaray.estimation.candidates import CandidateArrivals, CandidateModel, MixtureOptions
-from pymantaray.estimation.certificate import Certificate, certify
-from pymantaray.estimation.conditions import CONDITIONS, Estimator, collect_estimates, solve_conditions
-from pymantaray.estimation.covariance import (
-    collect_covariances,
-    effective_degrees_of_freedom,
-    fixed_epochs,
-    rmse_standard_error,
-)
-from pymantaray.estimation.external import GraphResult, open_graph, solve_graph, to_gtsam
-from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.losses import LOSSES, Loss
-from pymantaray.estimation.marginals import covariances_at
-from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
-from pymantaray.estimation.range_models import (
-    AdjustableModel,
-    ClockPrior,
-    ConstantSpeed,
-    MeanSlowness,
-    Prediction,
-    RangeEndpoints,
-    RangeModel,
-    TransmitterSpeed,
-    UnknownsEstimate,
-)
-from pymantaray.estimation.solution import GraphSolution, IncrementalOptions, Method, SolveOptions
-from pymantaray.estimation.solve import GraphSolver
-from pymantaray.estimation.starts import dead_reckon
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "CONDITIONS",
-    "LOSSES",
-    "AdjustableModel",
-    "CandidateArrivals",
-    "CandidateModel",
-    "Certificate",
-    "ClockPrior",
-    "ConstantSpeed",
-    "Estimator",
-    "FactorGraph",
-    "GraphResult",
-    "GraphSolution",
-    "GraphSolver",
-    "GraphValues",
-    "IncrementalOptions",
-    "Loss",
-    "MeanSlowness",
-    "Method",
-    "MixtureOptions",
-    "Prediction",
-    "RangeEndpoints",
-    "RangeModel",
-    "SolveOptions",
-    "TransmitterSpeed",
-    "UnknownsEstimate",
-    "build_graph",
-    "certify",
-    "collect_covariances",
-    "collect_estimates",
-    "covariances_at",
-    "dead_reckon",
-    "effective_degrees_of_freedom",
-    "fixed_epochs",
-    "open_graph",
-    "read_pyfg",
-    "rmse_standard_error",
-    "solve_conditions",
-    "solve_graph",
-    "to_gtsam",
-    "write_pyfg",
-]
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.estimation.build import build_graph as build_graph
+    from pymantaray.estimation.candidates import CandidateArrivals as CandidateArrivals
+    from pymantaray.estimation.candidates import CandidateModel as CandidateModel
+    from pymantaray.estimation.candidates import MixtureOptions as MixtureOptions
+    from pymantaray.estimation.certificate import Certificate as Certificate
+    from pymantaray.estimation.certificate import certify as certify
+    from pymantaray.estimation.conditions import CONDITIONS as CONDITIONS
+    from pymantaray.estimation.conditions import Estimator as Estimator
+    from pymantaray.estimation.conditions import collect_estimates as collect_estimates
+    from pymantaray.estimation.conditions import solve_conditions as solve_conditions
+    from pymantaray.estimation.covariance import collect_covariances as collect_covariances
+    from pymantaray.estimation.covariance import effective_degrees_of_freedom as effective_degrees_of_freedom
+    from pymantaray.estimation.covariance import fixed_epochs as fixed_epochs
+    from pymantaray.estimation.covariance import rmse_standard_error as rmse_standard_error
+    from pymantaray.estimation.external import GraphResult as GraphResult
+    from pymantaray.estimation.external import open_graph as open_graph
+    from pymantaray.estimation.external import solve_graph as solve_graph
+    from pymantaray.estimation.external import to_gtsam as to_gtsam
+    from pymantaray.estimation.graph import FactorGraph as FactorGraph
+    from pymantaray.estimation.graph import GraphValues as GraphValues
+    from pymantaray.estimation.losses import LOSSES as LOSSES
+    from pymantaray.estimation.losses import Loss as Loss
+    from pymantaray.estimation.marginals import covariances_at as covariances_at
+    from pymantaray.estimation.pyfg import read_pyfg as read_pyfg
+    from pymantaray.estimation.pyfg import write_pyfg as write_pyfg
+    from pymantaray.estimation.range_models import AdjustableModel as AdjustableModel
+    from pymantaray.estimation.range_models import ClockPrior as ClockPrior
+    from pymantaray.estimation.range_models import ConstantSpeed as ConstantSpeed
+    from pymantaray.estimation.range_models import MeanSlowness as MeanSlowness
+    from pymantaray.estimation.range_models import Prediction as Prediction
+    from pymantaray.estimation.range_models import RangeEndpoints as RangeEndpoints
+    from pymantaray.estimation.range_models import RangeModel as RangeModel
+    from pymantaray.estimation.range_models import TransmitterSpeed as TransmitterSpeed
+    from pymantaray.estimation.range_models import UnknownsEstimate as UnknownsEstimate
+    from pymantaray.estimation.solution import GraphSolution as GraphSolution
+    from pymantaray.estimation.solution import IncrementalOptions as IncrementalOptions
+    from pymantaray.estimation.solution import Method as Method
+    from pymantaray.estimation.solution import SolveOptions as SolveOptions
+    from pymantaray.estimation.solve import GraphSolver as GraphSolver
+    from pymantaray.estimation.starts import dead_reckon as dead_reckon
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)
