@@ -8,7 +8,7 @@ from factories import make_arrivals
 
 from pymantaray.acoustics import Sonar
 from pymantaray.replay.rules import Choice, DetectionRule
-from pymantaray.sensing.receptions import AlongRays, SoundPath, receptions_at, receptions_of
+from pymantaray.sensing.receptions import AlongRays, SoundPath, receptions_of
 
 LOSS = np.array([76.0, 71.5, 66.0, 70.0, 90.0])  # of five arrivals in order of time
 TIME = 1.0 + 1e-3 * np.arange(5)
@@ -19,7 +19,7 @@ def choice(cutoff=15.0, merit=200.0):
     sonar = Sonar(source_level_db=merit + 90.0, frequency_hz=25e3, bandwidth_hz=1e3, noise=50.0)
     assert sonar.figure_of_merit_db == pytest.approx(merit)
     arrivals = make_arrivals(np.zeros(5), travel_time=TIME, spreading_db=SPREADING)
-    forth = receptions_at(receptions_of(arrivals, AlongRays(None, LOSS)), np.arange(5))
+    forth = receptions_of(arrivals, AlongRays(None, LOSS)).at({"reception": np.arange(5)})
     return Choice(forth, 1, LOSS, cutoff, sonar)
 
 
@@ -67,7 +67,7 @@ def test_a_pick_that_one_decibel_would_change_is_marked(case):
 @pytest.mark.parametrize("word", CASES)
 def test_sound_without_a_ray_passes_every_limit(word):
     rule, one = DetectionRule.parse(word), choice(cutoff=0.0, merit=50.0)
-    row = receptions_at(one.receptions, np.array([4]))
+    row = one.receptions.at({"reception": [4]})
     leak = replace(row, path=[SoundPath.LEAKED], arrival=[-1])
     alone = one._replace(receptions=leak, loss_db=LOSS[4:])
     picks = alone.pick(rule, alone.candidates(rule))

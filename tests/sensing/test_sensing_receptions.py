@@ -18,7 +18,6 @@ from pymantaray.sensing.receptions import (
     AlongRays,
     Direction,
     joined,
-    receptions_at,
     receptions_of,
     select_receptions,
     with_detection,
@@ -76,7 +75,7 @@ def test_the_selected_reception_has_the_probability_of_its_detection():
 
 def test_tables_of_one_direction_join_to_the_table_of_both():
     whole = table()
-    parts = [receptions_at(whole, np.flatnonzero(whole.link == k)) for k in (2, 0)]
+    parts = [whole.at({"reception": whole.link == k}) for k in (2, 0)]
     assert_same(joined(parts), whole)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -255,8 +255,4 @@ def _is_fold(inside: Arrivals, rays: Indices) -> bool:
 
 def _strongest(arrivals: Arrivals) -> Arrivals:
     """Strongest arrival of each link; every link has at least one."""
-    row = choose_arrivals(arrivals, "strongest").row
-    columns = {
-        f.name: getattr(arrivals, f.name)[row] for f in fields(Arrivals) if f.metadata["dims"][0] == "arrival"
-    }
-    return replace(arrivals, **columns)
+    return arrivals.at({"arrival": choose_arrivals(arrivals, "strongest").row})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -156,18 +156,10 @@ def _joined(
         "receiver_slowness": np.where(back[:, None], -first, last),
         "ray_axis": np.zeros(link.size),
     }
-    names = [f.name for f in fields(direct) if f.metadata["dims"][0] == "arrival"]
-    joined = {
-        name: np.concatenate([getattr(direct, name), more[name]]).astype(getattr(direct, name).dtype)
-        for name in names
-    }
-    order = np.lexsort((joined["travel_time"], joined["link"]))
-    status = direct.status.copy()
-    has = np.bincount(link, minlength=status.size) > 0
-    status[has] = RayStatus.OK
-    margin = np.where(has, 0.0, direct.shadow_margin)
+    has = np.bincount(link, minlength=direct.status.size) > 0
+    status = np.where(has, np.int8(RayStatus.OK), direct.status)
     return replace(
-        direct, **{name: x[order] for name, x in joined.items()}, status=status, shadow_margin=margin
+        direct.with_more(more), status=status, shadow_margin=np.where(has, 0.0, direct.shadow_margin)
     )
 
 

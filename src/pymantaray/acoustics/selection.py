@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -99,15 +99,9 @@ def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
     strong = ~(arrivals.spreading_db > cutoff_db)
     if strong.all():
         return arrivals
-    rows = {
-        f.name: getattr(arrivals, f.name)[strong]
-        for f in fields(arrivals)
-        if f.metadata["dims"][0] == "arrival"
-    }
-    weak = (arrivals.status == RayStatus.OK) & (
-        np.bincount(rows["link"], minlength=arrivals.status.size) == 0
-    )
-    return replace(arrivals, **rows, status=np.where(weak, np.int8(RayStatus.WEAK), arrivals.status))
+    rows, status = arrivals.at({"arrival": strong}), arrivals.status
+    weak = (status == RayStatus.OK) & (np.bincount(rows.link, minlength=status.size) == 0)
+    return replace(rows, status=np.where(weak, np.int8(RayStatus.WEAK), status))
 
 
 def select(

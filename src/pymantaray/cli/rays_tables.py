@@ -1,7 +1,7 @@
 """Tables of `mantaray rays`: input of links, and output of travel times, arrivals and paths."""
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -173,13 +173,7 @@ def paths_dataset(rays: TracedRays) -> xr.Dataset:
 
 def joined(fans: list[RayPaths], rays: int) -> RayPaths:
     """Concatenate paths of fans with equal numbers of rays."""
-    columns = {
-        f.name: np.concatenate([getattr(fan, f.name) for fan in fans])
-        for f in fields(RayPaths)
-        if "dims" in f.metadata
-    }
-    columns["arrival"] = np.concatenate([fan.arrival + i * rays for i, fan in enumerate(fans)])
-    return RayPaths(**columns)
+    return RayPaths.stacked([replace(fan, arrival=fan.arrival + i * rays) for i, fan in enumerate(fans)])
 
 
 def number_within(group: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 import hashlib
 import pickle
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.currents import Currents
 from pymantaray.jobs.progress import CountProgress
-from pymantaray.records import Arrivals
 from pymantaray.sensing.ranging import joined_transmissions
-from pymantaray.sensing.receptions import Direction, Receptions, receptions_at
+from pymantaray.sensing.receptions import Direction, Receptions, rows_between
 from pymantaray.sensing.transmission import ReceptionOptions, Transmission, find_receptions
 
 Array = NDArray[np.float64]
@@ -90,29 +89,15 @@ def links_of(sound: Transmission, links: Indices) -> Transmission:
     """Results of some links, in a new order; a link may occur more than once."""
     arrivals = sound.arrivals
     start, stop = (np.searchsorted(arrivals.link, links, side=side) for side in ("left", "right"))
-    row, link = _between(start, stop)
-    index = {"arrival": row, "n_links": links}
-    columns = {f.name: getattr(arrivals, f.name)[index[f.metadata["dims"][0]]] for f in fields(arrivals)}
+    link, row = rows_between(start, stop)
+    some = replace(arrivals.at({"arrival": row, "n_links": links}), link=link)
     first = np.cumsum(stop - start) - (stop - start)  # first arrival of each link in the result
     parts = [_receptions(sound.receptions, links, direction, first - start) for direction in Direction]
-    receptions = Receptions(
-        **{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Receptions)}
-    )
-    return Transmission(
-        Arrivals(**columns | {"link": link}), sound.status[links], sound.near_cutoff[links], receptions
-    )
+    return Transmission(some, sound.status[links], sound.near_cutoff[links], Receptions.stacked(parts))
 
 
 def _receptions(receptions: Receptions, links: Indices, direction: Direction, shift: Indices) -> Receptions:
     """Receptions of some links in one direction; ``shift`` moves the rows of the arrivals of each link."""
-    row, link = _between(*receptions.rows_of(links, np.full(links.size, direction, dtype=np.int64)))
-    some = receptions_at(receptions, row)
+    link, row = rows_between(*receptions.rows_of(links, np.full(links.size, direction, dtype=np.int64)))
+    some = receptions.at({"reception": row})
     return replace(some, link=link, arrival=np.where(some.arrival < 0, -1, some.arrival + shift[link]))
-
-
-def _between(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
-    """All rows from each start up to its stop, and the number of the pair that each row belongs to."""
-    count = stop - start
-    owner = np.repeat(np.arange(count.size), count)
-    within = np.arange(owner.size) - (np.cumsum(count) - count)[owner]
-    return np.asarray(start[owner] + within), owner

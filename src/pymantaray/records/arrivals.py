@@ -1,7 +1,8 @@
 """Results of the two-point solver: all arrivals of links, the first arrival of each link, and ray paths."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -74,6 +75,24 @@ class Arrivals(Record):
         if np.any(np.isnan(first.travel_time) != (self.status != RayStatus.OK)):
             raise AssertionError("a link's status and its arrivals disagree")
         return first
+
+    def with_more(self, more: Mapping[str, Any]) -> Self:
+        """
+        Add arrivals, in order of link and travel time.
+
+        Parameters
+        ----------
+        more : Mapping[str, Any]
+            Columns of the added arrivals by name; columns of the links are ignored.
+
+        Returns
+        -------
+        Self
+        """
+        names = [f.name for f in self._columns() if f.metadata["dims"][0] == "arrival"]
+        rows = {name: np.concatenate([getattr(self, name), more[name]]) for name in names}
+        order = np.lexsort((rows["travel_time"], rows["link"]))
+        return replace(self, **{name: values[order] for name, values in rows.items()})
 
     def to_dataframe(self) -> "pd.DataFrame":
         """

@@ -1,5 +1,6 @@
 """Base of all records: array fields with dimensions, labels and units, and conversion to xarray."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cache
@@ -199,6 +200,38 @@ class Record:
         if missing:
             raise RecordError(f"{cls.kind}: the data set has no {', '.join(missing)}")
         return cls(**{name: dataset[variable].values for name, variable in names.items()})
+
+    def at(self, rows: Mapping[str, Any]) -> Self:
+        """
+        Select rows along dimensions.
+
+        Parameters
+        ----------
+        rows : Mapping[str, Any]
+            Index of the rows of each dimension, such as ``{"arrival": [0, 2]}``. Columns whose first dimension is not
+            among them stay as they are.
+
+        Returns
+        -------
+        Self
+        """
+        columns = [f for f in self._columns() if f.metadata["dims"][0] in rows]
+        return replace(self, **{f.name: getattr(self, f.name)[rows[f.metadata["dims"][0]]] for f in columns})
+
+    @classmethod
+    def stacked(cls, records: Sequence[Self]) -> Self:
+        """
+        Join the rows of records.
+
+        Parameters
+        ----------
+        records : Sequence[Self]
+
+        Returns
+        -------
+        Self
+        """
+        return cls(**{f.name: np.concatenate([getattr(r, f.name) for r in records]) for f in cls._columns()})
 
     def save(self, path: Path) -> None:
         """

@@ -16,7 +16,7 @@ from pymantaray.replay.events import Events
 from pymantaray.replay.rules import Choice, DetectionRule
 from pymantaray.replay.water import choose_water, ends_of, instants_in
 from pymantaray.sensing import Detector, Transmission, find_receptions
-from pymantaray.sensing.receptions import Direction, receptions_at
+from pymantaray.sensing.receptions import Direction
 from pymantaray.water import Water
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ _SUGGESTED_BOUNCES = 7  # reflections
 
 def choice_of(sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None) -> Choice:
     """Receptions from source to receiver; without a detector their loss is spreading alone, re 1 m."""
-    forth = receptions_at(sound.receptions, np.flatnonzero(sound.receptions.direction == Direction.FORTH))
+    forth = sound.receptions.at({"reception": sound.receptions.direction == Direction.FORTH})
     loss = forth.loss_db
     if detector is None:
         loss = forth.spreading_db + 20.0 * np.log10(np.maximum(distance[forth.link], 1.0))

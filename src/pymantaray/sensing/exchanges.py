@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.records import Trajectories
-from pymantaray.sensing.receptions import Direction, Receptions, values_at
+from pymantaray.sensing.receptions import Direction, Receptions, rows_between, values_at
 from pymantaray.sensing.schedule import Attempts
 from pymantaray.sensing.timing import Leg, OneWay, Timing, half_round_trip, velocities
 
@@ -46,11 +46,11 @@ def selected_exchanges(receptions: Receptions, links: int, link: Indices, direct
 def all_exchanges(receptions: Receptions, link: Indices, direction: Indices, timing: Timing) -> Combinations:
     """Return all exchanges of each attempt, independent of the selection; two-way: all combinations of receptions of ping and answer."""
     attempt = np.flatnonzero(link >= 0)
-    row, ping = _expanded(*receptions.rows_of(link[attempt], direction[attempt]))
+    row, ping = rows_between(*receptions.rows_of(link[attempt], direction[attempt]))
     attempt = attempt[row]
     if isinstance(timing, OneWay):
         return Combinations(attempt, Exchanges(ping, np.full(ping.size, -1), direction[attempt]))
-    one, answer = _expanded(*receptions.rows_of(link[attempt], 1 - direction[attempt]))
+    one, answer = rows_between(*receptions.rows_of(link[attempt], 1 - direction[attempt]))
     return Combinations(attempt[one], Exchanges(ping[one], answer, direction[attempt[one]]))
 
 
@@ -91,10 +91,3 @@ def velocities_of(truth: Trajectories, attempts: Attempts, timing: Timing) -> Ve
     if not isinstance(timing, OneWay):
         velocity[: truth.name.size] = velocities(truth, samples)
     return velocity[attempts.transmitter, at], velocity[attempts.receiver, at]
-
-
-def _expanded(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
-    """Row of the interval of each integer, and the integers of several intervals in succession."""
-    count = stop - start
-    of = np.repeat(np.arange(count.size), count)
-    return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]

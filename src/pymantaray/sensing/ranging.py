@@ -21,7 +21,7 @@ from pymantaray.sensing.exchanges import (
     velocities_of,
 )
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
-from pymantaray.sensing.receptions import Receptions, joined, stacked, values_at
+from pymantaray.sensing.receptions import Receptions, joined, values_at
 from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Timing
 from pymantaray.sensing.transmission import DIRECT, ReceptionOptions, Transmission, find_receptions
@@ -262,7 +262,7 @@ def joined_transmissions(parts: Sequence[Transmission]) -> Transmission:
         number = np.where(rows.arrival < 0, -1, rows.arrival + row)
         receptions.append(replace(rows, link=rows.link + link, arrival=number))
     return Transmission(
-        stacked(arrivals),
+        Arrivals.stacked(arrivals),
         np.concatenate([part.status for part in parts]),
         np.concatenate([part.near_cutoff for part in parts]),
         joined(receptions),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from pymantaray.records.base import Column, Record, column
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _LINKS = 2**40  # more than the number of links; offset of the groups of the second direction
-AnyRecord = TypeVar("AnyRecord", bound=Record)
 
 
 class SoundPath(IntEnum):
@@ -202,7 +201,7 @@ def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: fl
     forth = receptions.direction == Direction.FORTH
     slope = _elevation(np.where(forth[:, None], step, -step))
     off = np.abs(receptions.departure_angle - slope)
-    return receptions_at(receptions, np.flatnonzero(~(off > 0.5 * cone) | (receptions.arrival < 0)))
+    return receptions.at({"reception": ~(off > 0.5 * cone) | (receptions.arrival < 0)})
 
 
 def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
@@ -225,21 +224,15 @@ def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
 
 def joined(tables: Sequence[Receptions]) -> Receptions:
     """Join tables with the same links and arrivals, in the order of a table."""
-    together = stacked(tables)
-    return receptions_at(together, np.argsort(together.group, kind="stable"))
+    together = Receptions.stacked(tables)
+    return together.at({"reception": np.argsort(together.group, kind="stable")})
 
 
-def receptions_at(receptions: Receptions, rows: Indices) -> Receptions:
-    """Select rows of a table."""
-    return Receptions(**{f.name: getattr(receptions, f.name)[rows] for f in fields(Receptions)})
-
-
-def stacked(records: Sequence[AnyRecord]) -> AnyRecord:
-    """Concatenate the rows of records of the same type."""
-    columns = {
-        f.name: np.concatenate([getattr(record, f.name) for record in records]) for f in fields(records[0])
-    }
-    return type(records[0])(**columns)
+def rows_between(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
+    """Index of the pair for every row from its start up to its stop, and these rows."""
+    count = stop - start
+    of = np.repeat(np.arange(count.size), count)
+    return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]
 
 
 def values_at(values: NDArray[Any], rows: Indices) -> Array:

@@ -1,6 +1,6 @@
 """Sound between pairs of ends: receptions in both directions from a medium, with losses, leaks and the selection rule."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -179,7 +179,7 @@ def find_receptions(
         bare, near_bare = _rays(reception, medium, some, (0, 0), progress_from(2 * n - lost.size))
         near[lost] |= near_bare
         status[lost] = bare.status
-        arrivals = _with_more(arrivals, bare, lost)
+        arrivals = arrivals.with_more(vars(bare) | {"link": lost[bare.link]})
     last = progress_from(n * (1 + looks_again))
     along = _along_rays(reception, medium, currents, ends, arrivals, last)
     receptions = receptions_of(arrivals, along)
@@ -272,20 +272,6 @@ def _with_leaks(
     return with_detection(more, detector.sonar)
 
 
-def _with_more(arrivals: Arrivals, more: Arrivals, links: NDArray[np.int64]) -> Arrivals:
-    """Arrivals with direct ones of some links, which the solver omitted because it found too many."""
-    if not more.link.size:
-        return arrivals
-    rows = {
-        f.name: np.concatenate([getattr(arrivals, f.name), getattr(more, f.name)])
-        for f in fields(arrivals)
-        if f.metadata["dims"][0] == "arrival"
-    }
-    rows["link"] = np.concatenate([arrivals.link, links[more.link]])
-    order = np.lexsort((rows["travel_time"], rows["link"]))
-    return replace(arrivals, **{name: values[order] for name, values in rows.items()})
-
-
 def _along_rays(
     reception: ReceptionOptions,
     medium: Medium,
@@ -328,6 +314,5 @@ def _along_rays(
 
 def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:
     """Arrivals of consecutive links."""
-    cut = {"arrival": rows, "n_links": links}
-    columns = {f.name: getattr(arrivals, f.name)[cut[f.metadata["dims"][0]]] for f in fields(arrivals)}
-    return Arrivals(**columns | {"link": columns["link"] - links.start})
+    part = arrivals.at({"arrival": rows, "n_links": links})
+    return replace(part, link=part.link - links.start)

@@ -1,6 +1,5 @@
 """The range model that traces rays: travel times and slowness vectors of the direct arrival in a believed medium."""
 
-from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -88,8 +87,7 @@ class EigenrayModel:
         """Paths of the direct arrivals, and the pair of each; a pair without an arrival has none."""
         arrivals = self._solved(pairs)
         pair, row = choose_arrivals(arrivals, "direct")
-        of_arrivals = [f.name for f in fields(arrivals) if f.metadata["dims"][0] == "arrival"]
-        direct = replace(arrivals, **{name: getattr(arrivals, name)[row] for name in of_arrivals})
+        direct = arrivals.at({"arrival": row})
         return trace_paths(self.medium, pairs.source, pairs.receiver, direct), pair
 
     def _solved(self, pairs: Pairs) -> Arrivals:
