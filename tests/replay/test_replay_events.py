@@ -62,7 +62,7 @@ BAD = {
     ),
     "source and receiver of event 1 is A and A; allowed: two nodes": (HEAD, ROW.replace(",B,", ",A,")),
     "latitude in -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
-    "line 2: sigma is 'small'; allowed: seconds, or an empty cell": (f"{HEAD},sigma", f"{ROW},small"),
+    "line 2: sigma is 'small'; it must be a number or an empty cell": (f"{HEAD},sigma", f"{ROW},small"),
     "sigma of event 1 is 0.0; allowed: seconds above 0": (f"{HEAD},sigma", f"{ROW},0"),
     "has positions in lat, lon and in north, east": (f"{HEAD},source_north", f"{ROW},0"),
     "two columns sigma; remove one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),

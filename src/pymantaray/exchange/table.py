@@ -271,10 +271,8 @@ def _vehicles(table: TextTable) -> NDArray[Any]:
     cells = table.frame["vehicle"]
     nameless = cells.isna() | (cells == "")
     if nameless.any():
-        line = table.frame.index[int(np.argmax(nameless))]
-        raise ExchangeError(
-            f"{table.path}, line {line}: no vehicle name; give one in each row, or remove the column"
-        )
+        where = table.where(int(np.argmax(nameless)))
+        raise ExchangeError(f"{where}: no vehicle name; give one in each row, or remove the column")
     return np.asarray(cells.astype(str).to_numpy())
 
 

@@ -122,7 +122,7 @@ def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], name
     if (received <= sent).any():
         row = int(np.argmax(received <= sent))
         raise LocateError(
-            f"{table.path}, line {table.frame.index[row]}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; both must be"
+            f"{table.where(row)}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; both must be"
             " in seconds"
         )
     away = near
@@ -131,9 +131,8 @@ def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], name
         away = np.column_stack([n1, e1, -u1])
     unknown = [mt for mt in table.frame["MT"] if mt not in names]
     if unknown:
-        line = table.frame.index[table.frame["MT"].tolist().index(unknown[0])]
         raise LocateError(
-            f"{table.path}, line {line}: transponder {unknown[0]!r} is not a station of the site; allowed: {', '.join(names)}"
+            f"{table.where(table.frame['MT'].tolist().index(unknown[0]))}: transponder {unknown[0]!r} is not a station of the site; allowed: {', '.join(names)}"
         )
     number = {name: k for k, name in enumerate(names)}
     flags = (
@@ -187,9 +186,7 @@ def _profile(path: Path) -> tuple[Array, Array]:
     depth, speed = table.numbers(["depth", "speed"]).T
     if (np.diff(depth) <= 0.0).any():
         row = int(np.argmax(np.diff(depth) <= 0.0)) + 1
-        raise LocateError(
-            f"{path}, line {table.frame.index[row]}: depth {depth[row]:g} m does not increase; sort the rows"
-        )
+        raise LocateError(f"{table.where(row)}: depth {depth[row]:g} m does not increase; sort the rows")
     return depth, speed
 
 

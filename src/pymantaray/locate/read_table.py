@@ -11,7 +11,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey, TravelDirection, check_names
-from pymantaray.records.text_table import TextTable, numbers_of, read_text_table
+from pymantaray.records.text_table import TextTable, read_text_table
 
 Array = NDArray[np.float64]
 _TIMES = {
@@ -30,15 +30,12 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
     table = read_text_table(path)
     kind = _time_column(table)
     table.require(["time", "node", kind])
-    names = [cell.strip() for cell in table.frame["node"]]
+    names = table.words("node")
     if "" in names:
-        raise LocateError(f"{path}, line {table.frame.index[names.index('')]}: no name of the node; add it")
-    times = table.times("time")
-    dated = np.issubdtype(times.dtype, np.datetime64)
-    epoch = times[0].astype("datetime64[ns]") if dated else np.datetime64("NaT", "ns")
-    time = (times - times[0]) / np.timedelta64(1, "s") if dated else times
+        raise LocateError(f"{table.where(names.index(''))}: no name of the node; add it")
+    time, epoch = table.seconds("time")
     travel_time = table.numbers([kind])[:, 0] * _TIMES[kind][1]
-    partners = _words(table, "partner")
+    partners = table.words("partner")
     between = np.array([word != "" for word in partners])
     raw = _Places(table, options, time, epoch, travel_time, between)
     frame = raw.frame or _frame_of_nodes(options)
@@ -56,7 +53,7 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
         receive_attitude=raw.attitude[1],
         direction=_directions(table, kind),
         partner=np.array([number.get(name, -1) for name in partners]),
-        sigma=_optional(table, "sigma_s"),
+        sigma=table.optional("sigma_s"),
         flagged=_flags(table),
         line=table.frame.index.to_numpy(dtype=np.int64),
         lever=LeverArm(),
@@ -77,47 +74,22 @@ def _time_column(table: TextTable) -> str:
     return there[0]
 
 
-def _words(table: TextTable, column: str) -> list[str]:
-    if column not in table.frame.columns:
-        return [""] * len(table.frame)
-    return [str(cell).strip() for cell in table.frame[column]]
-
-
-def _optional(table: TextTable, column: str, default: float = np.nan) -> Array:
-    """Optional column of numbers, which may have empty cells."""
-    if column not in table.frame.columns:
-        return np.full(len(table.frame), default)
-    cells = table.frame[column]
-    values = numbers_of(cells.mask(cells == "", str(default)))
-    wrong = np.isnan(values) & (cells != "").to_numpy() & (cells.str.lower() != "nan").to_numpy()
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise LocateError(
-            f"{table.path}, line {table.frame.index[row]}: {column} is {cells.iloc[row]!r}; it must be a number or empty"
-        )
-    return values
-
-
 def _flags(table: TextTable) -> NDArray[np.bool_]:
-    words = [word.lower() for word in _words(table, "use")]
+    words = [word.lower() for word in table.words("use")]
     for row, word in enumerate(words):
         if word not in _TRUE + _FALSE:
-            raise LocateError(
-                f"{table.path}, line {table.frame.index[row]}: use is {word!r}; allowed: yes, no, 1, 0"
-            )
+            raise LocateError(f"{table.where(row)}: use is {word!r}; allowed: yes, no, 1, 0")
     return np.array([word in _FALSE for word in words])
 
 
 def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
-    words = _words(table, "direction")
+    words = table.words("direction")
     out = np.full(len(words), int(_TIMES[kind][0]))
     if _TIMES[kind][0] == TravelDirection.TWO_WAY:
         return out
     for row, word in enumerate(words):
         if word.lower() not in (*_DIRECTIONS, ""):
-            raise LocateError(
-                f"{table.path}, line {table.frame.index[row]}: direction is {word!r}; allowed: {', '.join(_DIRECTIONS)}"
-            )
+            raise LocateError(f"{table.where(row)}: direction is {word!r}; allowed: {', '.join(_DIRECTIONS)}")
         out[row] = _DIRECTIONS.get(word.lower(), TravelDirection.FROM_NODE)
     return out
 
@@ -151,10 +123,10 @@ class _Places:
             self._tracks = read_trajectories([str(p) for p in options.track])
             self.frame = LocalFrame(*self._tracks.centre) if self._tracks.centre is not None else None
         elif self._geodetic and not between.all():
-            lat, lon = (_optional(table, name)[~between] for name in ("lat", "lon"))
+            lat, lon = (table.optional(name)[~between] for name in ("lat", "lon"))
             self._check(lat, lon)
             self.frame = LocalFrame(float(np.median(lat)), float(np.median(lon)))
-        self.platform = None if not self._geodetic else tuple(_optional(table, n) for n in ("lat", "lon"))
+        self.platform = None if not self._geodetic else tuple(table.optional(n) for n in ("lat", "lon"))
         self.attitude = self._attitudes()
 
     def _check(self, lat: Array, lon: Array) -> None:
@@ -163,7 +135,7 @@ class _Places:
             row = int(np.flatnonzero(~self._between)[np.argmax(wrong)])
             here = float(lat[np.argmax(wrong)]), float(lon[np.argmax(wrong)])
             raise LocateError(
-                f"{self._table.path}, line {self._table.frame.index[row]}: position is {here[0]:g}, {here[1]:g}; latitude must be"
+                f"{self._table.where(row)}: position is {here[0]:g}, {here[1]:g}; latitude must be"
                 " -90 to 90 and longitude -360 to 360 degrees"
                 + ("; they may be exchanged" if abs(here[1]) <= 90.0 < abs(here[0]) else "")
             )
@@ -187,7 +159,7 @@ class _Places:
         if self._between.all():
             return np.full((self.sent.size, 3), np.nan)
         if self._geodetic:
-            lat, lon = (_optional(self._table, f"{name}{suffix}") for name in ("lat", "lon"))
+            lat, lon = (self._table.optional(f"{name}{suffix}") for name in ("lat", "lon"))
             if frame is None:
                 raise LocateError(f"{self._table.path}: latitudes and longitudes without a frame")
             north, east = (
@@ -197,13 +169,13 @@ class _Places:
                 )
             )
         else:
-            north, east = (_optional(self._table, f"{name}{suffix}_m") for name in ("north", "east"))
-        depth = _optional(self._table, f"depth{suffix}_m", self._options.transducer_depth)
+            north, east = (self._table.optional(f"{name}{suffix}_m") for name in ("north", "east"))
+        depth = self._table.optional(f"depth{suffix}_m", self._options.transducer_depth)
         place = np.column_stack([north, east, depth])
         bad = ~np.isfinite(place).all(axis=1) & ~self._between
         if bad.any():
-            line = self._table.frame.index[int(np.argmax(bad))]
-            raise LocateError(f"{self._table.path}, line {line}: the position of the platform is incomplete")
+            row = int(np.argmax(bad))
+            raise LocateError(f"{self._table.where(row)}: the position of the platform is incomplete")
         return place
 
     def _attitudes(self) -> list[Array]:
@@ -211,7 +183,7 @@ class _Places:
         for suffix in ("", "_rx"):
             columns = [f"{name}{suffix}_deg" for name in ("heading", "pitch", "roll")]
             there = any(c in self._table.frame.columns for c in columns)
-            angles = [np.radians(_optional(self._table, c, 0.0)) for c in columns]
+            angles = [np.radians(self._table.optional(c, 0.0)) for c in columns]
             out.append(np.column_stack(angles) if there or not out else out[0])
         return out
 
@@ -238,9 +210,8 @@ class _Places:
         for k, wanted in enumerate(both):
             outside = ((wanted < first - 1e-6) | (wanted > last + 1e-6)) & ~self._between
             if outside.any():
-                line = self._table.frame.index[int(np.argmax(outside))]
                 raise LocateError(
-                    f"{self._table.path}, line {line}: the {'reception' if k else 'transmission'} is"
+                    f"{self._table.where(int(np.argmax(outside)))}: the {'reception' if k else 'transmission'} is"
                     f" {wanted[outside][0]:.1f} s after the start of the track, which lasts {last - first:.1f} s"
                 )
         record = tracks.at(np.unique(np.concatenate(both)), frame or LocalFrame(0.0, 0.0))
@@ -314,25 +285,25 @@ def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places)
     )
     if not np.isfinite(depth).all():
         raise LocateError(f"{path}: no column depth_m; add it, or give --depth (in Python: depth)")
-    horizontal = _optional(table, "sigma_horizontal_m", _SIGMA[0])
+    horizontal = table.optional("sigma_horizontal_m", _SIGMA[0])
     sigma = [
-        _optional(table, f"sigma_{axis}_m") if f"sigma_{axis}_m" in columns else default
+        table.optional(f"sigma_{axis}_m") if f"sigma_{axis}_m" in columns else default
         for axis, default in (
             ("north", horizontal),
             ("east", horizontal),
             ("depth", np.full(len(depth), _SIGMA[2])),
         )
     ]
-    delay = _optional(table, "turn_around_s", 0.0) + 1e-3 * _optional(table, "turn_around_ms", 0.0)
+    delay = table.optional("turn_around_s", 0.0) + 1e-3 * table.optional("turn_around_ms", 0.0)
     rest = {
-        name: _optional(table, column, 0.0)
+        name: table.optional(column, 0.0)
         for name, column in (
             ("turn_around_sigma", "sigma_turn_around_s"),
             ("offset_sigma", "sigma_clock_offset_s"),
             ("drift_sigma", "sigma_clock_drift"),
         )
     }
-    names = [str(name).strip() for name in table.frame["name"]]
+    names = table.words("name")
     check_names(names, path)
     return {
         name: Node(

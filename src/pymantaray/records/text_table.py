@@ -1,6 +1,7 @@
 """Reader of text tables, CSV and similar formats, which keeps the line of the file of each row."""
 
 import io
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,10 +53,42 @@ class TextTable:
             row, k = wrong[0]
             cell = self.frame[columns[k]].iloc[row]
             shown = repr(cell) if isinstance(cell, str) else cell
+            raise RecordError(f"{self.where(row)}: {columns[k]} is {shown}; it must be a finite number")
+        return values
+
+    def where(self, row: int) -> str:
+        """Name of the file and line of a row, for messages."""
+        return f"{self.path}, line {self.frame.index[row]}"
+
+    def words(self, column: str) -> list[str]:
+        """Cells of a column as text; empty without this column."""
+        cells = self.frame[column] if column in self.frame.columns else [""] * len(self.frame)
+        return [str(cell).strip() for cell in cells]
+
+    def optional(self, column: str, default: float = math.nan) -> "NDArray[np.float64]":
+        """Column as numbers, with a default for empty cells and without this column."""
+        import numpy as np
+
+        if column not in self.frame.columns:
+            return np.full(len(self.frame), default)
+        cells = self.frame[column]
+        values = numbers_of(cells.mask(cells == "", str(default)))
+        wrong = np.isnan(values) & (cells != "").to_numpy() & (cells.str.lower() != "nan").to_numpy()
+        if wrong.any():
+            row = int(np.argmax(wrong))
             raise RecordError(
-                f"{self.path}, line {self.frame.index[row]}: {columns[k]} is {shown}; it must be a finite number"
+                f"{self.where(row)}: {column} is {cells.iloc[row]!r}; it must be a number or an empty cell"
             )
         return values
+
+    def seconds(self, column: str) -> "tuple[NDArray[np.float64], np.datetime64]":
+        """Column of times as seconds since the first date and this date, or as seconds and NaT."""
+        import numpy as np
+
+        times = self.times(column)
+        if not np.issubdtype(times.dtype, np.datetime64):
+            return times, np.datetime64("NaT", "ns")
+        return (times - times[0]) / np.timedelta64(1, "s"), times[0]
 
     def times(self, column: str) -> "NDArray[Any]":
         """
@@ -79,7 +112,7 @@ class TextTable:
         if wrong.any():
             row = int(np.argmax(wrong))
             raise RecordError(
-                f"{self.path}, line {self.frame.index[row]}: {column} is {str(cells.iloc[row])[:40]!r}; all cells must be seconds,"
+                f"{self.where(row)}: {column} is {str(cells.iloc[row])[:40]!r}; all cells must be seconds,"
                 " or all must be dates such as 2014-07-15T12:00:00Z (without a zone: UTC)"
             )
         if dates.dt.tz is not None:

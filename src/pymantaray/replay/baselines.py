@@ -5,6 +5,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.replay.clocks import gross_of
+from pymantaray.replay.summary import quantile_of
 
 Array = NDArray[np.float64]
 CONSTANT, BY_DEPTHS = "constant sound speed", "one speed per pair of depths"
@@ -43,7 +44,7 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
         known = ~np.isnan(size)
         every = np.where(known, size, np.inf)
         median = float(np.median(size[known])) if known.any() else np.nan
-        quantiles = [float(np.quantile(every, q, method="inverted_cdf")) for q in (0.5, 0.9)]
+        quantiles = [quantile_of(every, q) for q in (0.5, 0.9)]
         rows.append((name, len(events), known.sum(), 100.0 * known.mean(), median, *quantiles))
     columns = ["prediction", "events", "predicted", "percent", "median_size_m", "median_all_m", "p90_all_m"]
     return pd.DataFrame(rows, columns=columns)

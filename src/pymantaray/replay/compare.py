@@ -29,12 +29,11 @@ from pymantaray.replay.draws import bounce_hint, choice_of, predict_draws, with_
 from pymantaray.replay.events import Events
 from pymantaray.replay.mixture import coverage_table, predict_mixture
 from pymantaray.replay.options import DEFAULT_OPTIONS, PredictionOptions
-from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule
+from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule, predicted_columns
 from pymantaray.replay.summary import summary_table
 from pymantaray.replay.switching import switching_table
 from pymantaray.replay.water import choose_water, ends_of, instants_in
 from pymantaray.sensing import Detector, find_receptions
-from pymantaray.sensing.receptions import values_at
 from pymantaray.water import Source, Water, open_waters
 
 Array = NDArray[np.float64]
@@ -385,7 +384,7 @@ def _predict(
     sound = find_receptions(source, receiver, medium, wide, currents=currents, progress=progress)
     distance = medium.straight_distance(source, receiver)
     choice = choice_of(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
-    r, sonar = choice.receptions, choice.sonar
+    r = choice.receptions
     candidates = choice.candidates(rule)
     picks = choice.pick(rule, candidates)
     after = choice.next(rule, candidates, picks)
@@ -393,7 +392,17 @@ def _predict(
     within = np.bincount(r.link[choice.within_cutoff()], minlength=rows.size)
     lost = np.where(within > 0, RayStatus.UNHEARD, RayStatus.WEAK)
     status = np.where((sound.status == RayStatus.OK) & (picks < 0), lost, sound.status)
-    level, time_s = values_at(choice.loss_db, picks), r.travel_time
+    table = pd.DataFrame(
+        {
+            "event": rows[r.link],
+            "travel_time_s": r.travel_time,
+            "loss_db": choice.loss_db,
+            "surface_bounces": r.surface_bounces,
+            "bottom_bounces": r.bottom_bounces,
+            "share": 1.0,
+            "spread_s": 0.0,
+        }
+    )
     frame = pd.DataFrame(
         {
             "cast": water.name,
@@ -402,25 +411,10 @@ def _predict(
             "chord_s": sound.arrivals.chord_travel_time,
             "status": [RayStatus(int(code)).name.lower() for code in status],
             "n_arrivals": within,
-            "predicted_s": values_at(time_s, picks),
-            "surface_bounces": values_at(r.surface_bounces, rays),
-            "bottom_bounces": values_at(r.bottom_bounces, rays),
-            "loss_db": level,
-            "level_db": np.nan if sonar is None else sonar.source_level_db - level,
-            "next_s": values_at(time_s, after) - values_at(time_s, picks),
-            "next_db": level - values_at(choice.loss_db, after),
+            **predicted_columns(table, picks, after, choice.sonar, rays=rays),
             "near_limit": choice.near_limit(rule, picks),
             "sound_speed_m_s": sound.arrivals.source_sound_speed,
         },
         index=rows,
     ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
-    columns = {
-        "event": rows[r.link],
-        "travel_time_s": time_s,
-        "loss_db": choice.loss_db,
-        "surface_bounces": r.surface_bounces,
-        "bottom_bounces": r.bottom_bounces,
-        "share": 1.0,
-        "spread_s": 0.0,
-    }
-    return frame, pd.DataFrame(columns)[candidates]
+    return frame, table[candidates]

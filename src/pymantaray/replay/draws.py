@@ -8,12 +8,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics.selection import first_rows
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 from pymantaray.replay.candidates import DrawnArrivals, merge_draws
 from pymantaray.replay.events import Events
-from pymantaray.replay.rules import Choice, DetectionRule
+from pymantaray.replay.rules import Choice, DetectionRule, first_picks, predicted_columns
 from pymantaray.replay.water import choose_water, ends_of, instants_in
 from pymantaray.sensing import Detector, Transmission, find_receptions
 from pymantaray.sensing.receptions import Direction
@@ -134,37 +135,20 @@ def _frame(
         allowed &= loss <= least[link] + (6.0 if rule.within_db is None else rule.within_db)
     if rule.kind == "threshold" and sonar is not None:
         allowed &= loss <= sonar.figure_of_merit_db
-    picks = []
-    for _ in range(2):
-        rows = np.flatnonzero(allowed)
-        order = np.lexsort((time[rows], loss[rows] if rule.kind == "strongest" else 0.0 * rows, link[rows]))
-        pick = np.full(n, -1)
-        pick[link[rows[order]][::-1]] = rows[order][::-1]
-        allowed = allowed.copy()
-        allowed[pick[pick >= 0]] = False
-        picks.append(pick)
-    first, after = picks
+    keys = [loss, time] if rule.kind == "strongest" else [time]
+    first = first_picks(link, keys, allowed, n)
+    allowed[first[first >= 0]] = False
+    after = first_picks(link, keys, allowed, n)
     state = np.where(
         first >= 0, np.int8(RayStatus.OK), np.where(status == RayStatus.OK, RayStatus.UNHEARD, status)
     )
-
-    def of(name: str, rows: Rows) -> Array:
-        return np.append(merged[name].to_numpy(dtype=float), np.nan)[rows]
-
-    level = of("loss_db", first)
     return pd.DataFrame(
         {
             "cast": "",
             "distance_m": distance,
             "status": [RayStatus(int(code)).name.lower() for code in state],
             "n_arrivals": np.bincount(link, minlength=n),
-            "predicted_s": of("travel_time_s", first),
-            "surface_bounces": of("surface_bounces", first),
-            "bottom_bounces": of("bottom_bounces", first),
-            "loss_db": level,
-            "level_db": np.nan if sonar is None else sonar.source_level_db - level,
-            "next_s": of("travel_time_s", after) - of("travel_time_s", first),
-            "next_db": level - of("loss_db", after),
+            **predicted_columns(merged, first, after, sonar),
             "near_limit": False,
             "sound_speed_m_s": speed,
         }
@@ -175,9 +159,7 @@ def with_median_candidate(table: pd.DataFrame, candidates: pd.DataFrame, median:
     """Events whose predicted arrival is the candidate nearest to the median of their mixture. [s]"""
     at = candidates["event"].to_numpy(dtype=np.int64)
     far = np.abs(candidates["travel_time_s"].to_numpy() - median[at])
-    order = np.lexsort((far, at))
-    events, first = np.unique(at[order], return_index=True)
-    rows = order[first]
+    events, rows = first_rows(at, [far], np.ones(at.size, dtype=bool))
     out, level = table.copy(), table["level_db"] + table["loss_db"]
     for name, source in (
         ("predicted_s", "travel_time_s"),

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError, ReplayError
 from pymantaray.geometry.checks import checked_array
-from pymantaray.records.text_table import TextTable, numbers_of, read_text_table
+from pymantaray.records.text_table import TextTable, read_text_table
 
 Array = NDArray[np.float64]
 Names = NDArray[np.str_]
-_ENDS = ("source", "receiver")
+ENDS = ("source", "receiver")
 _PLACES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
 _MAX_TIME = 3600.0  # s; a longer travel time is in another unit
 
@@ -136,17 +136,17 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
 
 def _events(table: TextTable) -> Events:
     path, columns = table.path, set(table.frame.columns)
-    geographic = {f"{end}_lat" for end in _ENDS} <= columns
+    geographic = {f"{end}_lat" for end in ENDS} <= columns
     if geographic and "source_north" in columns:
         raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one of the two")
-    places = [f"{end}_{axis}" for end in _ENDS for axis in _PLACES[geographic]]
-    table.require(["time", *_ENDS, *places, "travel_time", *sorted({"sigma", "cast"} & columns)])
+    places = [f"{end}_{axis}" for end in ENDS for axis in _PLACES[geographic]]
+    table.require(["time", *ENDS, *places, "travel_time", *sorted({"sigma", "cast"} & columns)])
     numbers = table.numbers([*places, "travel_time"])
-    names = {end: _words(table, end) for end in _ENDS}
+    names = {end: table.words(end) for end in ENDS}
     for end, words in names.items():
         if not all(words):
-            raise ReplayError(f"{path}, line {table.frame.index[words.index('')]}: {end} has no name")
-    time, epoch = _times(table)
+            raise ReplayError(f"{table.where(words.index(''))}: {end} has no name")
+    time, epoch = table.seconds("time")
     return Events(
         time=time,
         source=np.array(names["source"], dtype=str),
@@ -155,8 +155,8 @@ def _events(table: TextTable) -> Events:
         receiver_position=numbers[:, 3:6],
         travel_time=numbers[:, 6],
         geographic=geographic,
-        sigma=_sigmas(table),
-        cast=np.array(_words(table, "cast") if "cast" in columns else [], dtype=str),
+        sigma=table.optional("sigma"),
+        cast=np.array(table.words("cast"), dtype=str),
         epoch=epoch,
     )
 
@@ -166,10 +166,10 @@ def _placed(table: TextTable, nodes: TextTable) -> TextTable:
     geographic = "source_lat" in table.frame.columns or "receiver_lat" in table.frame.columns
     axes = _PLACES[geographic]
     nodes.require(["name", *axes])
-    place = dict(zip(_words(nodes, "name"), nodes.frame[list(axes)].to_numpy().tolist(), strict=True))
-    table.require(list(_ENDS))
+    place = dict(zip(nodes.words("name"), nodes.frame[list(axes)].to_numpy().tolist(), strict=True))
+    table.require(list(ENDS))
     frame = table.frame.copy()
-    for end in _ENDS:
+    for end in ENDS:
         known = frame[end].str.strip().isin(list(place)).to_numpy()
         for k, axis in enumerate(axes):
             column = f"{end}_{axis}"
@@ -177,29 +177,3 @@ def _placed(table: TextTable, nodes: TextTable) -> TextTable:
             located = frame[end].str.strip().map(lambda name, k=k: place.get(name, [""] * 3)[k])
             frame[column] = cells.where(~known, located)
     return replace(table, frame=frame)
-
-
-def _words(table: TextTable, column: str) -> list[str]:
-    return [str(cell).strip() for cell in table.frame[column]]
-
-
-def _sigmas(table: TextTable) -> Array:
-    if "sigma" not in table.frame.columns:
-        return np.empty(0)
-    cells = table.frame["sigma"].mask(table.frame["sigma"] == "", "nan")
-    values = numbers_of(cells)
-    wrong = np.isnan(values) & (cells.str.lower() != "nan").to_numpy()
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise ReplayError(
-            f"{table.path}, line {table.frame.index[row]}: sigma is {cells.iloc[row]!r}; allowed: seconds, or an empty cell"
-        )
-    return values
-
-
-def _times(table: TextTable) -> tuple[Array, np.datetime64]:
-    """Seconds since the first event, and its time; unchanged if the column has numbers."""
-    times = table.times("time")
-    if not np.issubdtype(times.dtype, np.datetime64):
-        return times, np.datetime64("NaT", "ns")
-    return (times - times[0]) / np.timedelta64(1, "s"), times[0]

@@ -10,7 +10,7 @@ from pymantaray.acoustics.reflection import wave_height_rms
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.replay.options import PredictionOptions
-from pymantaray.replay.summary import RESAMPLES, percentiles
+from pymantaray.replay.summary import quantile_of, ratio_interval
 from pymantaray.sensing.picking import LEVEL_SPREAD_DB
 
 Array = NDArray[np.float64]
@@ -299,8 +299,8 @@ def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
                 "group": name,
                 "events": len(part),
                 "predicted": int(ok.sum()),
-                "median_size_m": _quantile(size, 0.5),
-                "q90_size_m": _quantile(size, 0.9),
+                "median_size_m": quantile_of(size, 0.5),
+                "q90_size_m": quantile_of(size, 0.9),
                 "within_1_sigma": 100.0 * float((late <= 1.0).mean()),
                 "within_2_sigma": 100.0 * float((late <= 2.0).mean()),
                 "within_95": 100.0 * float(inside.mean()),
@@ -320,11 +320,7 @@ def _over_pairs(
 ) -> tuple[float, float]:
     """Ends of the 95 % interval of a percentage, from bootstrap samples of pairs."""
     counts = inside.astype(float).groupby(pair).agg(["sum", "size"]).to_numpy()
-    if len(counts) < 2:
-        return np.nan, np.nan
-    draws = rng.integers(0, len(counts), (RESAMPLES, len(counts)))
-    hits, events = counts[draws].sum(axis=1).T
-    return percentiles(100.0 * hits / events)
+    return ratio_interval(counts * [100.0, 1.0], rng)
 
 
 def _parts(residual: "pd.Series[float]", pair: "pd.Series[str]") -> tuple[float, float]:
@@ -332,11 +328,3 @@ def _parts(residual: "pd.Series[float]", pair: "pd.Series[str]") -> tuple[float,
     middle = residual.groupby(pair).transform("median")
     constant = residual.groupby(pair).median().abs().median()
     return MAD_TO_SIGMA * float(constant), MAD_TO_SIGMA * float((residual - middle).abs().median())
-
-
-def _quantile(values: Array, level: float) -> float:
-    """Quantile of values of which some may be infinite."""
-    ordered = np.sort(values)
-    return (
-        float(ordered[min(int(np.ceil(level * ordered.size)), ordered.size) - 1]) if ordered.size else np.nan
-    )

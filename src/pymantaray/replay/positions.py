@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.checks import check_number
-from pymantaray.replay.events import Events
+from pymantaray.replay.events import ENDS, Events
 
 Array = NDArray[np.float64]
-_ENDS = ("source", "receiver")
+
 _WALKS = np.geomspace(1e-4, 10.0, 21)  # m per square root of a second, among which the likelihood chooses
 _REFINEMENTS = 3  # of the choice, each ten times finer
 _DRIFT = 2.0  # m/s; prior standard deviation of the drift, above that of ice
@@ -94,7 +94,7 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
         places = np.stack(frame.to_geodetic(places[..., 0], places[..., 1]), axis=-1)
     positions: dict[str, Any] = {
         f"{end}_position": np.column_stack([places[k], getattr(events, f"{end}_position")[:, 2]])
-        for k, end in enumerate(_ENDS)
+        for k, end in enumerate(ENDS)
     }
     return SmoothedPositions(replace(events, **positions), table)
 

@@ -1,9 +1,11 @@
 """Rules that predict the arrival that a receiver detected; fix the rule before you look at residuals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import link_loss_db
@@ -119,10 +121,7 @@ class Choice(NamedTuple):
         keys = [self.receptions.travel_time]
         if rule.kind == "strongest":
             keys.insert(0, self.loss_db)
-        link, row = first_rows(self.receptions.link, keys, candidates)
-        picks = np.full(self.events, -1)
-        picks[link] = row
-        return picks
+        return first_picks(self.receptions.link, keys, candidates, self.events)
 
     def next(self, rule: DetectionRule, candidates: NDArray[np.bool_], picks: Rows) -> Rows:
         """Row of the candidate that each event would take without the one that it takes, -1 for none."""
@@ -137,3 +136,35 @@ class Choice(NamedTuple):
             for which in ("cutoff", "limit"):
                 changed |= self.pick(rule, self.candidates(rule, **{which: shift})) != picks
         return changed
+
+
+def first_picks(link: Rows, keys: Sequence[Array], allowed: NDArray[np.bool_], links: int) -> Rows:
+    """First allowed row of each link in the order of the keys, -1 for a link without one."""
+    picks = np.full(links, -1)
+    chosen = first_rows(link, keys, allowed)
+    picks[chosen.link] = chosen.row
+    return picks
+
+
+def predicted_columns(
+    candidates: pd.DataFrame, first: Rows, after: Rows, sonar: Sonar | None, *, rays: Rows | None = None
+) -> dict[str, Array | float]:
+    """
+    Columns of the picked rows of candidates and of their successors; NaN for rows of -1.
+
+    ``rays`` are the picks whose numbers of reflections are known.
+    """
+
+    def of(name: str, rows: Rows) -> Array:
+        return np.append(candidates[name].to_numpy(dtype=float), np.nan)[rows]
+
+    rays, level = first if rays is None else rays, of("loss_db", first)
+    return {
+        "predicted_s": of("travel_time_s", first),
+        "surface_bounces": of("surface_bounces", rays),
+        "bottom_bounces": of("bottom_bounces", rays),
+        "loss_db": level,
+        "level_db": np.nan if sonar is None else sonar.source_level_db - level,
+        "next_s": of("travel_time_s", after) - of("travel_time_s", first),
+        "next_db": level - of("loss_db", after),
+    }

@@ -74,6 +74,19 @@ def percentiles(values: Array) -> tuple[float, float]:
     return float(low), float(high)
 
 
+def ratio_interval(sums: Array, rng: np.random.Generator) -> tuple[float, float]:
+    """Confidence interval of the ratio of two sums (n_pairs, 2) over resampled pairs; NaN for a single pair."""
+    if len(sums) < 2:
+        return np.nan, np.nan
+    over, under = sums[rng.integers(0, len(sums), (RESAMPLES, len(sums)))].sum(axis=1).T
+    return percentiles(over / under)
+
+
+def quantile_of(size: Array, level: float) -> float:
+    """Smallest size that is not below a fraction of all sizes, some of which may be infinite."""
+    return float(np.quantile(size, level, method="inverted_cdf")) if size.size else np.nan
+
+
 def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], list[str]]]:
     """Name of each way to group the events, the group of each event, and the groups' names."""
     yield "all", np.zeros(len(events), dtype=np.int64), ["all"]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.replay.clocks import clock_errors, clock_table
-from pymantaray.replay.summary import RESAMPLES, percentiles
+from pymantaray.replay.summary import ratio_interval
 
 Array = NDArray[np.float64]
 _MIN_SEPARATION = 4.0  # standard deviations between candidates that can be separated
@@ -137,7 +137,8 @@ def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float,
     ways = pd.DataFrame(parts, columns=["pair", "steps", "changes", "independent", "seconds"])
     pairs = ways.groupby("pair", sort=True).sum()
     pairs = pairs[pairs["steps"] > 0]
-    rows = [_row("all", pairs.sum(), _interval(pairs, seed))]
+    rng = stream(seed, 0, "replay", "bootstrap", "switching")
+    rows = [_row("all", pairs.sum(), ratio_interval(pairs[["changes", "steps"]].to_numpy(dtype=float), rng))]
     rows += [_row(str(pair), one, (np.nan, np.nan)) for pair, one in pairs.iterrows()]
     names = ["pair", "steps", "rate", "rate_low", "rate_high", "independent_rate", "step_s", "correlation_s"]
     return pd.DataFrame(rows, columns=names)
@@ -153,13 +154,3 @@ def _row(pair: str, sums: "pd.Series[float]", interval: tuple[float, float]) -> 
         stays = 1.0 - rate / independent
         correlation = 0.0 if stays <= 0.0 else np.inf if stays == 1.0 else -step / np.log(stays)
     return (pair, int(steps), rate, *interval, independent, step, correlation)
-
-
-def _interval(pairs: pd.DataFrame, seed: int) -> tuple[float, float]:
-    if len(pairs) < 2:
-        return np.nan, np.nan
-    again = stream(seed, 0, "replay", "bootstrap", "switching").integers(
-        0, len(pairs), (RESAMPLES, len(pairs))
-    )
-    changes, steps = (pairs[name].to_numpy(dtype=float)[again].sum(axis=1) for name in ("changes", "steps"))
-    return percentiles(changes / steps)
