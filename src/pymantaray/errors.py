@@ -5,6 +5,9 @@ A function raises the error of its folder if it cannot use an argument. The mess
 allowed values. A docstring lists an error only if it does not follow from the description of the parameters.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from pymantaray.messages import without_secrets
 
 
@@ -97,3 +100,12 @@ class OnlineError(MantaRayError):
 
 class ExchangeError(MantaRayError):
     """A file of another program cannot be read, or lacks the requested data."""
+
+
+@contextmanager
+def optional_package(error: type[MantaRayError], where: object, name: str, extra: str) -> Iterator[None]:
+    """Raise an error with the command that installs an optional package if its import fails."""
+    try:
+        yield
+    except ImportError:
+        raise error(f'{where}: {name} is not installed; pip install "pymantaray[{extra}]"') from None

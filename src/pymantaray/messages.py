@@ -2,15 +2,12 @@
 
 import re
 
-_ACCOUNT = re.compile(
-    r"(?<=:/)(?:(?!:/).)*@"
-)  # account in a URL, up to the last @: passwords may contain spaces, / and @
-_BARE_ACCOUNT = re.compile(
-    r"(?<![^\s'\"=(])[^\s:/'\"=(]+:[^\s/]+@(?=[\w.\[-]+:\d)"
-)  # user:password@host:port
-_VALUE = re.compile(
-    r"([?&#][\w.\[\]%-]+=)[^\s&#'\"]*?(?=[:;,]?(?:[\s&#'\"]|$))"
-)  # value in a query, ?name=value
+# account in a URL, up to the last @: passwords may contain spaces, / and @
+_ACCOUNT = re.compile(r"(?<=:/)(?:(?!:/).)*@")
+# user:password@host:port
+_BARE_ACCOUNT = re.compile(r"(?<![^\s'\"=(])[^\s:/'\"=(]+:[^\s/]+@(?=[\w.\[-]+:\d)")
+# value in a query, ?name=value
+_VALUE = re.compile(r"([?&#][\w.\[\]%-]+=)[^\s&#'\"]*?(?=[:;,]?(?:[\s&#'\"]|$))")
 
 
 def without_secrets(text: object) -> str:

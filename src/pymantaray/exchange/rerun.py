@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pymantaray.errors import ExchangeError
+from pymantaray.errors import ExchangeError, optional_package
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Recording
 
@@ -27,10 +27,8 @@ def write_rrd(recording: Recording, path: Path) -> None:
     ExchangeError
         If rerun-sdk is not installed.
     """
-    try:
+    with optional_package(ExchangeError, "rrd", "rerun-sdk", "rerun"):
         import rerun as rr
-    except ImportError:
-        raise ExchangeError('rrd: rerun-sdk is not installed; pip install "pymantaray[rerun]"') from None
     stream = rr.RecordingStream("mantaray", recording_id=recording.name)
     stream.save(path)
     stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

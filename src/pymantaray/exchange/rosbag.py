@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pymantaray.errors import ExchangeError
+from pymantaray.errors import ExchangeError, optional_package
 from pymantaray.exchange.bag_limits import check_count, check_size, limited_unpacking
 from pymantaray.exchange.fixes import Fixes, centre_from_fixes, origin_of_frame
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
@@ -44,18 +44,11 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     files = [path]
     if path.is_dir() and path.suffix == ".bag":  # the library expects a file of ROS 1
         files = sorted(file for kind in ("*.db3", "*.mcap") for file in path.glob(kind))
-    if (
-        path.is_dir()
-        and not any(path.glob("*.yaml"))
-        and not any(path.glob("*.db3"))
-        and not any(path.glob("*.mcap"))
-    ):
+    if path.is_dir() and not any(any(path.glob(f"*.{kind}")) for kind in ("yaml", "db3", "mcap")):
         raise ExchangeError(f"{path}: this folder is not a bag; name files, or a folder with metadata.yaml")
-    try:
+    with optional_package(ExchangeError, path, "rosbags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise ExchangeError(f'{path}: rosbags is not installed; pip install "pymantaray[ros]"') from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     rows: dict[str, list[tuple[Any, ...]]] = {}
     located: dict[str, list[tuple[Any, ...]]] = {}
@@ -173,12 +166,8 @@ def _poses(name: str, rows: list[tuple[Any, ...]], path: Path) -> Poses:
     p, q = np.array(place, dtype=float), np.array(quaternion, dtype=float)
     if not frames[0].lower().endswith("ned"):
         if children[0].lower().endswith("frd"):
-            q = q[:, [1, 0, 3, 2]] * [
-                -1.0,
-                1.0,
-                1.0,
-                -1.0,
-            ]  # rotation by pi about forward, from forward, left, up
+            # rotation by pi about forward, from forward, left, up
+            q = q[:, [1, 0, 3, 2]] * [-1.0, 1.0, 1.0, -1.0]
         p, q = swap_enu(p), swap_enu_attitude(q)
     return Poses(
         name,
@@ -221,11 +210,9 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
     ExchangeError
         If rosbags is not installed, or two names are equal in ROS.
     """
-    try:
+    with optional_package(ExchangeError, "bag and mcap", "rosbags", "ros"):
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise ExchangeError('bag and mcap: rosbags is not installed; pip install "pymantaray[ros]"') from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     with TemporaryDirectory(dir=folder) as temporary:  # the writer creates its own folder

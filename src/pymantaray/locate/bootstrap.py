@@ -33,10 +33,7 @@ def bootstrap_positions(
     if not 1 < draws <= _MAX_DRAWS:
         raise LocateError(f"bootstrap is {draws}; it must be 2 to {_MAX_DRAWS:,} draws")
     s = solution
-    platform = s.unknowns.survey.platform_error
-    rows = np.concatenate(
-        [block for block, _ in s.linear.whitened(s.used, s.correlation, platform, s.posterior.sigma)]
-    )
+    rows = np.concatenate(list(s.whitened()))
     sd = s.unknowns.scaled_sd(dict.fromkeys(s.unknowns.groups, 1.0) | dict(s.posterior.hyperparameters))
     active = np.flatnonzero(sd > 0.0)
     design = rows[:, active] * (sd[active] / s.posterior.sigma)

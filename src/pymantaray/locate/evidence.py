@@ -7,7 +7,7 @@ determine. ABIC is -2 log evidence + 2 (number of hyperparameters).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,19 +93,12 @@ def posterior(
     change, covariance = np.zeros(unknowns.size), np.zeros((unknowns.size, unknowns.size))
     change[active], covariance[np.ix_(active, active)] = solved.change, solved.covariance
     kept = {name: hyper[name] for name in groups}
-    return Posterior(change, covariance, sigma, kept, solved.log_evidence, solved.squares, solved.effective)
+    return replace(solved, change=change, covariance=covariance, hyperparameters=kept)
 
 
-@dataclass(frozen=True, eq=False)
-class _Moments:
-    change: Array
-    covariance: Array
-    squares: float
-    effective: float
-    log_evidence: float
-
-
-def _solve(normal: Array, right: Array, products: Products, mean: Array, sd: Array, sigma: float) -> _Moments:
+def _solve(
+    normal: Array, right: Array, products: Products, mean: Array, sd: Array, sigma: float
+) -> Posterior:
     """Posterior for fixed variances, scaled by the priors for good conditioning."""
     scaled = normal * (sd[:, None] * sd[None, :] / sigma**2)
     factor = cho_factor(scaled + np.eye(sd.size), lower=True, check_finite=False)
@@ -124,4 +117,5 @@ def _solve(normal: Array, right: Array, products: Products, mean: Array, sd: Arr
         + penalty
     )
     effective = float(sd.size - np.trace(inverse))
-    return _Moments(change, inverse * sd[:, None] * sd[None, :], squares, effective, float(log_evidence))
+    covariance = inverse * sd[:, None] * sd[None, :]
+    return Posterior(change, covariance, sigma, {}, float(log_evidence), squares, effective)

@@ -20,7 +20,6 @@ from pymantaray.locate.options import LocateOptions
 from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table
 from pymantaray.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
 from pymantaray.locate.survey import Survey, TravelDirection
-from pymantaray.locate.travel_times import transducers
 from pymantaray.records.result_table import ResultTable
 
 Array = NDArray[np.float64]
@@ -215,7 +214,7 @@ class Location:
     def pings(self) -> pd.DataFrame:
         """One row per ping: node, times, residual, leverage, range, azimuth, use, and reason if unused."""
         survey, solution = self.survey, self.solution
-        near, _ = transducers(survey, solution.unknowns.lever(solution.values))
+        near, _ = solution.transducers()
         near = np.where(survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near)
         step = near - self.positions[survey.node]
         leverage = np.full(len(survey), np.nan)
@@ -243,11 +242,9 @@ class Location:
 
     def _leverage(self) -> Array:
         """Leverage of each used ping: derivative of its prediction by its measurement. [-]"""
-        s = self.solution
-        platform = s.unknowns.survey.platform_error
-        blocks = s.linear.whitened(s.used, s.correlation, platform, s.posterior.sigma)
-        covariance = s.posterior.covariance / s.posterior.sigma**2
-        return np.concatenate([np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b, _ in blocks])
+        fit, blocks = self.solution.posterior, self.solution.whitened()
+        covariance = fit.covariance / fit.sigma**2
+        return np.concatenate([np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b in blocks])
 
     @cached_property
     def budget(self) -> pd.DataFrame:
@@ -275,7 +272,7 @@ class Location:
     def mean_speed(self) -> float:
         """Median of straight distance over travel time of the used pings. [m/s]"""
         s, survey = self.solution, self.survey
-        near, away = transducers(survey, s.unknowns.lever(s.values))
+        near, away = s.transducers()
         node = self.positions[survey.node]
         out = survey.direction != TravelDirection.FROM_NODE
         back = survey.direction != TravelDirection.TO_NODE

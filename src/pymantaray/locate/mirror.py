@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from pymantaray.errors import LocateError
 from pymantaray.locate.solve import Solver, SurveySolution
-from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
 _MAX_WIDTH = 0.15  # width over length of a line for which mirror solutions are computed
@@ -29,7 +28,7 @@ class Mirror:
 def mirrors(solver: Solver, solution: SurveySolution) -> list[Mirror]:
     """Mirror solutions of nodes whose pings are along one line."""
     survey = solver.survey
-    near, away = transducers(survey, solution.unknowns.lever(solution.values))
+    near, away = solution.transducers()
     result = []
     for k, name in enumerate(survey.names):
         rows = solution.used & (survey.node == k) & (survey.partner < 0)

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from pymantaray.locate.solve import SurveySolution
-from pymantaray.locate.travel_times import transducers
 
 Array = NDArray[np.float64]
 LEVEL = 1e-3
@@ -60,16 +59,14 @@ def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
 
 def whitened_residuals(solution: SurveySolution) -> Array:
     """Independent residuals of the used pings, with the standard deviation of the white noise. [s]"""
-    s = solution
-    platform = s.unknowns.survey.platform_error
-    blocks = s.linear.whitened(s.used, s.correlation, platform, s.posterior.sigma)
-    return np.concatenate([block[:, -1] - block[:, :-1] @ s.posterior.change for block, _ in blocks])
+    change = solution.posterior.change
+    return np.concatenate([block[:, -1] - block[:, :-1] @ change for block in solution.whitened()])
 
 
 def _coordinates(solution: SurveySolution) -> dict[str, tuple[Array, NDArray[np.int64]]]:
     """Coordinates for tests of patterns, and the node of each used ping for patterns by node."""
     survey, used = solution.unknowns.survey, solution.used
-    near, _ = transducers(survey, solution.unknowns.lever(solution.values))
+    near, _ = solution.transducers()
     step = (near - solution.positions[survey.node])[used]
     node, alone = survey.node[used], np.zeros(int(used.sum()), dtype=np.int64)
     out = {"time": (survey.time[used], alone)}

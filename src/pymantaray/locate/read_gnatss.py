@@ -5,6 +5,7 @@ Columns follow its documentation, https://gnatss.readthedocs.io: ``pxp_tt`` has 
 column per transponder; ``POS_FREED_TRANS_TWTT`` has seconds since 2000-01-01 12:00, geocentric positions and their covariance.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
-from pymantaray.errors import LocateError
+from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, PlatformError, Survey
@@ -51,10 +52,8 @@ def read_gnatss(path: Path, options: ReadOptions) -> Survey:
 
 
 def _config(path: Path) -> dict[str, Any]:
-    try:
+    with optional_package(LocateError, path, "PyYAML", "gnatss"):
         import yaml
-    except ImportError:
-        raise LocateError(f'{path}: PyYAML is not installed; pip install "pymantaray[gnatss]"') from None
     try:
         config = yaml.safe_load(path.read_text())
     except yaml.YAMLError as error:
@@ -90,27 +89,22 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
 def _times(paths: list[Path], count: int) -> tuple[Array, Array, NDArray[np.int64]]:
     """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line numbers."""
     stamps, times, lines = [], [], []
-    for path in paths:
-        for number, text in enumerate(path.read_text().splitlines(), 1):
-            words = text.split()
-            if not words or words[0].startswith("#"):
-                continue
-            try:
-                day, month, year = words[0].split("-")
-                date = f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}"
-                hour, minute, second = words[1].split(":")
-                clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
-                row = [float(word) for word in words[2 : 2 + count]]
-            except (ValueError, KeyError, IndexError):
-                row, date, clock = [], "2000-01-01", 0.0
-            if len(row) < count:
-                raise LocateError(
-                    f"{path}, line {number}: {text.strip()[:60]!r} is invalid; it must be a time such as 26-JUN-23 00:00:07.00 and"
-                    f" {count} two-way times in microseconds"
-                )
-            stamps.append(float((np.datetime64(date, "ns") - _J2000) / np.timedelta64(1, "s")) + clock)
-            times.append(row)
-            lines.append(number)
+    for number, where, words in _lines(paths):
+        try:
+            day, month, year = words[0].split("-")
+            date = f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}"
+            hour, minute, second = words[1].split(":")
+            clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+            row = [float(word) for word in words[2 : 2 + count]]
+        except (ValueError, KeyError, IndexError):
+            row, date, clock = [], "2000-01-01", 0.0
+        if len(row) < count:
+            raise LocateError(
+                f"{where} is invalid; it must be a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
+            )
+        stamps.append(float((np.datetime64(date, "ns") - _J2000) / np.timedelta64(1, "s")) + clock)
+        times.append(row)
+        lines.append(number)
     values = np.array(times, dtype=float).reshape(-1, count) * 1e-6
     values[values <= 0.0] = np.nan
     order = np.argsort(stamps, kind="stable")
@@ -120,21 +114,15 @@ def _times(paths: list[Path], count: int) -> tuple[Array, Array, NDArray[np.int6
 def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> tuple[Array, Array, Array]:
     """Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²]."""
     rows = []
-    for path in paths:
-        for number, text in enumerate(path.read_text().splitlines(), 1):
-            words = text.replace(",", " ").split()
-            if not words or words[0].startswith("#"):
-                continue
-            try:
-                values = [float(word.replace("D", "E")) for word in words[:13]]
-            except ValueError:
-                values = []
-            if len(values) < 4:
-                raise LocateError(
-                    f"{path}, line {number}: {text.strip()[:60]!r} is invalid; it must be a time, X, Y, Z and nine covariances"
-                )
-            values += [0.0] * (13 - len(values))
-            rows.append([*values[:4], values[4], values[8], values[12]])
+    for _, where, words in _lines(paths):
+        try:
+            values = [float(word.replace("D", "E")) for word in words[:13]]
+        except ValueError:
+            values = []
+        if len(values) < 4:
+            raise LocateError(f"{where} is invalid; it must be a time, X, Y, Z and nine covariances")
+        values += [0.0] * (13 - len(values))
+        rows.append([*values[:4], values[4], values[8], values[12]])
     table = np.array(rows)
     if not table.size:
         raise LocateError(f"{paths[0]}: no position in this file")
@@ -143,6 +131,15 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> tuple[Arra
     lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
     north, east = frame.to_local(lat, lon)
     return table[:, 0], np.column_stack([north, east, geoid - height]), table[:, 4:7]
+
+
+def _lines(paths: list[Path]) -> Iterator[tuple[int, str, list[str]]]:
+    """Number, description for messages and words of each line that is neither empty nor a comment."""
+    for path in paths:
+        for number, text in enumerate(path.read_text().splitlines(), 1):
+            words = text.replace(",", " ").split()
+            if words and not words[0].startswith("#"):
+                yield number, f"{path}, line {number}: {text.strip()[:60]!r}", words
 
 
 def _survey(

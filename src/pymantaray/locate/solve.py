@@ -1,6 +1,6 @@
 """Solver for node positions: outer steps with exact rays, and selection of the model by its evidence."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from pymantaray.locate.options import KINDS, Arrangement, Kind, LocateOptions
 from pymantaray.locate.sound_speed import sound_speed_terms
 from pymantaray.locate.starts import start_positions
 from pymantaray.locate.survey import Survey
-from pymantaray.locate.travel_times import Legs, moved, predict
+from pymantaray.locate.travel_times import Legs, moved, predict, transducers
 from pymantaray.locate.unknowns import SurveyUnknowns
 from pymantaray.ocean.modes import VerticalModes
 
@@ -51,6 +51,15 @@ class SurveySolution:
     products: Products
     used: Mask
     settled: bool
+
+    def whitened(self) -> Iterator[Array]:
+        """Blocks of whitened rows of the used pings, with the residual in the last column."""
+        platform, sigma = self.unknowns.survey.platform_error, self.posterior.sigma
+        return (block for block, _ in self.linear.whitened(self.used, self.correlation, platform, sigma))
+
+    def transducers(self) -> tuple[Array, Array]:
+        """Positions of the platform's transducer at transmission and reception with the estimated lever arm. [m]"""
+        return transducers(self.unknowns.survey, self.unknowns.lever(self.values))
 
     @property
     def positions(self) -> Array:

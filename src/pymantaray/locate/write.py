@@ -14,7 +14,6 @@ from pymantaray.estimation.pyfg import write_pyfg
 from pymantaray.locate.location import Location
 from pymantaray.locate.patterns import test_table
 from pymantaray.locate.survey import TravelDirection
-from pymantaray.locate.travel_times import transducers
 from pymantaray.records.writing import write_netcdf
 
 Array = NDArray[np.float64]
@@ -42,19 +41,10 @@ def summary(location: Location) -> dict[str, Any]:
     }
 
 
-def _rejected(location: Location) -> list[dict[str, Any]]:
+def _rejected(location: Location) -> list[dict[Any, Any]]:
     """Unused pings with their lines and reasons."""
     out = location.pings[~location.pings["used"]]
-    return [
-        {
-            "line": int(row["line"]),
-            "node": row["node"],
-            "time_s": row["time_s"],
-            "residual_s": row["residual_s"],
-            "reason": row["reason"],
-        }
-        for row in out.to_dict("records")
-    ]
+    return out[["line", "node", "time_s", "residual_s", "reason"]].to_dict("records")
 
 
 def landmarks_toml(location: Location) -> str:
@@ -124,8 +114,7 @@ def dataset(location: Location) -> xr.Dataset:
     out = xr.Dataset(
         data, coords={"node": nodes["name"].to_numpy(dtype=str), "axis": ["north", "east", "depth"]}
     )
-    for name in ("status",):
-        out[name] = out[name].astype(str)
+    out["status"] = out["status"].astype(str)
     model = {key: value for key, value in location.hyperparameters.items() if isinstance(value, (str, float))}
     out.attrs = {"title": "Located nodes", "source": location.survey.source, "rms_s": location.rms} | model
     return out
@@ -151,7 +140,7 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     """
     survey, solution = location.survey, location.solution
     rows = np.flatnonzero(solution.used & ~survey.between_nodes)
-    near, away = transducers(survey, solution.unknowns.lever(solution.values))
+    near, away = solution.transducers()
     direction = survey.direction[:, None]
     place = np.where(
         direction == TravelDirection.TO_NODE,

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.errors import OceanError
+from pymantaray.errors import OceanError, optional_package
 from pymantaray.jobs.progress import Progress
 from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
 from pymantaray.ocean.fetch.catalogue import Experiment, covering, load_catalogue
@@ -118,10 +118,8 @@ def fetch_hycom(
     catalogue = load_catalogue(servers)
     candidates = covering(catalogue.experiments, asked, experiment, "experiment")
     remarks: tuple[str, ...] = ()
-    try:
+    with optional_package(OceanError, "fetch", "pydap", "fetch"):
         from pymantaray.ocean.fetch.transport import Connection
-    except ImportError:
-        raise OceanError('fetch: pydap is not installed; pip install "pymantaray[fetch]"') from None
     with Connection(catalogue.addresses.opendap, limits or FetchLimits()) as connection:
         for chosen in candidates:
             step = _find_step(connection, chosen, asked, nearest=nearest)
