@@ -18,13 +18,11 @@ from pymantaray.records import Arrivals
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 _DOWN = np.array([0.0, 0.0, 1.0])
-_OFFSETS = 0.75 * 2.0 ** np.arange(
-    0.0, 3.1, 0.5
-)  # caustic widths above and below a receiver at which folds are looked for
+# caustic widths above and below a receiver at which folds are looked for
+_OFFSETS = 0.75 * 2.0 ** np.arange(0.0, 3.1, 0.5)
 _WIDTH, _WIDTH_HZ = 2.5, 12e3  # m at Hz; width of a caustic of rays that curve with a radius of 88 km
-_INSIDE = np.array(
-    [0.2, 0.4, 0.7, 1.4]
-)  # widths inside the caustic; its field is continued from the last three, or the first
+# widths inside the caustic; its field is continued from the last three, or the first
+_INSIDE = np.array([0.2, 0.4, 0.7, 1.4])
 _FARTHEST = 4.0  # widths of the caustic; maximum distance on its dark side
 _WIDEST = 40.0  # rad; between the two rays of a fold
 

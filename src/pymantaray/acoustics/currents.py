@@ -141,9 +141,8 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
     """
     p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)
-    change = np.where(
-        nodes.weight > 0.0, -rate * nodes.weight, 0.0
-    )  # slowness is NaN between equal positions
+    # slowness is NaN between equal positions
+    change = np.where(nodes.weight > 0.0, -rate * nodes.weight, 0.0)
     return np.bincount(nodes.arrival, weights=change, minlength=n_arrivals).astype(float)
 
 

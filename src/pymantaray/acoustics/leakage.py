@@ -186,9 +186,8 @@ def _beyond(
         speed = at_edge.receiver_sound_speed[i]
         before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
         level[i] = before + knife_edge_db(m * math.sqrt(2.0 * frequency_hz / (speed * d)))
-        delay[i] += (
-            m * m / (speed * d)
-        )  # the path via an edge at half the distance, as in Fresnel's parameter
+        # the path via an edge at half the distance, as in Fresnel's parameter
+        delay[i] += m * m / (speed * d)
     return level, delay
 
 

@@ -267,9 +267,8 @@ def resample(paths: RayPaths, n_points: int) -> Array:
     starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     out = np.empty((starts.size, n_points, 3))
     for i, nodes in enumerate(np.split(np.arange(paths.arrival.size), starts)[1:]):
-        nodes = nodes[
-            np.append(np.diff(paths.travel_time[nodes]) > 0.0, True)
-        ]  # the second node of a reflection
+        # the second node of a reflection
+        nodes = nodes[np.append(np.diff(paths.travel_time[nodes]) > 0.0, True)]
         if nodes.size < 2:
             out[i] = paths.position[nodes[0]]
             continue

@@ -73,6 +73,5 @@ def centre_beside(path: Path) -> Centre | None:
         raise ExchangeError(
             f"{sidecar}: cannot be read ({' '.join(str(error).split())[:80]}); correct or remove it"
         ) from None
-    return (
-        centre_of_names(tree, sidecar) if isinstance(tree, dict) else None
-    )  # other content: not from this package
+    # other content: not from this package
+    return centre_of_names(tree, sidecar) if isinstance(tree, dict) else None

@@ -16,9 +16,8 @@ Earth = Literal["flat", "sphere"]
 """Shape of the Earth for sound: a plane below the local frame, or a sphere."""
 _EQUATOR, _SQUARED_ECCENTRICITY = 6378137.0, 0.0066943799901413165  # m, WGS 84
 _FLAT_LIMIT = 15e3  # m
-_FLAT_ERROR = (
-    0.15 / 1e4**3
-)  # m over m³; of ranges where the sound speed increases with pressure, see `flat_earth_note`
+# m over m³; of ranges where the sound speed increases with pressure, see `flat_earth_note`
+_FLAT_ERROR = 0.15 / 1e4**3
 
 
 def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:

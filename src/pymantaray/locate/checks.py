@@ -18,9 +18,8 @@ Array = NDArray[np.float64]
 _MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
 _MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times with a wrong unit
 _MIN_STEPS = 10  # between pings, to compare headings with the course
-_MIN_RESULTANT = (
-    0.8  # mean resultant length of course minus heading of a platform that heads along its course
-)
+# mean resultant length of course minus heading of a platform that heads along its course
+_MIN_RESULTANT = 0.8
 _LEVER_GAIN = 0.6  # ratio of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
 _MAX_EXTRAPOLATION = 10.0  # m of a node below a profile's last level, or 1 % of its depth

@@ -355,10 +355,8 @@ def _solve(
         solution = solver.settle(unknowns, values, chosen.correlation, chosen.fit)
         if np.array_equal(solution.used, base.used):
             break
-        base, before = (
-            solution,
-            (chosen.kind, chosen.correlation),
-        )  # the evidence uses the used pings only
+        # the evidence uses the used pings only
+        base, before = (solution, (chosen.kind, chosen.correlation))
         chosen, candidates = choose(solver, base)
         if (chosen.kind, chosen.correlation) == before:
             break

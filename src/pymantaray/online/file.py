@@ -16,9 +16,8 @@ from pymantaray.records.writing import read_netcdf, whole_file, write_netcdf
 
 MAGIC = b"MANTATAB"
 FORMAT = 1
-_HEADER = struct.Struct(
-    "<8s6I7d"
-)  # magic, version, sectors, branches, cells, corners, sigmas; limits and tolerance
+# magic, version, sectors, branches, cells, corners, sigmas; limits and tolerance
+_HEADER = struct.Struct("<8s6I7d")
 _COLUMNS = {
     "root": ("sector", "<u4", "1", "first branch of each sector"),
     "branch": ("branch", "<u4", "1", "axis and lower half, or content of a cell"),

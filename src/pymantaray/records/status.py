@@ -16,9 +16,8 @@ class RayStatus(IntEnum):
     UNHEARD = 6  # an existing arrival was not detected, by chance (detection by the sonar equation)
     UNRESOLVED = 7  # the search stopped without an arrival because there were too many rays
     LEAKED = 8  # no ray arrives, but sound leaks past the nearest ray (a model, off by default)
-    SCATTERED = (
-        9  # no ray arrives, but scattered sound, which is louder than leaked sound (a model, off by default)
-    )
+    # no ray arrives, but scattered sound, which is louder than leaked sound (a model, off by default)
+    SCATTERED = 9
 
 
 ARRIVES = (RayStatus.OK, RayStatus.LEAKED, RayStatus.SCATTERED)

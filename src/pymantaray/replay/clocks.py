@@ -5,10 +5,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-_GROSS_TIME, _GROSS_SHARE = (
-    0.05,
-    0.05,
-)  # s, and share of the travel time; a larger difference is no sound path
+# s, and share of the travel time; a larger difference is no sound path
+_GROSS_TIME, _GROSS_SHARE = (0.05, 0.05)
 _DRIFT_COLUMNS = ["drift", "standard_error_drift"]
 
 

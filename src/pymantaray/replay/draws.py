@@ -58,9 +58,8 @@ def predict_draws(
     source, receiver = ends_of(events, rows, water, medium.earth)
     if rough is not None and events.geographic and (water.frame is None or water.uniform):
         source, receiver = _on_ice(events, rows, source, receiver, rough.length)
-    links, of = np.unique(
-        np.hstack([source, receiver]), axis=0, return_inverse=True
-    )  # nodes at rest repeat theirs
+    # nodes at rest repeat theirs
+    links, of = np.unique(np.hstack([source, receiver]), axis=0, return_inverse=True)
     source, receiver = links[:, :3], links[:, 3:]
     distance = medium.straight_distance(source, receiver)
     cutoff = np.inf if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db

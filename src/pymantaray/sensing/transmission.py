@@ -251,9 +251,8 @@ def _with_leaks(
         )
     dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)
-    backwards = solved_backwards(source, receiver)[
-        :, None
-    ]  # as for rays, so that both ends give the same result
+    # as for rays, so that both ends give the same result
+    backwards = solved_backwards(source, receiver)[:, None]
     start, end = np.where(backwards, receiver, source), np.where(backwards, source, receiver)
     direct = reception.arrival == "direct"
     leaks = find_leaks(

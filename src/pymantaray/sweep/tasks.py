@@ -45,9 +45,8 @@ class SweepTask:
 
 def run_task(url: str, task: SweepTask) -> str | None:
     """Run a task unless the store has its result; return the error line of a failure, else None. Errors of the store are raised."""
-    failed = (
-        point_name(task.key, failed=True) if task.kind == POINT else None
-    )  # a stage records its failure itself
+    # a stage records its failure itself
+    failed = point_name(task.key, failed=True) if task.kind == POINT else None
     return run_in_store(url, task, _compute, failed)
 
 
