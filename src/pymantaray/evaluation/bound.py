@@ -14,6 +14,7 @@ from pymantaray.estimation.graph import FactorGraph
 from pymantaray.estimation.marginals import PoseCovariance
 from pymantaray.evaluation.ranging_error import check_same_vehicles
 from pymantaray.geometry import stream
+from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
 
@@ -241,8 +242,7 @@ def _bound_graph(e: Estimator, o: Measurements) -> FactorGraph:
 
 def rms_bound(bound: Array, submerged: NDArray[np.bool_]) -> float:
     """Lower bound of the root mean square position error of vehicles under water at pings; NaN without such vehicles. [m]"""
-    variance = np.einsum("eaiai->ea", bound)[submerged]
-    return float(np.sqrt(variance.mean())) if variance.size else float("nan")
+    return root_mean(np.einsum("eaiai->ea", bound)[submerged])
 
 
 def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame:

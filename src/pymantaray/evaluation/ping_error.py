@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pymantaray.evaluation.bound import DegreesOfFreedom, ping_samples, rms_bound, submerged_at_pings
 from pymantaray.evaluation.trajectory_error import spread_standard_error, standard_error, trajectory_errors
+from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Estimates, Measurements, Trajectories
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ def ping_error_table(
         own, apart = (e[np.isfinite(e)] for e in (at_pings(errors[c]), from_straight))
         squares = np.mean(from_straight**2, axis=1) if apart.size else np.empty(0)  # of each realization
         bound = rms_bound(bounds[name], submerged) if bounds is not None else np.nan
-        rmse = _rms(own)
+        rmse = root_mean(own**2)
         rows.append(
             {
                 "condition": name,
@@ -87,7 +88,7 @@ def ping_error_table(
                 if freedom is None
                 else standard_error(rmse, freedom[name].at_pings, _realizations(at_pings(errors[c]))),
                 "median_m": _median(own),
-                "from_straight_rmse_m": _rms(apart),
+                "from_straight_rmse_m": root_mean(apart**2),
                 "from_straight_rmse_standard_error_m": spread_standard_error(squares[np.isfinite(squares)]),
                 "from_straight_median_m": _median(apart),
                 "bound_rmse_m": bound,
@@ -95,10 +96,6 @@ def ping_error_table(
             }
         )
     return pd.DataFrame(rows)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else np.nan
 
 
 def _realizations(errors: Array) -> int:

@@ -19,10 +19,10 @@ from pymantaray.errors import ExchangeError, OceanError
 from pymantaray.exchange.centre import centre_attributes, centre_of_names
 from pymantaray.exchange.recording import Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses, geodetic, level
-from pymantaray.ocean.cf_profiles import BAD_FLAGS, instance_of_rows, labels_of
+from pymantaray.ocean.cf_profiles import instance_of_rows, labels_of, without_bad_flags
 from pymantaray.ocean.convert import decoded_times, to_our_unit
-from pymantaray.ocean.files import numbers, open_file, text, unreadable
-from pymantaray.records import NETCDF_LOCK, write_netcdf
+from pymantaray.ocean.files import reading, text
+from pymantaray.records import write_netcdf
 
 Array = NDArray[np.float64]
 _QUANTITIES = {
@@ -43,13 +43,8 @@ _FILL = 99_999.0  # fill value of Argo, also if it is not declared
 def read_cf(path: Path) -> tuple[list[Poses], list[str]]:
     """Read the trajectories of a CF data set, and notes about omitted data; missing positions are interpolated in time."""
     try:
-        with open_file(path) as data, NETCDF_LOCK:
-            try:
-                return _TrajectoryReader(data, path).read()
-            except (OceanError, ExchangeError):
-                raise
-            except Exception as error:  # noqa: BLE001  the library raises many types
-                raise unreadable(path, error) from None
+        with reading(path) as data:
+            return _TrajectoryReader(data, path).read()
     except OceanError as error:
         raise ExchangeError(
             f"{path}: {str(error).removeprefix(f'{path}: ').removeprefix(f'{path.name}: ')}"
@@ -120,26 +115,9 @@ class _TrajectoryReader:
 
     def _values(self, name: str) -> Array:
         """Numbers of a variable; NaN if missing or flagged as bad."""
-        values = numbers(self._data, name)
-        variable = self._data.variables[name]
-        linked = text(variable, "ancillary_variables").split()
-        for flags in (*linked, f"{name}_QC", f"{name}_qc", f"{name}_quality_control"):
-            known = self._data.variables.get(flags)
-            if known is None or known.shape[: values.ndim] != values.shape or known.size != values.size:
-                continue
-            raw = np.asarray(known.values).reshape(values.shape)
-            if raw.dtype.kind in "SU":
-                letters = np.char.strip(raw.astype("U1"))
-                raw = np.where(np.char.isdigit(letters), letters, "0").astype(int)
-            elif not (
-                flags.lower().endswith(("_qc", "_quality_control", "flag"))
-                or "flag" in text(known, "standard_name")
-            ):
-                continue  # not flags but an uncertainty
-            bad = np.isin(raw, BAD_FLAGS) & np.isfinite(values)
-            if bad.any():
-                self._notes.append(f"{self._path}: {bad.sum()} values of {name} rejected by quality flags")
-            return np.where(bad, np.nan, values)
+        values, bad = without_bad_flags(self._data, name)
+        if bad:
+            self._notes.append(f"{self._path}: {bad} values of {name} rejected by quality flags")
         return values
 
     def _down(self, names: dict[str, str], shape: tuple[int, ...]) -> tuple[Array, bool]:

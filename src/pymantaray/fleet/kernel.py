@@ -150,15 +150,11 @@ def _write(sample, q, p, state, position, quaternion, status):
 @kernel
 def _current(water, north, east, depth, now):
     """Current at a position, limited to the ocean, and a time, by linear interpolation in space and time."""
-    _, n, m, _ = water.current_north.shape
-    i, x = cell_of((north - water.north) * water.per_north, n)
-    j, y = cell_of((east - water.east) * water.per_east, m)
-    z = min(max(depth, water.depth[0]), water.depth[-1])
-    k = _level(water.depth, min(np.searchsorted(water.depth, z), water.depth.size - 2), z)
+    near = min(np.searchsorted(water.depth, depth), water.depth.size - 2)
+    (i, j, k), _, _, (x, y, z) = _enclosing(water, north, east, depth, near)
     before = 0
     if water.time.size > 1:
         before = min(max(np.searchsorted(water.time, now, side="right") - 1, 0), water.time.size - 2)
-    z -= water.depth[k]
     form_u, form_v = _forms(water, before, i, j, k)
     u, v = _evaluate(form_u, x, y, z), _evaluate(form_v, x, y, z)
     if water.time.size > 1:

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast, clean_cast
 from pymantaray.ocean.convert import decoded_times
-from pymantaray.ocean.files import numbers, open_file, text, unreadable
-from pymantaray.records.writing import NETCDF_LOCK
+from pymantaray.ocean.files import numbers, reading, text
 
 Array = NDArray[np.float64]
 _GOOD = list("1258")  # accepted quality flags: good, probably good, changed, estimated
@@ -38,13 +37,11 @@ def read_argo(path: str | Path) -> list[Cast]:
     and profiles.
     """
     path = Path(path)
-    with open_file(path) as data, NETCDF_LOCK:
-        try:
+    try:
+        with reading(path) as data:
             return _profiles(data, path)
-        except OceanError as error:
-            raise OceanError(f"{path}: {str(error).removeprefix(f'{path.name}: ')}") from None
-        except Exception as error:  # noqa: BLE001  the library raises many types
-            raise unreadable(path, error) from None
+    except OceanError as error:
+        raise OceanError(f"{path}: {str(error).removeprefix(f'{path.name}: ')}") from None
 
 
 def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:

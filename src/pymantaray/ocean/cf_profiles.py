@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.convert import decoded_times
-from pymantaray.ocean.files import numbers, open_file, text, unreadable
-from pymantaray.records.writing import NETCDF_LOCK
+from pymantaray.ocean.files import numbers, reading, text
 
 Array = NDArray[np.float64]
 _QUANTITIES = {
@@ -43,13 +42,8 @@ def holds_profiles(data: xr.Dataset) -> bool:
 
 def read_cf_profiles(path: Path) -> dict[str, CastTable]:
     """Read each profile of a CF data set as a table, by name."""
-    with open_file(path) as data, NETCDF_LOCK:
-        try:
-            return _tables(data, path)
-        except OceanError:
-            raise
-        except Exception as error:  # noqa: BLE001  the library raises many types
-            raise unreadable(path, error) from None
+    with reading(path) as data:
+        return _tables(data, path)
 
 
 def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> NDArray[np.int64] | None:
@@ -101,7 +95,9 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
         )
     values, notes = {}, []
     for quantity, name in named.items():
-        values[quantity], flagged = _values(data, name, data.variables[main].sizes)
+        own, flagged = without_bad_flags(data, name)
+        up = text(data.variables[name], "positive").lower() == "up"
+        values[quantity] = np.broadcast_to(-own if up else own, data.variables[main].shape)
         notes += [f"{flagged} values of {name} rejected by quality flags"] if flagged else []
     places = [_of_profile(data, standard, count) for standard in ("latitude", "longitude")]
     times = _times(data, count, path)
@@ -138,21 +134,23 @@ def _variable(data: xr.Dataset, standard: Sequence[str]) -> str:
     return ""
 
 
-def _values(data: xr.Dataset, name: str, sizes: Any) -> tuple[Array, int]:
-    """Values over the dimensions of the main variable, NaN where flagged as bad, and the number of bad flags."""
-    variable = data.variables[name]
-    values, bad = numbers(data, name), np.zeros(variable.shape, dtype=bool)
-    for flags in (*text(variable, "ancillary_variables").split(), f"{name}_QC", f"{name}_qc"):
-        flag = data.variables.get(flags)
-        if flag is not None and flag.dims == variable.dims and flag.dtype.kind in "iuf" and (
-            "flag" in text(flag, "standard_name") or flags.lower().endswith("_qc")
-        ):  # fmt: skip
-            bad |= np.isin(np.nan_to_num(numbers(data, flags)), BAD_FLAGS)
-    values[bad] = np.nan
-    if text(variable, "positive").lower() == "up":
-        values = -values
-    shape = tuple(sizes.values())
-    return np.broadcast_to(values, shape), int(bad.sum())
+def without_bad_flags(data: xr.Dataset, name: str) -> tuple[Array, int]:
+    """Values of a variable, NaN where its quality flags are bad, and the number of values that they reject."""
+    values = numbers(data, name)
+    bad = np.zeros(values.shape, dtype=bool)
+    linked = text(data.variables[name], "ancillary_variables").split()
+    for flags in (*linked, f"{name}_QC", f"{name}_qc", f"{name}_quality_control"):
+        known = data.variables.get(flags)
+        if known is None or known.shape[: values.ndim] != values.shape or known.size != values.size:
+            continue
+        raw, ending = np.asarray(known.values).reshape(values.shape), ("_qc", "_quality_control", "flag")
+        if raw.dtype.kind in "SU":
+            letters = np.char.strip(raw.astype("U1"))
+            raw = np.where(np.char.isdigit(letters), letters, "0").astype(int)
+        elif not (flags.lower().endswith(ending) or "flag" in text(known, "standard_name")):
+            continue  # not flags but an uncertainty
+        bad |= np.isin(raw, BAD_FLAGS) & np.isfinite(values)
+    return np.where(bad, np.nan, values), int(bad.sum())
 
 
 def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:

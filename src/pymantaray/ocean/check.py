@@ -19,6 +19,7 @@ from pymantaray.ocean.seawater import (
     UNFROZEN,
     Equation,
     density_fall,
+    gridded_water,
     ocean_sound_speed,
     supercooling,
 )
@@ -246,8 +247,7 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
         between = f"between {depth[at[0]]:g} and {depth[at[0] + 1]:g} m"
         value = f"{count}, the largest {fall[at]:.3f} kg/m3 {between}"
         yield _doubt("density inversions", value, place_of(ocean, at))
-    lat, lon = ocean["lat"].values[:, None], ocean["lon"].values
-    cold = supercooling(*water, depth[:, None, None], lat, lon)
+    cold = supercooling(*gridded_water(ocean))
     yield from _largest(ocean, "below freezing", "water below its freezing point", cold, SUPERCOOLED, "K")
     yield from _islands(ocean, wet)
     yield from _jumps(ocean, speed, depth)

@@ -4,8 +4,8 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.errors import OceanError
+from pymantaray.errors import MantaRayError, OceanError, optional_package
 from pymantaray.messages import one_line
 from pymantaray.ocean.zarr_metadata import check_zarr
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
@@ -152,6 +152,18 @@ def text(variable: xr.Variable | xr.DataArray | xr.Dataset, attribute: str) -> s
     return value.strip() if isinstance(value, str) else ""
 
 
+@contextmanager
+def reading(path: Path) -> Iterator[xr.Dataset]:
+    """Open a data set and convert errors of the library to one line."""
+    with open_file(path) as data, NETCDF_LOCK:
+        try:
+            yield data
+        except MantaRayError:
+            raise
+        except Exception as error:  # noqa: BLE001  the library raises many types
+            raise unreadable(path, error) from None
+
+
 def unreadable(path: str | Path, error: Exception) -> OceanError:
     """Convert an error of a library to a one-line error."""
     if isinstance(error, OceanError):
@@ -183,10 +195,8 @@ def _engine(path: Path) -> str:
 
 def _zarr_engine(path: Path) -> str:
     check_zarr(path)
-    try:
+    with optional_package(OceanError, path.name, "zarr", "zarr"):
         import zarr  # noqa: F401
-    except ImportError:
-        raise OceanError(f'{path.name}: zarr is not installed; pip install "pymantaray[zarr]"') from None
     return "zarr"
 
 

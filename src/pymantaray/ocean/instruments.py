@@ -122,11 +122,10 @@ def _sea_bird(lines: Lines) -> InstrumentTable:
             notes.append("temperature converted from ITS-68 to ITS-90 (divided by 1.00024)")
             for cells in rows.values():
                 cells[k] = repr(_value(cells[k]) / 1.00024) if cells[k] else ""
-    lat, lon = (_angle(_after(head, rf"(?:NMEA )?{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
     for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
         if time := _iso(_after(head, key), _MONTH_NAME_FIRST):
             break
-    return InstrumentTable("Sea-Bird", titles, rows, _position(lat, lon), time, tuple(notes))
+    return InstrumentTable("Sea-Bird", titles, rows, _place_in(head), time, tuple(notes))
 
 
 def _sippican(lines: Lines) -> InstrumentTable:
@@ -142,14 +141,13 @@ def _sippican(lines: Lines) -> InstrumentTable:
     date = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})", _after(head, r"Date of Launch\s*:"))
     clock = re.match(r"\d{1,2}:\d{2}(:\d{2})?", _after(head, r"Time of Launch\s*:"))
     time = f"{date[3]}-{int(date[1]):02d}-{int(date[2]):02d}" if date else ""
-    lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     salinity = _NUMBER.search(_after(head, r"Sound velocity derived with assumed salinity\s*:?|Salinity\s*:"))
     notes = [f"sound speed computed with an assumed salinity of {salinity[0]}"] if salinity else []
     return InstrumentTable(
         "Sippican",
         _titles(titles),
         _numeric_rows(lines, start + 1, None),
-        _position(lat, lon),
+        _place_in(head),
         time + (f"T{clock[0]:0>8}" if time and clock else ""),
         tuple(notes),
     )
@@ -215,10 +213,9 @@ def _valeport_midas(lines: Lines) -> InstrumentTable:
     )
     head = [line.strip() for line in lines[:start]]
     titles = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
-    lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     time = _iso(_after(head, r"Time Stamp\s*:"), _DAY_FIRST)
     return InstrumentTable(
-        "Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _position(lat, lon), time
+        "Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place_in(head), time
     )
 
 
@@ -232,11 +229,8 @@ def _valeport_mini(lines: Lines) -> InstrumentTable:
         "RapidSV": [down, "sound_speed [m/s]"],
         "MiniCTD": [down, "temperature [degC]", ""],
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
-    lat, lon = (_angle(_after(head, rf"{axis}\s*:")) for axis in ("Latitude", "Longitude"))
     time = _iso(_after(head, r"Now\s*:"), _DAY_FIRST)
-    return InstrumentTable(
-        "Valeport", columns, _numeric_rows(lines, start + 1, None), _position(lat, lon), time
-    )
+    return InstrumentTable("Valeport", columns, _numeric_rows(lines, start + 1, None), _place_in(head), time)
 
 
 def _rbr(lines: Lines) -> InstrumentTable:
@@ -263,11 +257,10 @@ def _rbr(lines: Lines) -> InstrumentTable:
         for cells in rows.values():
             cells[k] = repr(_value(cells[k]) - AIR_PRESSURE) if cells[k] else ""
     head = [line.strip() for line in lines[:start]]
-    lat, lon = (_angle(_after(head, rf"{axis}\s*[=:]")) for axis in ("Latitude", "Longitude"))
     first = next((line for line in lines[start + 1 :] if line.strip()), "")
     time = re.match(r"\s*(\d{4})[-/](\d\d)[-/](\d\d)[ T](\d\d:\d\d:\d\d)", first)
     stamp = f"{time[1]}-{time[2]}-{time[3]}T{time[4]}" if time else ""
-    return InstrumentTable("RBR", titles, rows, _position(lat, lon), stamp, tuple(notes))
+    return InstrumentTable("RBR", titles, rows, _place_in(head), stamp, tuple(notes))
 
 
 def _any(pattern: str) -> Callable[[Lines], bool]:
@@ -355,6 +348,13 @@ def _angle(words: str) -> float:
 
 def _position(lat: float, lon: float) -> tuple[float, float] | None:
     return (lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None
+
+
+def _place_in(head: Lines) -> tuple[float, float] | None:
+    """Place from the lines of a header with a latitude and a longitude."""
+    keys = (rf"(?:NMEA )?{axis}\s*[=:]" for axis in ("Latitude", "Longitude"))
+    lat, lon = (_angle(_after(head, key)) for key in keys)
+    return _position(lat, lon)
 
 
 def _iso(words: str, layout: str) -> str:

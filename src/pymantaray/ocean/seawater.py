@@ -131,11 +131,16 @@ def sound_speed(
     return np.asarray(gsw.sound_speed(SA, CT, p), dtype=float)
 
 
+def gridded_water(ocean: xr.Dataset) -> tuple[Array, ...]:
+    """Temperature, salinity, depth, latitude and longitude of an ocean, which broadcast to its grid."""
+    names = ("water_temp", "salinity", "depth", "lat", "lon")
+    temperature, salinity, depth, lat, lon = (ocean[name].values for name in names)
+    return temperature, salinity, depth[:, None, None], lat[:, None], lon
+
+
 def ocean_sound_speed(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> Array:
     """Sound speed (depth, lat, lon) of a valid ocean at its grid points; NaN below the sea bed. [m/s]"""
-    depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
-    water = (ocean["water_temp"].values, ocean["salinity"].values)
-    return sound_speed(*water, depth[:, None, None], lat[:, None], lon, equation=equation)
+    return sound_speed(*gridded_water(ocean), equation=equation)
 
 
 def density_fall(ocean: xr.Dataset) -> Array:
@@ -144,9 +149,7 @@ def density_fall(ocean: xr.Dataset) -> Array:
 
     Both densities are at the pressure between the levels. Positive values mean unstable pairs. NaN below the sea bed.
     """
-    depth, lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("depth", "lat", "lon"))
-    water = (ocean["water_temp"].values, ocean["salinity"].values)
-    SA, CT, p = absolute_and_conservative(*water, depth[:, None, None], lat[:, None], lon)
+    SA, CT, p = absolute_and_conservative(*gridded_water(ocean))
     between = 0.5 * (p[1:] + p[:-1])
     return np.asarray(gsw.rho(SA[:-1], CT[:-1], between) - gsw.rho(SA[1:], CT[1:], between))
 

@@ -234,12 +234,7 @@ class OnlineEstimator:
         -------
         Outcome
         """
-        who = self._vehicle(vehicle)
-        what = f"depth of {self._vehicles[who]}"
-        _check_time(what, time)
-        value = checked_array(OnlineError, what, depth, ())
-        sigmas = _sigmas(f"{what}: sigma", sigma, 1)
-        return self._add(time, Kind.DEPTH, (who,), [float(value), *sigmas.tolist()])
+        return self._add_place(time, Kind.DEPTH, vehicle, np.atleast_1d(depth), sigma)
 
     def add_fix(
         self, time: float, position: ArrayLike, sigma: ArrayLike, *, vehicle: str | None = None
@@ -262,13 +257,7 @@ class OnlineEstimator:
         -------
         Outcome
         """
-        who = self._vehicle(vehicle)
-        what = f"fix of {self._vehicles[who]}"
-        _check_time(what, time)
-        place = checked_array(OnlineError, what, position, (3,))
-        return self._add(
-            time, Kind.FIX, (who,), [*place.tolist(), *_sigmas(f"{what}: sigma", sigma, 3).tolist()]
-        )
+        return self._add_place(time, Kind.FIX, vehicle, position, sigma)
 
     def add_range(
         self,
@@ -471,6 +460,16 @@ class OnlineEstimator:
         self._timeline.total = Counter({Outcome[name]: n for name, n in content["total"].items()})
         self._timeline.load(_events(content["events"]), _events(content["waiting"]))
         return self
+
+    def _add_place(
+        self, time: float, kind: Kind, vehicle: str | None, place: ArrayLike, sigma: ArrayLike
+    ) -> Outcome:
+        """Add a depth or a position of a vehicle."""
+        who, size = self._vehicle(vehicle), 1 if kind == Kind.DEPTH else 3
+        what = f"{kind.name.lower()} of {self._vehicles[who]}"
+        _check_time(what, time)
+        values = checked_array(OnlineError, what, place, (size,)), _sigmas(f"{what}: sigma", sigma, size)
+        return self._add(time, kind, (who,), np.concatenate(values).tolist())
 
     def _add(self, time: float, kind: Kind, members: tuple[int, ...], values: list[float]) -> Outcome:
         if kind != Kind.ODOMETRY:

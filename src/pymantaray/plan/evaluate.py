@@ -13,6 +13,7 @@ from pymantaray.estimation import GraphSolver, solve_conditions
 from pymantaray.evaluation import error_bound
 from pymantaray.evaluation.bound import ping_samples, submerged_at
 from pymantaray.geometry import stream
+from pymantaray.geometry.spread import root_mean
 from pymantaray.plan.definition import CostSection, DeploymentPlan, Design
 from pymantaray.plan.waters import Missions
 from pymantaray.records import Measurements
@@ -84,9 +85,9 @@ class DesignEvaluator:
         lost, heard = link_scores(run, plan.lost_of)
         return Scores(
             error_m=error_quantile(bias, covariance),
-            rmse_m=_root_mean(noise + shift),
-            bound_rmse_m=_root_mean(noise),
-            bias_rmse_m=round(_root_mean(shift), _BIAS_DIGITS),
+            rmse_m=root_mean(noise + shift),
+            bound_rmse_m=root_mean(noise),
+            bias_rmse_m=round(root_mean(shift), _BIAS_DIGITS),
             lost_percent=lost,
             heard_by_two_percent=heard,
             cost=cost_of(run.config, run.measurements, plan.costs, self._plan.condition),
@@ -189,7 +190,3 @@ def detection_probability(run: Run) -> Array:
     """Probability of each range attempt to give a range."""
     arrives = np.isin(run.measurements.range_status, ARRIVES)
     return np.where(arrives, 1.0 if run.hearing is None else run.hearing.probability, 0.0)
-
-
-def _root_mean(values: Array) -> float:
-    return float(np.sqrt(values.mean())) if values.size else np.nan
