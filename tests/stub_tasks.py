@@ -11,7 +11,8 @@ from functools import partial
 from pathlib import Path
 
 from pymantaray.installation import code_version
-from pymantaray.jobs.pool import Queue, open_pool, run_in_store, run_tasks
+from pymantaray.jobs.dask_pool import open_pool
+from pymantaray.jobs.pool import Queue, run_in_store, run_tasks
 from pymantaray.jobs.store import failure_content, open_store
 
 

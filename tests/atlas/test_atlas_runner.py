@@ -18,7 +18,7 @@ from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_at
 from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.plan import instants_between
 from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
-from pymantaray.jobs.pool import open_pool
+from pymantaray.jobs.dask_pool import open_pool
 from pymantaray.records import RayStatus
 
 

@@ -14,7 +14,7 @@ from stub_tasks import Square, run_squares, squares_in
 
 from pymantaray.errors import JobError
 from pymantaray.jobs import dask_pool
-from pymantaray.jobs.pool import check_scheduler
+from pymantaray.jobs.dask_pool import check_scheduler
 
 pytest.importorskip("distributed")
 

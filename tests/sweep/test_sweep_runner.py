@@ -11,7 +11,8 @@ import xarray as xr
 
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
-from pymantaray.jobs.pool import Pool, open_pool
+from pymantaray.jobs.dask_pool import open_pool
+from pymantaray.jobs.pool import Pool
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.jobs.store import open_store
 from pymantaray.study import open_run, parse_study, run_study

@@ -170,7 +170,7 @@ def _under_rough_surface(medium: Medium, ends: Ends, *, threads: int | None, **o
             realized(medium, ends), *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options
         )
     direct = find_eigenrays(flat, *ends[:2], 0, ends.bounces[1], ends.cutoff_db, threads=threads, **options)
-    return with_rough_rays(medium, ends, direct, threads)
+    return with_rough_rays(medium, ends, direct, solved_backwards(*ends[:2]), threads)
 
 
 def _arrivals(results: Results) -> Arrivals:

@@ -6,7 +6,7 @@ The theory page on loss has the limits of each model and its sources. Models of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.paths import quadrature, trace_paths
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.boundary import Reflection
+from pymantaray.geometry.boundary import BoundarySurface, Reflection
 from pymantaray.geometry.checks import check_number
 from pymantaray.records import Arrivals, RayPaths
 from pymantaray.records.base import Column, Record, column
@@ -138,6 +138,53 @@ def transmission_loss(
         total_db=geometric + absorbed + lost[_SURFACE] + lost[_BOTTOM],
         boundary_phase=phase,
     )
+
+
+class Losses(NamedTuple):
+    """Losses besides spreading; a reflection is None if the boundary has its own."""
+
+    absorption: Absorption | None
+    bottom: Reflection | None
+    surface: Reflection | None
+
+
+def loss_under_rough_surface(
+    medium: Medium, ends: tuple[Array, Array], arrivals: Arrivals, frequency_hz: float, losses: Losses
+) -> Array:
+    """
+    Transmission loss of arrivals under a rough surface, whose paths are not traced. [dB]
+
+    Absorption is that at the mean depth of both ends over the length c t. Reflections have the grazing angle of the ray parameter at
+    the ends, by Snell's law.
+    """
+    source, receiver = ends
+    loss = geometric_loss_db(source, receiver, arrivals)
+    if not loss.size:
+        return loss
+    link = arrivals.link
+    if losses.absorption is not None:
+        middle = 0.5 * (source + receiver)[link]
+        speed = 0.5 * (arrivals.source_sound_speed + arrivals.receiver_sound_speed)[link]
+        per_km: Array = losses.absorption.db_per_km(middle, frequency_hz)
+        loss = loss + per_km * speed * arrivals.travel_time / 1000.0
+    p = [np.hypot(*slowness[:, :2].T) for slowness in (arrivals.source_slowness, arrivals.receiver_slowness)]
+    parameter = 0.5 * (p[0] + p[1])
+    boundaries = (
+        (medium.surface, losses.surface, arrivals.surface_bounces),
+        (medium.bed, losses.bottom, arrivals.bottom_bounces),
+    )
+    for boundary, model, count in boundaries:
+        reflection = boundary.reflection if model is None else model
+        if reflection is None or not np.any(count):
+            continue
+        places = np.zeros((1, 3))
+        places[0, :2], places[0, 2] = source[0, :2], float(boundary.depth.mean())
+        speed = np.full(
+            link.size, float(replace(medium, surface=BoundarySurface(0.0)).sound_speed_at(places)[0])
+        )
+        grazing = np.arccos(np.clip(parameter * speed, 0.0, 1.0))
+        loss = loss + count * reflection.loss_and_phase(grazing, frequency_hz, sound_speed=speed)[0]
+    return np.asarray(loss)
 
 
 def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals) -> Array:

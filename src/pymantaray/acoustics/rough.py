@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pymantaray.acoustics._kernels.skips import SkipLink, SkipWater
-    from pymantaray.acoustics.absorption import Absorption
     from pymantaray.acoustics.medium import Medium
-    from pymantaray.geometry.boundary import Reflection
 
 Array = NDArray[np.float64]
 _ZONE = 0.5  # m; spacing of levels above the deck
@@ -53,15 +51,9 @@ class SurfaceProfile(NamedTuple):
     spacing: float
 
 
-class Losses(NamedTuple):
-    """Losses besides spreading; a reflection is None if the boundary has its own."""
-
-    absorption: Absorption | None
-    bottom: Reflection | None
-    surface: Reflection | None
-
-
-def with_rough_rays(medium: Medium, ends: Ends, direct: Arrivals, threads: int | None) -> Arrivals:
+def with_rough_rays(
+    medium: Medium, ends: Ends, direct: Arrivals, turned: NDArray[np.bool_], threads: int | None
+) -> Arrivals:
     """
     Add the eigenrays with reflections at a rough surface to those without any.
 
@@ -72,6 +64,8 @@ def with_rough_rays(medium: Medium, ends: Ends, direct: Arrivals, threads: int |
     ends : Ends
     direct : Arrivals
         Eigenrays of the links without a reflection at the surface.
+    turned : ndarray of bool, shape (n_links,)
+        True for each link that is solved from its receiver, so both directions give the same rays.
     threads : int, optional
         Number of threads; the result does not depend on it.
 
@@ -82,10 +76,8 @@ def with_rough_rays(medium: Medium, ends: Ends, direct: Arrivals, threads: int |
     are kept.
     """
     from pymantaray.acoustics._kernels.skips import N_RAY, RATE, find_skips
-    from pymantaray.acoustics.eigenrays import solved_backwards
 
     water = skip_water(medium, ends.bounces[1])
-    turned = solved_backwards(ends.source, ends.receiver)
     a = np.where(turned[:, None], ends.receiver, ends.source)
     b = np.where(turned[:, None], ends.source, ends.receiver)
     horizontal = np.hypot(*(b - a)[:, :2].T)
@@ -242,47 +234,6 @@ def _spreading_db(rows: Array, horizontal: float, distance: float, speed: tuple[
     area = horizontal * np.abs(rows[:, at.RATE]) * last / first
     ratio = speed[0] / speed[1] * np.maximum(area, 1e-300) / distance**2
     return np.asarray(10.0 * np.log10(ratio))
-
-
-def loss_under_rough_surface(
-    medium: Medium, ends: tuple[Array, Array], arrivals: Arrivals, frequency_hz: float, losses: Losses
-) -> Array:
-    """
-    Transmission loss of arrivals under a rough surface, whose paths are not traced. [dB]
-
-    Absorption is that at the mean depth of both ends over the length c t. Reflections have the grazing angle of the ray parameter at
-    the ends, by Snell's law.
-    """
-    from pymantaray.acoustics.loss import geometric_loss_db
-
-    source, receiver = ends
-    loss = geometric_loss_db(source, receiver, arrivals)
-    if not loss.size:
-        return loss
-    link = arrivals.link
-    if losses.absorption is not None:
-        middle = 0.5 * (source + receiver)[link]
-        speed = 0.5 * (arrivals.source_sound_speed + arrivals.receiver_sound_speed)[link]
-        per_km: Array = losses.absorption.db_per_km(middle, frequency_hz)
-        loss = loss + per_km * speed * arrivals.travel_time / 1000.0
-    p = [np.hypot(*slowness[:, :2].T) for slowness in (arrivals.source_slowness, arrivals.receiver_slowness)]
-    parameter = 0.5 * (p[0] + p[1])
-    boundaries = (
-        (medium.surface, losses.surface, arrivals.surface_bounces),
-        (medium.bed, losses.bottom, arrivals.bottom_bounces),
-    )
-    for boundary, model, count in boundaries:
-        reflection = boundary.reflection if model is None else model
-        if reflection is None or not np.any(count):
-            continue
-        places = np.zeros((1, 3))
-        places[0, :2], places[0, 2] = source[0, :2], float(boundary.depth.mean())
-        speed = np.full(
-            link.size, float(replace(medium, surface=BoundarySurface(0.0)).sound_speed_at(places)[0])
-        )
-        grazing = np.arccos(np.clip(parameter * speed, 0.0, 1.0))
-        loss = loss + count * reflection.loss_and_phase(grazing, frequency_hz, sound_speed=speed)[0]
-    return np.asarray(loss)
 
 
 def realized(medium: Medium, ends: Ends) -> Medium:

@@ -10,7 +10,8 @@ from pymantaray.atlas.blocks import block_name, read_block, run_block, source_of
 from pymantaray.atlas.dataset import LocatedBlock, open_atlas, write_atlas
 from pymantaray.atlas.plan import Atlas, Block, described
 from pymantaray.errors import AtlasError, JobError, WriteError
-from pymantaray.jobs.pool import Queue, check_scheduler, open_pool, run_tasks
+from pymantaray.jobs.dask_pool import check_scheduler, open_pool
+from pymantaray.jobs.pool import Queue, run_tasks
 from pymantaray.jobs.progress import TaskCount, TaskProgress
 from pymantaray.jobs.store import Store, failure_content, open_store, read_valid
 

@@ -7,6 +7,8 @@ half a second. Before it has measured a kind it sends single tasks, a limited nu
 
 import hashlib
 import logging
+import os
+import re
 import statistics
 import threading
 import time
@@ -18,12 +20,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from pymantaray.errors import JobError
-from pymantaray.jobs.pool import Pool, SchedulerLostError, StoreTask, TaskFunction
+from pymantaray.jobs.pool import Pool, ProcessPool, SchedulerLostError, StoreTask, TaskFunction
 
 if TYPE_CHECKING:
     from distributed import Client
 
 _LOG = logging.getLogger("pymantaray.jobs")
+_ADDRESS = re.compile(r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/:]+):\d{1,5}|inproc://\S+")
 _WINDOW = 4096  # tasks in the queue of the scheduler
 _CONNECT_TIMEOUT = 10.0  # for the first answer of a scheduler [s]
 _RECONNECT_TIMEOUT = 60.0  # for a lost scheduler [s]
@@ -225,3 +228,22 @@ class DaskPool(Pool):
     def _close(self) -> None:
         with suppress(Exception):
             self._client.close(timeout=2.0)
+
+
+def check_scheduler(client: "Client | str | None") -> None:
+    """Raise an error if text is not the address of a scheduler."""
+    if isinstance(client, str) and not _ADDRESS.fullmatch(client):
+        raise JobError(
+            f"scheduler {client}: not an address; give tcp://HOST:PORT, as printed by the scheduler"
+        )
+
+
+def open_pool(work: TaskFunction, client: "Client | str | None", workers: int | None) -> Pool:
+    """Pool of a Dask client or scheduler address, or of processes of this machine, by default one per core."""
+    if client is None:
+        return ProcessPool(partial(_start, work), workers or os.cpu_count() or 1)
+    return DaskPool(work, client)
+
+
+def _start(work: TaskFunction) -> TaskFunction:
+    return work

@@ -2,14 +2,11 @@
 
 import json
 import logging
-import os
-import re
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
-from functools import partial
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
@@ -24,7 +21,6 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("pymantaray.jobs")
 _ATTEMPTS = 3  # per task if its worker ends
 _EXECUTION_LOCK = threading.Lock()  # one task at a time per worker: numerical libraries are not thread-safe
-_ADDRESS = re.compile(r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/:]+):\d{1,5}|inproc://\S+")
 _CHECK_INTERVAL = 5.0  # between checks of the scheduler [s]
 
 
@@ -186,27 +182,6 @@ class ProcessPool(Pool):
             return None
         self._attempts[key] += 1
         return "" if self._attempts[key] < _ATTEMPTS else f"{error} ({_ATTEMPTS} attempts)"
-
-
-def check_scheduler(client: "Client | str | None") -> None:
-    """Raise an error if text is not the address of a scheduler."""
-    if isinstance(client, str) and not _ADDRESS.fullmatch(client):
-        raise JobError(
-            f"scheduler {client}: not an address; give tcp://HOST:PORT, as printed by the scheduler"
-        )
-
-
-def open_pool(work: TaskFunction, client: "Client | str | None", workers: int | None) -> Pool:
-    """Pool of a Dask client or scheduler address, or of processes of this machine, by default one per core."""
-    if client is None:
-        return ProcessPool(partial(_start, work), workers or os.cpu_count() or 1)
-    from pymantaray.jobs.dask_pool import DaskPool
-
-    return DaskPool(work, client)
-
-
-def _start(work: TaskFunction) -> TaskFunction:
-    return work
 
 
 def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None = None) -> None:

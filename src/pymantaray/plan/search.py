@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import PlanError
-from pymantaray.jobs.pool import Pool, Queue, check_scheduler, open_pool, run_tasks
+from pymantaray.jobs.dask_pool import check_scheduler, open_pool
+from pymantaray.jobs.pool import Pool, Queue, run_tasks
 from pymantaray.jobs.progress import TaskProgress
 from pymantaray.plan.definition import DeploymentPlan, Design, FreeLine, FreeRange
 from pymantaray.plan.ensemble import loss_of

@@ -16,7 +16,7 @@ from pymantaray.acoustics import (
     received_loss_db,
     transmission_loss,
 )
-from pymantaray.acoustics.rough import Losses, loss_under_rough_surface
+from pymantaray.acoustics.loss import Losses, loss_under_rough_surface
 from pymantaray.errors import SensingError
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from pymantaray.errors import JobError, SweepError
 from pymantaray.installation import code_version
-from pymantaray.jobs.pool import check_scheduler, open_pool, run_tasks
+from pymantaray.jobs.dask_pool import check_scheduler, open_pool
+from pymantaray.jobs.pool import run_tasks
 from pymantaray.jobs.progress import TaskCount, TaskProgress
 from pymantaray.jobs.store import Store, failure_content, open_store
 from pymantaray.sweep.definition import Sweep

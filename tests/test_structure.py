@@ -1,0 +1,99 @@
+"""Laws of the package's structure: no circle of imports, and functions of limited length with few arguments."""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pymantaray
+
+ROOT = Path(pymantaray.__file__).parent
+MODULES = {
+    ".".join(("pymantaray", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__"): path
+    for path in ROOT.rglob("*.py")
+}
+TREES = {name: ast.parse(path.read_text()) for name, path in MODULES.items()}
+# an object that offers a function of a module that needs the object's class, and options of the compiler
+DEFERRED = {
+    ("pymantaray.acoustics.medium", "pymantaray.acoustics.eigenrays"),
+    ("pymantaray.config.common", "pymantaray.config.checks"),
+    ("pymantaray.compile", "pymantaray.linking"),
+    ("pymantaray.report.folder", "pymantaray.report.write"),
+}
+MAX_LINES = {"pymantaray.acoustics._kernels.trace.trace": 134}  # one step of a ray with all its events
+USUAL_LINES, MAX_ARGUMENTS = 60, 8
+
+
+def _imports(tree: ast.Module, *, of_package: bool) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Imports anywhere in a module; those for type checkers count in a package, whose lazy exports they are."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node
+        elif not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)) or of_package:
+            waiting += ast.iter_child_nodes(node)
+
+
+@cache
+def _home(package: str, name: str) -> str:
+    """Module that defines a name that is imported from a package or a module."""
+    if f"{package}.{name}" in MODULES:
+        return f"{package}.{name}"
+    if package in MODULES and MODULES[package].name == "__init__.py":
+        for line in _imports(TREES[package], of_package=True):
+            if isinstance(line, ast.ImportFrom) and name in {a.asname or a.name for a in line.names}:
+                return _home(str(line.module), name)
+    return package
+
+
+def _needed(module: str) -> set[str]:
+    """Modules of the package that a module imports at its start or later."""
+    needed = set[str]()
+    for line in _imports(TREES[module], of_package=False):
+        if isinstance(line, ast.Import):
+            needed |= {alias.name for alias in line.names}
+        else:
+            needed |= {_home(str(line.module), alias.name) for alias in line.names}
+    return {name for name in needed & MODULES.keys() if name != module and (module, name) not in DEFERRED}
+
+
+def test_no_module_imports_itself_through_others():
+    """Imports inside functions count, except those that are listed above."""
+    try:
+        TopologicalSorter({name: _needed(name) for name in MODULES}).prepare()
+    except CycleError as error:
+        raise AssertionError(" -> ".join(error.args[1])) from None
+
+
+def _functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    for module, tree in TREES.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                yield f"{module}.{node.name}", node
+
+
+def test_functions_are_short():
+    long = {}
+    for name, node in _functions():
+        body = node.body[1:] if ast.get_docstring(node) else node.body
+        lines = (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
+        if lines > USUAL_LINES:
+            long[name] = lines
+    assert long.keys() == MAX_LINES.keys()
+    assert all(lines <= MAX_LINES[name] for name, lines in long.items())
+
+
+def test_functions_have_few_arguments():
+    """Options of public functions that have a default do not count."""
+    wide = {}
+    for name, node in _functions():
+        private = node.name.startswith("_")
+        a = node.args
+        options = zip(a.kwonlyargs, a.kw_defaults, strict=True)
+        required = [arg for arg, default in options if private or default is None]
+        count = len({arg.arg for arg in (*a.posonlyargs, *a.args, *required)} - {"self", "cls"})
+        if count > MAX_ARGUMENTS:
+            wide[name] = count
+    assert wide == {}
