@@ -12,8 +12,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.geometry.grid import linear_interpolator
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from pymantaray.ocean.window import Window
 
-Array = NDArray[np.float64]
 Formula = Literal["francois-garrison", "ainslie-mccolm"]
 
 

@@ -7,16 +7,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.loss import TransmissionLoss, transmission_loss
 from pymantaray.acoustics.medium import Medium
+from pymantaray.arrays import Array, Indices
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 _DOWN = np.array([0.0, 0.0, 1.0])
 # caustic widths above and below a receiver at which folds are looked for
 _OFFSETS = 0.75 * 2.0 ** np.arange(0.0, 3.1, 0.5)

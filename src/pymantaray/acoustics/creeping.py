@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.medium import Medium
+from pymantaray.arrays import Array
 
-Array = NDArray[np.float64]
 Field = NDArray[np.complex128]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 _PLACES = 0.5 * (1.0 + np.polynomial.legendre.leggauss(5)[0])  # along the link, for the mean column

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.acoustics.medium import Medium, require_local
 from pymantaray.acoustics.paths import Quadrature, quadrature, trace_paths
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.grid import linear_interpolator
@@ -18,7 +19,6 @@ from pymantaray.records import Arrivals
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 _GRID = ("north", "east", "depth")
 _SWIFTEST = 10.0  # m/s; faster currents have a wrong unit
 

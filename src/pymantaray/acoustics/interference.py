@@ -6,16 +6,14 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics.caustics import Tails, Waves, fold_between, fold_pairs, waves_of
 from pymantaray.acoustics.loss import TransmissionLoss
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import check_number
 from pymantaray.records import Arrivals
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Coherent = bool | Literal["auto"]
 """True: sum all arrivals of a link. False: detect each arrival alone. auto: sum arrivals that the band does not separate."""
 _CLOSE = 2.0 * math.pi  # rad; rays of a fold with a smaller phase between them are one arrival

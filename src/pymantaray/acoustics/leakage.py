@@ -15,12 +15,11 @@ from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.selection import choose_arrivals
 from pymantaray.acoustics.sonar import link_loss_db
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import check_fields, check_number
 from pymantaray.records import Arrivals
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Solve = Callable[[Indices, Array], Arrivals]
 _RUNGS = 9  # distances of the search for rays, each half of the next
 _DOWN = np.array([0.0, 0.0, 1.0])

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.paths import quadrature, trace_paths
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, Reflection
 from pymantaray.geometry.checks import check_number
 from pymantaray.records import Arrivals, RayPaths
 from pymantaray.records.base import Column, Record, column
 
-Array = NDArray[np.float64]
 _SURFACE, _BOTTOM = 1, 2  # codes of RayPaths.boundary
 
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.eigenrays import as_positions, find_eigenrays, in_blocks, solved_backwards
 from pymantaray.acoustics.medium import Medium
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import distinct_digits
 from pymantaray.records import Arrivals, RayPaths, RayStatus
@@ -20,7 +21,6 @@ from pymantaray.records import Arrivals, RayPaths, RayStatus
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 _STEEPEST = 1.5  # rad; maximum launch angle of a ray of a fan
 _FULL_PATHS_PER_THREAD = 4  # paths with the maximum number of nodes in the memory of a thread
 _GAUSS_NODES, _GAUSS_WEIGHTS = (

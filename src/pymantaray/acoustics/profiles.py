@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
 from pymantaray.geometry.checks import check_number, checked_array, distinct_digits
 
 if TYPE_CHECKING:
     from pymantaray.ocean.cast import Cast, CastTable
 
-Array = NDArray[np.float64]
 _RAW_SPACING = 2.0  # m
 _POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s; limits for all seas
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations

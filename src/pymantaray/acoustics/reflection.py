@@ -14,11 +14,11 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.geometry.checks import check_fields
 
-Array = NDArray[np.float64]
 Sediment = Literal[
     "none",
     "clay",

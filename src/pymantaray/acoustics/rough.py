@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.records import Arrivals, RayStatus
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from pymantaray.acoustics._kernels.skips import SkipLink, SkipWater
     from pymantaray.acoustics.medium import Medium
 
-Array = NDArray[np.float64]
 _ZONE = 0.5  # m; spacing of levels above the deck
 _LEVELS = ((150.0, 1.0), (400.0, 2.0), (1500.0, 10.0), (math.inf, 25.0))  # m below the deck, and spacing
 _MARGIN = 0.1  # m between the deepest possible surface and the deck

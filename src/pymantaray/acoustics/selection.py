@@ -9,10 +9,10 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
-Array = NDArray[np.float64]
 ArrivalRule = Literal["direct", "first", "strongest"]
 """Rule that selects an arrival: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
 NEAR_DB = 1.0

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import check_fields, check_number
 
-Array = NDArray[np.float64]
 _LEVELS = ("source_level_db", "processing_gain_db", "threshold_db", "spread_db")
 _NODES = 32  # Gauss-Legendre points of a band, in the logarithm of frequency
 

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import CONDITIONS, Estimator, GraphValues, build_graph, covariances_at
 from pymantaray.estimation.covariance import dead_reckoning_covariances
@@ -18,7 +19,6 @@ from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
 
-Array = NDArray[np.float64]
 # random vectors; with these numbers a standard error is accurate to 5 and 8 %
 _FLEET_PROBES, _VEHICLE_PROBES = 48, 16
 _RANK = 1e-9  # of the largest singular value; directions with smaller ones are not determined

@@ -7,12 +7,11 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation.trajectory_error import trajectory_errors
 from pymantaray.geometry import stream
 from pymantaray.records import Estimates, Trajectories
-
-Array = NDArray[np.float64]
 
 PAIRS = (
     ("refracted", "straight"),

@@ -8,12 +8,11 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation.trajectory_error import USABLE
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
 from pymantaray.records import Estimates, PoseCovariances, Trajectories
-
-Array = NDArray[np.float64]
 
 _AXES = ("north", "east", "down")
 _SIGMAS = (1.0, 3.0)

@@ -4,14 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.evaluation.bound import DegreesOfFreedom, ping_samples, rms_bound, submerged_at_pings
 from pymantaray.evaluation.trajectory_error import spread_standard_error, standard_error, trajectory_errors
 from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Estimates, Measurements, Trajectories
 
-Array = NDArray[np.float64]
 BASELINE = "straight"
 
 

@@ -8,11 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.records import Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.records.status import ARRIVES
-
-Array = NDArray[np.float64]
 
 ALL_LINKS = "all links"
 """Category of the table rows that include all links."""

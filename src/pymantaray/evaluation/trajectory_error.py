@@ -7,13 +7,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import FactorGraph, GraphValues, rmse_standard_error
 from pymantaray.evaluation.bound import DegreesOfFreedom
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
 from pymantaray.records import Estimates, SolveStatus, Trajectories
-
-Array = NDArray[np.float64]
 
 USABLE = tuple(status for status in SolveStatus if status.usable)
 _PERCENTILES = (5, 25, 75, 95)

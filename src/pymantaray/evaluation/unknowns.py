@@ -4,11 +4,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.records import SharedUnknowns
 
-Array = NDArray[np.float64]
 _NAMED_SHARE = 0.3  # of the largest coefficient of a combination; smaller coefficients are not listed
 _NAMED_COUNT = 4  # maximum number of listed coefficients
 

@@ -15,6 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, OceanError
 from pymantaray.exchange.centre import centre_attributes, centre_of_names
 from pymantaray.exchange.recording import Recording, VehiclePoses
@@ -24,7 +25,6 @@ from pymantaray.ocean.convert import decoded_times, to_our_unit
 from pymantaray.ocean.files import reading, text
 from pymantaray.records import write_netcdf
 
-Array = NDArray[np.float64]
 _QUANTITIES = {
     "time": ("time",),
     "latitude": ("latitude",),

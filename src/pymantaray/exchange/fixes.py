@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.exchange.centre import Centre
 from pymantaray.geometry import LocalFrame
 
-Array = NDArray[np.float64]
 _MAX_ORIGIN_SPREAD = 10.0  # m; fixes of a frame's origin have a smaller spread
 _MAX_PAIRS = 500
 _ITERATIONS = 10

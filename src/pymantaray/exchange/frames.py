@@ -1,9 +1,9 @@
 """Conversion to and from ROS's axes, REP-103: world x, y, z are east, north, up; body x, y, z are forward, left, up."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from pymantaray.arrays import Array
 
 
 def swap_enu(place: ArrayLike) -> Array:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pymantaray.exchange.recording import Array
+from pymantaray.arrays import Array
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 

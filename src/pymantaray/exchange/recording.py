@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.records import Measurements, RayStatus, Trajectories, VehicleStatus
 
-Array = NDArray[np.float64]
 TRUTH = "truth"
 
 

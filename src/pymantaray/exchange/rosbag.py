@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, optional_package
 from pymantaray.exchange.bag_limits import check_count, check_size, limited_unpacking
 from pymantaray.exchange.fixes import Fixes, centre_from_fixes, origin_of_frame
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
-from pymantaray.exchange.recording import TRUTH, Array, Recording, VehiclePoses
+from pymantaray.exchange.recording import TRUTH, Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses
 
 MAP = "map"

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, RecordError, SensingError
 from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.recording import TRUTH
@@ -16,7 +17,6 @@ from pymantaray.records.text_table import TextTable, read_text_table
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList
 
-Array = NDArray[np.float64]
 _METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
 _DEGREES = {"": 1.0, "deg": 1.0, "degrees": 1.0}
 _ANGLE = {"": 1.0, "rad": 1.0, "radians": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0}

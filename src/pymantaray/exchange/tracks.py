@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories, VehicleStatus
 from pymantaray.records.digits import counted
 
-Array = NDArray[np.float64]
 SAME_TIME = 1e-6
 """Times that differ by less count as one. [s]"""
 _ABOVE_SURFACE = 5.0  # m; up to this an error of a depth sensor, beyond it an axis that points up

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import FleetError
 from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, OceanArrays, bed_depth, place
 from pymantaray.geometry.checks import check_fields, checked_array, distinct_digits
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import FleetError
 from pymantaray.fleet import kernel
 from pymantaray.fleet.behaviours import (
@@ -25,7 +26,6 @@ from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.records import Trajectories
 
-Array = NDArray[np.float64]
 _DIMS = ("north", "east", "depth")
 _POSE_BYTES = 114  # pose and status, during the simulation and again in the record
 

@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
 from pymantaray.geometry.checks import Error, checked_array, distinct_digits
 from pymantaray.geometry.grid import linear_interpolator
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
     from pymantaray.geometry.boundary_kernels import BoundaryGrid
 
-Array = NDArray[np.float64]
 _SLACK = 1e-6  # of the water's extent; a boundary may end this far inside its edge
 _AXES = ("floor_north", "floor_east"), ("north", "east")
 

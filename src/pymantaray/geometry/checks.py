@@ -3,11 +3,11 @@
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import MantaRayError
 
-Array = NDArray[np.float64]
 Error = type[MantaRayError]
 
 

@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 import pyproj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
 from pymantaray.geometry.longitude import wrapped
 
-Array = NDArray[np.float64]
 ELLIPSOID = pyproj.Geod(ellps="WGS84")
 
 

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from pymantaray.arrays import Array
 
 
 def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callable[[ArrayLike], Array]:

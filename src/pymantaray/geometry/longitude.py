@@ -5,7 +5,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pymantaray.arrays import Array
+
 Degrees = TypeVar("Degrees", float, Array)
 
 

@@ -5,13 +5,13 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
 from pymantaray.geometry.checks import check_number
 from pymantaray.geometry.streams import stream
 
-Array = NDArray[np.float64]
 _POINTS = 512  # along each side of the periodic tile
 _POINTS_PER_LENGTH = 6.0
 MAX_DEVIATIONS = 4.0

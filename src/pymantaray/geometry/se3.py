@@ -4,11 +4,11 @@ Twists are ``[omega, v]`` in the body frame, as in GTSAM. All functions accept a
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
 
-Array = NDArray[np.float64]
 _SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
 
-Array = NDArray[np.float64]
 Earth = Literal["flat", "sphere"]
 """Shape of the Earth for sound: a plane below the local frame, or a sphere."""
 _EQUATOR, _SQUARED_ECCENTRICITY = 6378137.0, 0.0066943799901413165  # m, WGS 84

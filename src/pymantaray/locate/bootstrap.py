@@ -5,14 +5,13 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import stream
 from pymantaray.locate.solve import SurveySolution
 
-Array = NDArray[np.float64]
 _MAX_DRAWS = 1_000_000
 
 

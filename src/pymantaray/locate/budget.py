@@ -2,13 +2,12 @@
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.locate.evidence import posterior
 from pymantaray.locate.solve import SurveySolution
 from pymantaray.locate.survey import PlatformError
 
-Array = NDArray[np.float64]
 _PRIORS = {
     "sound speed": ("speed",),
     "lever arm": ("lever",),

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.locate.evidence import posterior
@@ -14,7 +14,6 @@ from pymantaray.locate.starts import mean_speed
 from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
 
-Array = NDArray[np.float64]
 _MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
 _MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times with a wrong unit
 _MIN_STEPS = 10  # between pings, to compare headings with the course

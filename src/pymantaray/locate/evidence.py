@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from pymantaray.arrays import Array
 from pymantaray.locate.graduated import MIN_SIGMA
 from pymantaray.locate.linear import Products
 from pymantaray.locate.unknowns import SurveyUnknowns
 
-Array = NDArray[np.float64]
 _MAX_STEPS = 60
 _CONVERGED = 3e-3  # change of the logarithm of every hyperparameter
 _MIN_HYPER, _MAX_HYPER = 1e-8, 1e-1  # hyperparameters: fractions of the sound speed, also per km

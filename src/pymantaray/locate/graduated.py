@@ -1,13 +1,12 @@
 """Initial values of a solve by graduated non-convexity, which gradually reduces the weight of gross errors."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Mask
 from pymantaray.estimation import LOSSES, Loss
 from pymantaray.geometry.spread import MAD_TO_SIGMA
-from pymantaray.locate.linear import Linearization, Mask
+from pymantaray.locate.linear import Linearization
 
-Array = NDArray[np.float64]
 _SCALE_STEP = 1.5  # factor between successive scales of the loss
 _MAX_STEPS = 60
 MIN_SIGMA = 1e-9  # s

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.arrays import Array
 from pymantaray.locate.graduated import robust_sigma
 from pymantaray.locate.solve import SurveySolution
 from pymantaray.locate.survey import Survey, TravelDirection
@@ -11,7 +12,6 @@ from pymantaray.locate.travel_times import Legs, predict, transducers
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
 
-Array = NDArray[np.float64]
 _MAX_EXAMINED = 2000  # gross errors
 _MAX_DEVIATION = 10.0  # standard deviations between a ping and its explanation
 _MIN_TOLERANCE = 1e-3  # s

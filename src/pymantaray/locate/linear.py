@@ -6,13 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Mask
 from pymantaray.locate.noise import Correlation, Whitener
 from pymantaray.locate.survey import PlatformError, TravelDirection
 from pymantaray.locate.travel_times import Legs, lever_gradients
 from pymantaray.locate.unknowns import SurveyUnknowns
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _CHUNK = 2048  # pings whose rows are in memory at a time
 
 

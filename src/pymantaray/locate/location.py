@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.locate.bootstrap import bootstrap_positions
 from pymantaray.locate.budget import error_budget
 from pymantaray.locate.checks import check_solution, check_survey
@@ -22,7 +23,6 @@ from pymantaray.locate.solve import CORRELATED, SurveySolution, candidate_table,
 from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.records.result_table import ResultTable
 
-Array = NDArray[np.float64]
 _ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
 _INTERVAL = 1.959964
 _MIN_PINGS = 3  # per node

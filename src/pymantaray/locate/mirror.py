@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.locate.solve import Solver, SurveySolution
 
-Array = NDArray[np.float64]
 _MAX_WIDTH = 0.15  # width over length of a line for which mirror solutions are computed
 _MIN_DIFFERENCE = 25.0  # chi-square; with a smaller difference, the data do not decide
 

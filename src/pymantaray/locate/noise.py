@@ -8,12 +8,10 @@ With :math:`\Delta` the time between two pings, their covariance is
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.locate._kernels.whiten import whiten
 from pymantaray.locate.survey import PlatformError, Survey
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from pymantaray.arrays import Array
 from pymantaray.locate.solve import SurveySolution
 
-Array = NDArray[np.float64]
 LEVEL = 1e-3
 """Probability that a correct model fails any of the tests."""
 _MAX_BINS, _MIN_PINGS = 24, 8  # number of bins, and pings per bin

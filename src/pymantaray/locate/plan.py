@@ -5,10 +5,10 @@ from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.locate.evidence import posterior
 from pymantaray.locate.linear import Linearization
@@ -19,7 +19,6 @@ from pymantaray.locate.survey import Node, Survey
 from pymantaray.locate.travel_times import predict
 from pymantaray.locate.unknowns import SurveyUnknowns
 
-Array = NDArray[np.float64]
 Shape = Literal["circle", "cross", "line", "rose", "lines"]
 SHAPES: tuple[Shape, ...] = get_args(Shape)
 _PETALS = 4  # per rose

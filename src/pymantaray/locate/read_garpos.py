@@ -10,15 +10,14 @@ import configparser
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey
 from pymantaray.records.text_table import TextTable, read_text_table
 
-Array = NDArray[np.float64]
 _MAX_TIME_OF_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or modified Julian dates
 _MJD_1970 = 40587 * 86400.0
 _TRUE = ("true", "t", "1", "1.0", "yes")

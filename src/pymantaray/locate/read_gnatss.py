@@ -13,13 +13,13 @@ import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, PlatformError, Survey
 from pymantaray.records.text_table import MONTHS
 
-Array = NDArray[np.float64]
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 _TIME_TOLERANCE = 2e-3  # s; between an instant and its position
 _SIGMA = (100.0, 100.0, 100.0)  # m; standard deviations of prior positions

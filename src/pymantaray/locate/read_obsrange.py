@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
@@ -17,7 +16,6 @@ from pymantaray.locate.checks import check_places
 from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, Survey
 
-Array = NDArray[np.float64]
 _SIGMA = (2000.0, 2000.0, 200.0)  # m; standard deviations of a drop point and a charted depth
 _ANGLE = r"(\d+)\s+(\d+(?:\.\d*)?)\s*([{}])"
 _PING = re.compile(

@@ -5,12 +5,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.locate.survey import LeverArm, Node, PlatformError, Survey
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

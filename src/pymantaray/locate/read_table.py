@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
@@ -13,7 +14,6 @@ from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey, TravelDirection, check_names
 from pymantaray.records.text_table import TextTable, read_text_table
 
-Array = NDArray[np.float64]
 _TIMES = {
     "two_way_time_s": (TravelDirection.TWO_WAY, 1.0),
     "two_way_time_ms": (TravelDirection.TWO_WAY, 1e-3),

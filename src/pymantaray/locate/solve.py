@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array, Mask
 from pymantaray.errors import LocateError
 from pymantaray.locate.evidence import MIN_REDUNDANCY, Posterior, posterior
 from pymantaray.locate.graduated import graduated_change, robust_sigma
-from pymantaray.locate.linear import Linearization, Mask, Products
+from pymantaray.locate.linear import Linearization, Products
 from pymantaray.locate.noise import Correlation
 from pymantaray.locate.options import KINDS, Arrangement, Kind, LocateOptions
 from pymantaray.locate.sound_speed import sound_speed_terms
@@ -23,7 +24,6 @@ from pymantaray.locate.travel_times import Legs, moved, predict, transducers
 from pymantaray.locate.unknowns import SurveyUnknowns
 from pymantaray.ocean.modes import VerticalModes
 
-Array = NDArray[np.float64]
 _MAX_STEPS = 25  # outer steps of one stage
 _RETRACE_DISTANCE = 0.3  # m; rays are not traced again for smaller changes
 _CONVERGED = 1e-3  # m; the largest change of a node's position in an outer step

@@ -9,15 +9,14 @@ platform or the node from the array's centre. Amplitudes of vertical modes use p
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.locate.options import Kind, SpeedPrior
 from pymantaray.locate.survey import Survey
 from pymantaray.ocean.modes import VerticalModes
 
-Array = NDArray[np.float64]
 KM = 1000.0
 _DEGREE = 3
 _MIN_KNOTS, _MAX_KNOTS, _MAX_GRADIENT_KNOTS = 4, 80, 40

@@ -1,15 +1,14 @@
 """Initial positions of nodes: robust estimates from straight ranges, from several initial guesses."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.estimation import LOSSES
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.locate.survey import Node, Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
 
-Array = NDArray[np.float64]
 _MAX_STEPS = 60
 _CONVERGED = 1e-2  # m
 _GUESSES = 8  # around the pings, in addition to their middle and the prior

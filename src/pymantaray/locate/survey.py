@@ -9,11 +9,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 _MAX_TRAVEL_TIME = 120.0  # s; two-way time of 90 km, beyond the reach of any transponder
 
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pymantaray.acoustics import Medium, find_eigenrays, trace_paths, travel_time_sensitivity
+from pymantaray.arrays import Array
 from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.ocean.modes import VerticalModes
 from pymantaray.records import Arrivals, RayStatus
 
-Array = NDArray[np.float64]
 _BOUNDARY_MARGIN = 1e-3  # m; minimum distance of ends from the boundaries of the water
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.locate.options import Arrangement
 from pymantaray.locate.sound_speed import SoundSpeed
 from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import Legs
 
-Array = NDArray[np.float64]
 _ARRAY_SIGMA = (3.0, 3.0, 3.0, 0.05)  # m, m, m, rad; shift and rotation of a rigid array
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.pyfg import write_pyfg
@@ -16,7 +15,6 @@ from pymantaray.locate.patterns import test_table
 from pymantaray.locate.survey import TravelDirection
 from pymantaray.records.writing import write_netcdf
 
-Array = NDArray[np.float64]
 _CORNERS = 72  # per ellipse
 _MIN_SIGMA = 1e-3  # m; for known positions in a graph
 

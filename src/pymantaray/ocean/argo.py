@@ -13,12 +13,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast, clean_cast
 from pymantaray.ocean.convert import decoded_times
 from pymantaray.ocean.files import numbers, reading, text
 
-Array = NDArray[np.float64]
 _GOOD = list("1258")  # accepted quality flags: good, probably good, changed, estimated
 _PARAMETERS = ("PRES", "TEMP", "PSAL")
 _DIMS = ("N_PROF", "N_LEVELS")

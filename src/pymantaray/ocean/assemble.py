@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import gsw
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean import cf
@@ -27,7 +27,6 @@ from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean
 if TYPE_CHECKING:
     from pymantaray.ocean.open import Collection, Part
 
-Array = NDArray[np.float64]
 _MAX_DISAGREEMENT = 0.05  # fraction of the wet points
 _STORAGE = ("coordinates", "calendar")
 _MAX_TEXT = 300  # characters of a title or a source

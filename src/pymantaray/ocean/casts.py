@@ -11,8 +11,9 @@ from typing import Any, Literal
 import gsw
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.checks import distinct_digits
@@ -28,7 +29,6 @@ from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle
 from pymantaray.records.text_table import MONTHS
 
-Array = NDArray[np.float64]
 Instant = str | np.datetime64
 _NUMBER = r"(-?\d+(?:\.\d+)?)\s*°?\s*"
 _LAT = re.compile(rf"\blat(?:itude)?\b\s*[:=]?\s*{_NUMBER}([NS])?\b", re.IGNORECASE)

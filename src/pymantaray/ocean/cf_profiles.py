@@ -13,12 +13,12 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.convert import decoded_times
 from pymantaray.ocean.files import numbers, reading, text
 
-Array = NDArray[np.float64]
 _QUANTITIES = {
     "depth": ("depth",),
     "pressure": ("sea_water_pressure", "sea_water_pressure_due_to_sea_water"),

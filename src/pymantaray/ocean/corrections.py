@@ -4,15 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import validate_ocean, with_history
 from pymantaray.ocean.seawater import density_fall
 from pymantaray.ocean.window import Window, counted_place
 
-Array = NDArray[np.float64]
 _TRACERS = ("water_temp", "salinity")
 INVERSION = 5e-3
 """Minimum excess of potential density over the level below that counts as an inversion. [kg/m3]"""

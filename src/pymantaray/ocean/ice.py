@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
@@ -15,7 +14,6 @@ from pymantaray.ocean.convert import is_our_unit
 from pymantaray.ocean.files import file_name, open_file, text
 from pymantaray.ocean.sea_floor import HorizontalField, horizontal_axes
 
-Array = NDArray[np.float64]
 _DRAFT_PER_THICKNESS = 917.0 / 1026.0  # densities of ice and of sea water [kg/m3]; Archimedes, without snow
 _SHARE = {"sea_ice_draft": 1.0, "sea_ice_thickness": _DRAFT_PER_THICKNESS}
 _ROUGHNESS = ("slope", "length", "seed", "draw")

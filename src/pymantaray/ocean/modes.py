@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import layer_edges, validate_ocean
 from pymantaray.ocean.seawater import Equation, sound_speed
 
-Array = NDArray[np.float64]
 _MIN_COLUMNS = 0.5  # fraction of the wet columns that must reach the deepest level of the modes
 
 

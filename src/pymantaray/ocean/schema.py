@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.convert import is_our_unit, our_unit
 
-Array = NDArray[np.float64]
 DIMS = ("depth", "lat", "lon")
 MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need four points
 

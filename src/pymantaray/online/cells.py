@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.online.interpolation import interpolate
 
-Array = NDArray[np.float64]
 LEAF = 3  # in place of the axis of a branch
 _AXIS_BITS = 2
 

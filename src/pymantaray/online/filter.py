@@ -6,13 +6,12 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.kalman import SIZE, corrected, moved
 from pymantaray.estimation.range_models import RangeEndpoints, RangeModel, TravelTimeUncertainty
 from pymantaray.geometry.se3 import se3_exp, se3_log, so3_exp
 
-Array = NDArray[np.float64]
 _ONE_LINK = np.zeros(1, dtype=np.intp)
 
 

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pymantaray.arrays import Array
+
 REFERENCE_SLOWNESS = 1.0 / 1500.0  # s/m; a table stores the relative difference from it
 
 

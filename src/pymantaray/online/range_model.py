@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.range_models import (
     ConstantSpeed,
@@ -20,7 +21,6 @@ from pymantaray.online.cells import HAS_RANGE, CellStatus
 from pymantaray.online.table import TableRanges, TravelTimeTable
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
-Array = NDArray[np.float64]
 _OTHER_END = {
     "range_by_source_depth": "range_by_receiver_depth",
     "range_by_receiver_depth": "range_by_source_depth",

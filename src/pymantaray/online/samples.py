@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import ArrivalRule, Medium, choose_arrivals, find_eigenrays
+from pymantaray.arrays import Array
 from pymantaray.online.interpolation import REFERENCE_SLOWNESS
 from pymantaray.records import RayStatus
 
-Array = NDArray[np.float64]
 NO_ARRIVAL, OUTSIDE = -1, -2
 """Families of places without an arrival, and outside the water."""
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.online.cells import LEAF, CellStatus, Tree, find_cells, mean_slowness
 from pymantaray.online.interpolation import REFERENCE_SLOWNESS
 from pymantaray.records.base import Column, Record, column
 
-Array = NDArray[np.float64]
 # relative differences from the mean slowness at the first corner
 _GUESSES = np.array([0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024])
 _ITERATIONS = 16  # of Newton's method, those of all guesses together

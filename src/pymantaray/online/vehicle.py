@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
 from pymantaray.estimation.kalman import SIZE
 from pymantaray.estimation.range_models import RangeModel, TransmitterSpeed
@@ -23,7 +24,6 @@ from pymantaray.online.saved_state import read_state, write_state
 from pymantaray.online.table import TravelTimeTable
 from pymantaray.online.timeline import Timeline
 
-Array = NDArray[np.float64]
 Ranges = TravelTimeTable | Medium | RangeModel | float
 
 

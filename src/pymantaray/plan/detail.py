@@ -5,16 +5,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pymantaray.arrays import Array
 from pymantaray.plan.definition import DeploymentPlan, Design
 from pymantaray.plan.evaluate import Errors, detection_probability, error_quantile
 from pymantaray.plan.tasks import evaluator_of
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.study.store import Run
 
-Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 

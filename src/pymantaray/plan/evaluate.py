@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pymantaray.arrays import Array
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.estimation import GraphSolver, solve_conditions
@@ -23,7 +24,6 @@ from pymantaray.study import StudyConfig
 from pymantaray.study.estimators import EstimatorFactory
 from pymantaray.study.store import Run
 
-Array = NDArray[np.float64]
 _DRAWS = 200  # of each position error, for the 95 % quantile
 _BIAS_DIGITS = 6  # decimals of a bias in metres; the convergence of the solver limits smaller ones
 _DETECTED = 0.5  # links with a smaller probability of detection carry no information

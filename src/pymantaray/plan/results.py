@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.config.common import NONE
 from pymantaray.config.load import BASE, preset_names
 from pymantaray.plan.definition import DeploymentPlan, Design, FreeRange
@@ -22,7 +23,6 @@ from pymantaray.study import StudyConfig, load_study
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 _NEAR = 0.1  # largest difference of near-optimal designs, as a share of the best value of the first objective
 _SCORES = [name for name in Scores._fields if name != "failure"]
 _YES = ("no", "yes")

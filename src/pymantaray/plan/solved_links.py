@@ -5,17 +5,15 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.currents import Currents
+from pymantaray.arrays import Array, Indices
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.sensing.ranging import joined_transmissions
 from pymantaray.sensing.receptions import Direction, Receptions, rows_between
 from pymantaray.sensing.transmission import ReceptionOptions, Transmission, find_receptions
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 _LINKS = 200_000  # links in memory; about 1 kB each
 
 

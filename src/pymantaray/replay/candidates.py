@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pymantaray.arrays import Array
+
 MERGED = 1e-3
 """Arrivals of one candidate differ by less than this in time. [s]"""
 

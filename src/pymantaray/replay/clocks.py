@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pymantaray.arrays import Array
+
 # s, and share of the travel time; a larger difference is no sound path
 _GROSS_TIME, _GROSS_SHARE = (0.05, 0.05)
 _DRIFT_COLUMNS = ["drift", "standard_error_drift"]

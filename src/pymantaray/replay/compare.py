@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
+from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress
@@ -36,7 +37,6 @@ from pymantaray.replay.water import choose_water, ends_of, instants_in
 from pymantaray.sensing import Detector, find_receptions
 from pymantaray.water import Source, Water, open_waters
 
-Array = NDArray[np.float64]
 SEED = 20140715
 """Default seed, that of studies."""
 CAPTIONS = {

@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.replay.clocks import clock_errors
 from pymantaray.replay.compare import Replay
 from pymantaray.replay.events import Events
-
-Array = NDArray[np.float64]
 
 
 def correct_events(events: Events, replay: Replay) -> Events:

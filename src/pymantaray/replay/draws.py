@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.selection import first_rows
+from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
@@ -20,7 +21,6 @@ from pymantaray.sensing import Detector, Transmission, find_receptions
 from pymantaray.sensing.receptions import Direction
 from pymantaray.water import Water
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
 _PAIR_SPACING = 37.3  # correlation lengths between the ice of successive pairs

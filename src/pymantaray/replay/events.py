@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import RecordError, ReplayError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.records.text_table import TextTable, read_text_table
 
-Array = NDArray[np.float64]
 Names = NDArray[np.str_]
 ENDS = ("source", "receiver")
 _PLACES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}

@@ -7,13 +7,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.reflection import wave_height_rms
+from pymantaray.arrays import Array
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.replay.options import PredictionOptions
 from pymantaray.replay.summary import quantile_of, ratio_interval
 from pymantaray.sensing.picking import LEVEL_SPREAD_DB
 
-Array = NDArray[np.float64]
 _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5
 _CLUTTER = 0.02  # share of receptions that no candidate explains
 _CLUTTER_WIDTH = 0.1  # s

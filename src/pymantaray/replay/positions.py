@@ -6,14 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.checks import check_number
 from pymantaray.replay.events import ENDS, Events
-
-Array = NDArray[np.float64]
 
 _WALKS = np.geomspace(1e-4, 10.0, 21)  # m per square root of a second, among which the likelihood chooses
 _REFINEMENTS = 3  # of the choice, each ten times finer

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import link_loss_db
 from pymantaray.acoustics.selection import NEAR_DB, first_rows
 from pymantaray.acoustics.sonar import Sonar
+from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.sensing import Receptions
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 Kind = Literal["first", "strongest", "within", "threshold", "persist"]
 DEFAULT_RULE = "within:6"

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.geometry import stream
 from pymantaray.records import RayStatus
 
-Array = NDArray[np.float64]
 RESAMPLES = 1000
 _CONFIDENCE = 95.0  # percent
 _DEPTH_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0)  # m

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.replay.events import Events
 from pymantaray.water import Water
-
-Array = NDArray[np.float64]
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:

@@ -17,14 +17,13 @@ from pymantaray.acoustics import (
     transmission_loss,
 )
 from pymantaray.acoustics.loss import Losses, loss_under_rough_surface
+from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.schedule import chances
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,15 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Indices
 from pymantaray.records import Trajectories
 from pymantaray.sensing.receptions import Direction, Receptions, rows_between, values_at
 from pymantaray.sensing.schedule import Attempts
 from pymantaray.sensing.timing import Leg, OneWay, Timing, half_round_trip, velocities
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Velocities = tuple[Array, Array]
 """Velocities of initiators and of responders, each of shape (n, 3). [m/s]"""
 

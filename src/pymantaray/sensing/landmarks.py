@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics import Sonar, probability_of_excess
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import SensingError
 from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
@@ -19,8 +20,6 @@ from pymantaray.sensing.receptions import Direction, Receptions
 from pymantaray.sensing.schedule import Attempts, chances
 from pymantaray.sensing.timing import ONE_WAY, Timing
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 PickRule = Literal["first-detected", "strongest-detected"]
 LEVEL_SPREAD_DB = 6.0  # dB; standard deviation of an arrival's level without a sonar
 _FAR_DB = 1e4  # dB; replaces an infinite loss

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics.currents import Currents
+from pymantaray.arrays import Array, Indices
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
@@ -25,9 +26,6 @@ from pymantaray.sensing.receptions import Receptions, joined, values_at
 from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Timing
 from pymantaray.sensing.transmission import DIRECT, ReceptionOptions, Transmission, find_receptions
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

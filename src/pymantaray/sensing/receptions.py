@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import ArrivalRule, Leaks, Sonar
 from pymantaray.acoustics.selection import first_rows
+from pymantaray.arrays import Array, Indices
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 _LINKS = 2**40  # more than the number of links; offset of the groups of the second direction
 
 

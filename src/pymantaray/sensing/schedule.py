@@ -8,15 +8,12 @@ from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.geometry.checks import check_fields, check_number, checked_array
 from pymantaray.records import Measurements
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 class Attempts(NamedTuple):

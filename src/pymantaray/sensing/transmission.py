@@ -18,6 +18,7 @@ from pymantaray.acoustics import (
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
+from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, RayStatus
@@ -34,7 +35,6 @@ from pymantaray.sensing.receptions import (
     within_cone,
 )
 
-Array = NDArray[np.float64]
 LinkEnds = tuple[Array, Array]
 """Positions of the sources and of the receivers of links, each of shape (n_links, 3). [m]"""
 _BLOCK = 512  # links whose ray paths are in memory at a time

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.records.base import Column, Record, column
 
-Array = NDArray[np.float64]
 _GRID = "source_depth source_north source_east receiver_bearing receiver_depth receiver_range"
 _DECLINATION = "angle from the horizontal, positive down,"
 _RECORD_MARK = bytes([4, 0, 0, 0])  # length of the first record of a binary file, four letters with its kind

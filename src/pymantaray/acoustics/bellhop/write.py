@@ -7,17 +7,17 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.acoustics.bellhop.options import BellhopOptions, BellhopOutput, HalfSpace
 from pymantaray.acoustics.medium import Medium
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.checks import distinct_digits
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.records.writing import whole_file
 
-Array = NDArray[np.float64]
 _LETTER: dict[BellhopOutput, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}
 _MAX_POINTS = 100_000_000  # of a finer grid; 0.8 GB
 

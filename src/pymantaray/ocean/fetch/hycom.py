@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, optional_package
 from pymantaray.jobs.progress import Progress
 from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
@@ -22,7 +22,6 @@ from pymantaray.records.writing import write_netcdf
 if TYPE_CHECKING:
     from pymantaray.ocean.fetch.transport import Connection
 
-Array = NDArray[np.float64]
 AXES = ("time", *DIMS)
 BLOCK_VALUES = 200_000
 """Maximum size of one request: a variable on a few levels."""

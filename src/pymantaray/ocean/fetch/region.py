@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.window import GeographicWindow, Selection, select
 
-Array = NDArray[np.float64]
 MAX_VALUES = 20_000_000
 """Maximum number of values of one variable in a window."""
 _SIDE_TOLERANCE = 1.1e-4  # degrees; HYCOM's coordinates deviate from the exact grid by 3e-5

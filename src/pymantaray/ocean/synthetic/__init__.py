@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.convert import parse_instant
@@ -14,8 +14,6 @@ from pymantaray.ocean.schema import assemble_ocean
 from pymantaray.ocean.seawater import density, in_situ_temperature
 from pymantaray.ocean.synthetic import beaufort, fram
 from pymantaray.ocean.synthetic.geostrophy import Grid, geostrophic_currents
-
-Array = NDArray[np.float64]
 
 HYCOM_DEPTHS = (
     *(0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 60.0, 70.0, 80.0),

@@ -26,12 +26,10 @@ References
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.ocean.synthetic.geostrophy import Eddy, Grid, eddy_fields, scattered
 from pymantaray.ocean.synthetic.watermass import WaterColumn, WaterMass
-
-Array = NDArray[np.float64]
 
 _CAP = (
     WaterMass("summer melt water", 0.0, -1.20, 27.2),

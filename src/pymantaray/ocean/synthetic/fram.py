@@ -22,12 +22,10 @@ References
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.ocean.synthetic.geostrophy import GRAVITY, Eddy, Grid, coriolis, eddy_fields, scattered
 from pymantaray.ocean.synthetic.watermass import WaterColumn, WaterMass
-
-Array = NDArray[np.float64]
 
 # deep waters: saltier and warmer from the Eurasian Basin, fresher and colder from the Greenland Sea [1]
 _EURASIAN_DEEP = (

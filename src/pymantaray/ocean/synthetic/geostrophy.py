@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from pymantaray.arrays import Array
+
 GRAVITY = 9.81  # m s-2
 _ROTATION = 7.292115e-5  # rad s-1
 _EARTH_RADIUS = 6_371_000.0  # m
