@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.atlas.column import SPLINE
 from pymantaray.atlas.links import AtlasLinks
 from pymantaray.config import SoundConfig
@@ -33,7 +34,6 @@ from pymantaray.water.ocean import is_profile
 from pymantaray.water.uniform import one_profile
 from pymantaray.water.water import configuration_of
 
-Array = NDArray[np.float64]
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
 _COLUMNS = 16  # per block and axis; rays of 256 columns take half a minute
 _MAX_POINTS = 160  # grid points per block and axis

@@ -11,13 +11,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, choose_arrivals
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Arrivals, RayPaths, RayStatus, whole_file, write_netcdf
 from pymantaray.records.csv_text import csv_text
 from pymantaray.records.text_table import TextTable, read_text_table
 
-Array = NDArray[np.float64]
 LOCAL, GEOGRAPHIC = (
     [f"{end}_{axis}" for end in ("source", "receiver") for axis in axes]
     for axes in (("north", "east", "depth"), ("lat", "lon", "depth"))

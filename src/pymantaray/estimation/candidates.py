@@ -5,12 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.range_models import Prediction, RangeEndpoints, RangeModel, Rows
-
-Array = NDArray[np.float64]
 
 
 class CandidateArrivals(NamedTuple):

@@ -32,11 +32,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import chord
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 

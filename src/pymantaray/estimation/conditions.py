@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.build import LinkChoice, MeasuredRanges, build_graph, timed_ranges, with_ranges
 from pymantaray.estimation.candidates import CandidateModel
@@ -32,8 +33,6 @@ from pymantaray.estimation.solution import GraphSolution, Method, SolveProgress,
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.records import Estimates, Measurements, SolveStatus
-
-Array = NDArray[np.float64]
 
 _MAX_SCALE = 1e4  # largest factor on range sigmas
 _COST_TOLERANCE = 2e-3  # of the cost, relative to the number of ranges; changes the sigma by 0.2 %

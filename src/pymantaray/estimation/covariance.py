@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.starts import dead_reckon
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion
 from pymantaray.records import Measurements, PoseCovariances
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 

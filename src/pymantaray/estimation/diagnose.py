@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import diags_array, eye_array
 from scipy.sparse.linalg import splu
 
@@ -12,8 +11,6 @@ from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.problems import GraphState, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
-
-Array = NDArray[np.float64]
 
 _UNDETERMINED = 1e6  # m or rad; a standard deviation of this size counts as undetermined, as in the solver
 _DAMPING = 1e-15  # added to the scaled information matrix, whose diagonal is 1, so that it can be factorized

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.expansion import Expansion
 from pymantaray.estimation.picks import fits
 from pymantaray.estimation.range_models import Rows
 from pymantaray.geometry import stream
 
-Array = NDArray[np.float64]
 _CONTROL_RATIO = 1.5  # ratio of the standard deviations of successive surrogates
 _STEPS = 3  # re-weighted steps on each surrogate
 _DRAWN_STARTS = 24  # descents from positions drawn from the prediction

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.images import Images
 from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEndpoints, Rows, chord
 
-Array = NDArray[np.float64]
 EpochBlock = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
 
 _SAME_POSITION, _SAME_CHORD = (

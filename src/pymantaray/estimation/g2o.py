@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import (
     EDGE,
@@ -37,8 +38,6 @@ from pymantaray.estimation.pyfg import POSE, GraphFile
 from pymantaray.estimation.starts import chordal
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
-
-Array = NDArray[np.float64]
 
 LANDMARK, SIGHTING, OFFSET = "VERTEX_TRACKXYZ", "EDGE_SE3_TRACKXYZ", "PARAMS_SE3OFFSET"
 

@@ -8,11 +8,9 @@ triangle of a matrix, translation first. Lines in two dimensions are lifted as t
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.graph_text import Word
-
-Array = NDArray[np.float64]
 
 _COLUMNS = {  # names or ids, measured numbers, size of the matrix
     "pose": (1, 7, 0),

@@ -13,10 +13,9 @@ from typing import Literal, NamedTuple, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, SMALLEST_EIGENVALUE, VARIANCES
-
-Array = NDArray[np.float64]
 
 _MAX_WORDS_NAMED = 5  # unknown words listed in a message
 

@@ -5,9 +5,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.range_models import Prediction, RangeEndpoints
-
-Array = NDArray[np.float64]
 
 
 class Images(NamedTuple):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
@@ -14,8 +15,6 @@ from pymantaray.estimation.problems import GraphState, Problem, distance_problem
 from pymantaray.estimation.solution import GraphSolution, SolveOptions, SolveProgress, gate, make_solution
 from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import quaternion_from_matrix
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,10 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky
 from scipy.linalg.blas import dtrsm
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
@@ -19,7 +19,6 @@ from pymantaray.estimation.solution import GraphSolution, SolveProgress, make_so
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import SolveStatus
 
-Array = NDArray[np.float64]
 SIZE = 6  # errors of a pose: rotation in the body's axes [rad], position in the world's axes [m]
 
 

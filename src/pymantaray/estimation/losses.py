@@ -8,13 +8,13 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import chord
 
-Array = NDArray[np.float64]
 LossKind = Literal["huber", "cauchy", "geman-mcclure"]
 # scales that are 95 % as efficient as least squares under normal noise
 _EFFICIENT: Mapping[str, float] = MappingProxyType(

@@ -5,14 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE, Indices
 from pymantaray.estimation.optimize import LastStep, check_convergence
 from pymantaray.estimation.problems import GraphState, LinearTerm, Problem, distance_problem
-
-Array = NDArray[np.float64]
 
 _MIN_VARIANCE = (
     1e-8  # share of the variance of a residual; directions below it have no independent prediction

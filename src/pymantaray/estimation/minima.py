@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.chordal_problem import ChordalProblem
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solution import GraphSolution
@@ -16,7 +17,6 @@ from pymantaray.estimation.starts import StartingValues, chordal, dead_reckon_gr
 from pymantaray.estimation.trilateration import range_only_landmarks, trilaterate, with_landmarks
 from pymantaray.geometry import stream
 
-Array = NDArray[np.float64]
 SolveFrom = Callable[[GraphValues], GraphSolution]
 
 SAME_COST = 1e-6  # relative; smaller differences of the cost are of one minimum

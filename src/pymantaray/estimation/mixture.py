@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.candidates import CandidateArrivals, CandidateModel, of_picks
 from pymantaray.estimation.epoch_picks import EpochMixture, graduated_fits
@@ -28,7 +28,6 @@ from pymantaray.estimation.problems import ExpandedRanges, GraphState, Problem, 
 from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEndpoints, Rows
 from pymantaray.estimation.solution import SolveOptions
 
-Array = NDArray[np.float64]
 _FORWARD_TOLERANCE = 1e-2  # m, rad; of a solve before the next ping is added
 
 

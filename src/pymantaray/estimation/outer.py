@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.expansion import Expansion, RangeWeights
 from pymantaray.estimation.graph import FactorGraph, GraphValues
@@ -17,7 +18,6 @@ from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEnd
 from pymantaray.estimation.robust import optimize_robust
 from pymantaray.estimation.solution import SolveOptions, SolveProgress
 
-Array = NDArray[np.float64]
 _SETTLED = 1e-3  # m; a range that a new prediction changes by less has converged
 _FIRST_TOLERANCE = 0.1  # m; the first expansion is inaccurate, so its solve ends early
 _MAX_EXPANSIONS = 25

@@ -3,12 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.candidates import CandidateArrivals, MixtureOptions
 from pymantaray.estimation.range_models import Rows, TimedRanges
 
-Array = NDArray[np.float64]
 NONE = -1  # pick, and family, of a range that belongs to none of its candidates
 
 

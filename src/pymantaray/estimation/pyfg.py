@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import (
     EDGE,
@@ -36,8 +37,6 @@ from pymantaray.estimation.graph_columns import ROTATION_FIRST, columns, to_grap
 from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
-
-Array = NDArray[np.float64]
 
 POSE, LANDMARK = "VERTEX_SE3:QUAT", "VERTEX_XYZ"
 FLAT = {  # words in two dimensions, by those in three

@@ -14,9 +14,9 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 _LEVEL_DIFFERENCE = 0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
 

@@ -6,15 +6,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import GraphValues
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.range_models import UnknownsEstimate
 from pymantaray.records import SolveStatus
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

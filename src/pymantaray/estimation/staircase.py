@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.chordal_problem import ChordalProblem
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
-
-Array = NDArray[np.float64]
 
 MAX_RELAXED_FACTORS = 500  # largest graph whose relaxation is solved: about 1 s of CPU
 GAP = 1e-3  # relative, and a tenth of it absolute: largest gap between cost and bound of a global minimum

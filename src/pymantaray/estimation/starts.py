@@ -8,12 +8,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import splu
 
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_parts
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
 
-Array = NDArray[np.float64]
 Indices = NDArray[Any]
 
 _ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 
-Array = NDArray[np.float64]
 Indices = NDArray[Any]
 
 _CIRCLE_POINTS = 8  # starting points on the circle about a straight trajectory

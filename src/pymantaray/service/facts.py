@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.errors import ServiceError
 from pymantaray.sensing import TwoWay
 from pymantaray.water import Water
-
-Array = NDArray[np.float64]
 
 
 def require_place(medium: Medium, name: str, place: Array) -> None:

@@ -5,16 +5,15 @@ from functools import lru_cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.arrays import Array
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing import Receptions, TwoWay, find_receptions
 from pymantaray.sensing.exchanges import exchange_times, exchange_values, selected_exchanges
 from pymantaray.water import Water
 
-Array = NDArray[np.float64]
 _INSTANTS = 4  # number of waters in memory; that of a basin takes 15 MB
 
 

@@ -11,10 +11,11 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.eigenrays import as_positions
+from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
 from pymantaray.errors import ServiceError
 from pymantaray.geometry.checks import check_number
@@ -26,7 +27,6 @@ from pymantaray.study.tracks import with_tracks
 from pymantaray.water import Source, Water, open_water
 from pymantaray.water.water import configuration_of
 
-Array = NDArray[np.float64]
 ArgumentT = TypeVar("ArgumentT")
 ResultT = TypeVar("ResultT")
 

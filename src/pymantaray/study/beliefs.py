@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.arrays import Array
 from pymantaray.config.common import own_files
 from pymantaray.config.estimators import (
     AnyBelief,
@@ -61,7 +62,6 @@ from pymantaray.water.ocean import (
 )
 from pymantaray.water.water import build_reception, mission_ocean
 
-Array = NDArray[np.float64]
 _DOMAIN = ("centre_lat", "centre_lon", "half_extent_north", "half_extent_east")
 
 

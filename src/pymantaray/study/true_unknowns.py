@@ -4,15 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from pymantaray.config.sections import StudyConfig
 from pymantaray.estimation import GraphSolution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
 from pymantaray.records import SharedUnknowns, Trajectories
 from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
-
-Array = NDArray[np.float64]
 
 
 def true_amplitudes(

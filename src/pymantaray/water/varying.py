@@ -5,11 +5,10 @@ from itertools import chain
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import StudyError
 
-Array = NDArray[np.float64]
 VARYING = ("sound_speed", "current_north", "current_east")
 """Variables that vary; the sea floor and all others are from the first snapshot."""
 

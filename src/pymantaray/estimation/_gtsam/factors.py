@@ -10,13 +10,11 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.graph import FactorGraph, FactorKind, Factors, GraphValues, Residual
 from pymantaray.estimation.losses import Loss
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
-
-Array = NDArray[np.float64]
 
 
 def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:

@@ -7,11 +7,10 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation._gtsam.factors import poses_of
 from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues
 from pymantaray.estimation.trilateration import trilaterate
-
-Array = NDArray[np.float64]
 
 
 class EntryUpdates(NamedTuple):

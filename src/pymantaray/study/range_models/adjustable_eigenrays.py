@@ -3,14 +3,12 @@
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.paths import travel_time_sensitivity
+from pymantaray.arrays import Array
 from pymantaray.estimation import Prediction, RangeEndpoints
 from pymantaray.study.range_models.eigenray_model import EigenrayModel, pairs_of
-
-Array = NDArray[np.float64]
 
 
 class AdjustableEigenrays:

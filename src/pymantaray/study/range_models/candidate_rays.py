@@ -1,9 +1,9 @@
 """The range model of a mixture: all arrivals through an assumed ocean that a receiver may take, with their probabilities."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.arrays import Array
 from pymantaray.estimation import CandidateArrivals, MixtureOptions, Prediction, RangeEndpoints
 from pymantaray.estimation.candidates import of_picks
 from pymantaray.sensing import Picker, ReceptionOptions, Timing
@@ -12,8 +12,6 @@ from pymantaray.sensing.picking import pick_receptions
 from pymantaray.sensing.receptions import Direction, Receptions
 from pymantaray.sensing.transmission import find_receptions
 from pymantaray.study.range_models.eigenray_model import pairs_of
-
-Array = NDArray[np.float64]
 
 
 class CandidateRays:

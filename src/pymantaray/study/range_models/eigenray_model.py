@@ -15,10 +15,9 @@ from pymantaray.acoustics import (
 )
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.paths import quadrature
+from pymantaray.arrays import Array
 from pymantaray.estimation import Prediction, RangeEndpoints
 from pymantaray.records import Arrivals, RayPaths
-
-Array = NDArray[np.float64]
 
 
 class Pairs(NamedTuple):
