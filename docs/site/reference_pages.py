@@ -271,7 +271,7 @@ def water_table() -> str:
             elif "--set" in options:
                 cells.append("`--set`")
             else:
-                cells.append("direct rays" if "bellhop" in name or "locate" in name else _WITHOUT_RAYS)
+                cells.append("direct rays" if "--ice" in options else _WITHOUT_RAYS)
         rows.append((f"`{name}`", ", ".join(sources), *cells))
     return table(("command", "source", *_WATER_OPTIONS), rows)
 

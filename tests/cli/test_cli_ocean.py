@@ -64,7 +64,7 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
     assert mantaray("ocean", "check", "--study", study).code == 0, "its own ocean holds it"
     assert mantaray("ocean", "check", ocean_file, "--study", study).code == 0
     for side, half, says in (
-        ("north", 90e3, "wrong: coverage (74.5 N -140 E): domain of +-90 km north"),
+        ("north", 90e3, "wrong: coverage (74.5 N, 140 W): domain of +-90 km north"),
         ("east", 2e3, "coverage (vehicle"),
     ):
         changes = ("--set", f"ocean.source={ocean_file}", "--set", f"ocean.half_extent_{side}={half}")
@@ -127,6 +127,31 @@ def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
     temperature = values["variables"][0]
     assert temperature["units"] == "degC"
     assert [f"{temperature[bound]:.2f}" for bound in ("least", "greatest")] == spans
+
+
+def test_show_has_the_domain_and_the_sea_floor_of_its_options(told, mantaray, ocean_file, tmp_path):
+    whole = told("ocean", "show", ocean_file)["region"]
+    part = told("ocean", "show", ocean_file, "--half-extent", 10, 10, "--sea-floor", 900)["region"]
+    assert part["height [km]"] < 0.5 * whole["height [km]"]
+    assert [part[f"{end} sea floor [m]"] for end in ("shallowest", "deepest")] == [900.0, 900.0]
+    assert "900 to 900 m, one depth" in mantaray("ocean", "show", ocean_file, "--sea-floor", 900).out
+
+
+def test_made_oceans_have_the_domain_and_refuse_a_sea_floor(mantaray, ocean_file, tmp_path):
+    words = ("ocean", "perturb", ocean_file, tmp_path / "mean.nc", "--method", "mean")
+    assert mantaray(*words, "--half-extent", 10, 10).code == 0
+    with xr.open_dataset(ocean_file) as data, xr.open_dataset(tmp_path / "mean.nc") as mean:
+        assert mean.sizes["lat"] < data.sizes["lat"]
+    result = mantaray(*words, "--force", "--sea-floor", 900)
+    assert (result.code, "--sea-floor applies to a profile here" in result.err) == (2, True)
+
+
+def test_an_ocean_of_two_files_is_perturbed(mantaray, ocean_file, tmp_path):
+    with xr.open_dataset(ocean_file) as data:
+        data[["water_temp", "salinity"]].to_netcdf(tmp_path / "ts.nc")
+        data[["water_u", "water_v"]].to_netcdf(tmp_path / "uv.nc")
+    files = (tmp_path / "ts.nc", tmp_path / "uv.nc", tmp_path / "mean.nc")
+    assert mantaray("ocean", "perturb", *files, "--method", "mean").code == 0
 
 
 def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tmp_path):
@@ -203,7 +228,7 @@ MADE = {  # what is told, the command and what it calls
     "replaced by the horizontal mean": (
         "perturb ocean.nc new.nc --method mean", lambda: mean_ocean(open_ocean("ocean.nc"))
     ),
-    "replaced by the column at 74 N -140 E": (
+    "replaced by the column at 74 N, 140 W": (
         "perturb ocean.nc new.nc --method column --place 74 -140",
         lambda: column_ocean(open_ocean("ocean.nc"), (74.0, -140.0)),
     ),

@@ -45,7 +45,7 @@ def test_a_plain_table_is_read_as_it_stands(tmp_path):
     assert cast.time == np.datetime64("2014-07-24T19:20")
     assert (cast.name, cast.dropped, cast.notes) == ("cast", 0, ())
     assert not cast.depth.flags.writeable
-    assert repr(cast) == "Cast('cast', 73.9883 N -139.95 E, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
+    assert repr(cast) == "Cast('cast', 73.988 N, 139.95 W, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
 
 
 @pytest.mark.parametrize("header", [

@@ -135,7 +135,7 @@ GOOD = {"casts": [cast_at(74.6, -140.0, 0.5)], "horizontal_scale": 1e4}
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"casts": [cast_at(80.0, -140.0, 0.5)]}, "cast c: 80 N -140 E is outside the ocean"),
+    ({"casts": [cast_at(80.0, -140.0, 0.5)]}, "cast c: 80 N, 140 W is outside the ocean"),
     ({"casts": [cast_at(74.5, -140.0, 0.5)], "land": True}, "is on land in the ocean; remove the cast"),
     ({"casts": []}, "no cast; give"),
     ({"horizontal_scale": 0.0}, "horizontal_scale is 0; it must be positive"),

@@ -77,3 +77,17 @@ def test_a_name_without_its_variable_lists_what_there_is(fram):
         plain,
         names={"temp": "sea water"},
     )
+
+
+def test_a_misspelt_standard_name_and_a_missing_unit_have_their_remedy(fram):
+    plain = bare(fram)
+    near = {"temp": "sea_water_temprature"}
+    refused(
+        OceanError,
+        "name of temp: 'sea_water_temprature' is not a standard name; did you mean sea_water_temperature",
+        open_ocean,
+        plain,
+        names=near,
+    )
+    names = {"temp": "sea_water_temperature", "salinity": "sea_water_practical_salinity"}
+    refused(OceanError, "temp has no units; set .*names", open_ocean, plain, names=names, currents="rest")

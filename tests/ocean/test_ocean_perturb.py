@@ -137,7 +137,7 @@ def test_one_column_everywhere_at_rest(ocean):
     assert not np.nansum(np.abs(uniform["water_u"].values))
     assert "at rest, carried down from 250 m where deeper" in uniform.attrs["history"]
     assert ocean.identical(before)
-    refused(OceanError, "0 N 0 E is outside the ocean", column_ocean, ocean, (0.0, 0.0))
+    refused(OceanError, "0 N, 0 E is outside the ocean", column_ocean, ocean, (0.0, 0.0))
 
 
 @pytest.mark.parametrize(("change", "message"), [

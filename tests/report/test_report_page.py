@@ -8,8 +8,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib as mpl
+import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from matplotlib.figure import Figure
 from refusals import refused
 
@@ -17,6 +19,7 @@ from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.report import write, write_report
+from pymantaray.report.explore import _fleet
 from pymantaray.report.figures import RunResults
 from pymantaray.report.folder import ReportProcess
 from pymantaray.report.run_page import headlines, run_page
@@ -298,6 +301,18 @@ def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(tmp_path,
 def test_a_folder_that_is_no_run_is_one_clear_line(tmp_path):
     refused(MantaRayError, r"not a run folder", write_report, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_scene_shows_a_sea_floor_on_axes_of_its_own(run):
+    finer = np.linspace(-3e4, 3e4, 7)
+    own = xr.DataArray(finer[:, None] / 100.0 + np.zeros(7) + 900.0, dims=("floor_north", "floor_east"))
+    ocean = run.ocean.drop_vars("sea_floor_depth").assign_coords(floor_north=finer, floor_east=finer)
+    ocean["sea_floor_depth"] = own
+    other = SimpleNamespace(truth=run.truth, ocean=ocean, measurements=run.measurements)
+    bed = _fleet(other, np.array([0]))["bed"]
+    np.testing.assert_allclose(
+        bed["down"], 900.0 + np.array(bed["north"])[:, None] / 100.0 + np.zeros(41), atol=0.51
+    )
 
 
 def test_one_realization_has_no_interval_and_three_have_one(made_run, run, tmp_path):

@@ -473,7 +473,7 @@ def config(tmp_path_factory):
 @pytest.mark.parametrize(("sent", "code", "workers"), [(signal.SIGINT, 130, "0"), (signal.SIGTERM, 143, "2")])
 def test_the_command_serves_until_it_is_told_to_stop(begin, config, sent, code, workers):
     process, lines, port = begin(config, "--port", "0", "--workers", workers)
-    assert lines == ["Fram Strait (synthetic), around 78 N 0 E\n", f"listening on http://127.0.0.1:{port}\n"]
+    assert lines == ["Fram Strait (synthetic), around 78 N, 0 E\n", f"listening on http://127.0.0.1:{port}\n"]
     status, answer = ask(port, json.dumps(GOOD))
     assert (status, answer["receivers"][0]["status"]) == (200, "ok")
     assert ask(port, None, "GET", "/")[1]["turn_around"] == 0.5

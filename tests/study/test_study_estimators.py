@@ -492,7 +492,7 @@ def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp
     write_netcdf(far, tmp_path / "far.nc")
     (tmp_path / "page.nc").write_text("<html>")
     for message, name, options in (
-        ("far.nc: centre 74.5 N -140 E is not inside the data", "far.nc", {}),
+        ("far.nc: centre 74.5 N, 140 W is not inside the data", "far.nc", {}),
         ("page.nc: ", "page.nc", {}),
         ("none.nc: .*o such file", "none.nc", {}),
         (

@@ -21,6 +21,7 @@ from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.sweep.plan import SweepPlan, SweepQueue
 from pymantaray.sweep.points import stage_name
 from pymantaray.sweep.tasks import SweepTask, run_task
+from pymantaray.water.water import mission_ocean
 
 
 @pytest.fixture
@@ -75,6 +76,27 @@ def test_a_point_is_the_study_to_the_last_digit(here, small, tmp_path):
         all_links = dropout_table(run.measurements, run.truth).iloc[-1]
         assert content["links"]["unheard"] == all_links["unheard"]
     assert set(results.contents[0]["conditions"]) == {"straight", "refracted", "rays"}
+
+
+def test_points_in_a_profile_are_the_studies_to_the_last_digit(here, small, monkeypatch, tmp_path):
+    monkeypatch.setattr(stages, "mission_ocean", mission_ocean)
+    cast = tmp_path / "cast.csv"
+    depth = np.arange(0.0, 1000.0, 20.0)
+    speed = 1440.0 + 8.0 * np.exp(-(((depth - 60.0) / 40.0) ** 2)) + 0.016 * depth
+    pd.DataFrame({"depth": depth, "sound_speed": speed}).to_csv(cast, index=False)
+    ocean = {"source": str(cast), "bathymetry": 900.0, "ice": 2.0, "thin": 0.2}
+    config = parse_study(small.model_dump(exclude_none=True) | {"ocean": ocean, "conditions": ["refracted"]})
+    forms = ["smooth", "linear"]
+    results = run_sweep(
+        Sweep(config, cross={"acoustics.interpolation": forms}, seeds=[1, 2]), tmp_path / "out"
+    )
+    rows = results.table()
+    for row in rows.to_dict("records"):
+        changes = {name: row[name] for name in ("acoustics.interpolation", "study.seed")}
+        run = run_study(config.with_(**changes), tmp_path / "-".join(map(str, changes.values())), workers=1)
+        table = error_table(run.truth, run.estimates, freedom=run.degrees_of_freedom)
+        assert row["rmse_m"] == table["rmse_m"].item()
+    assert rows["rmse_m"].nunique() == 4
 
 
 def test_stages_that_points_share_are_computed_once_and_removed(here, counted, depths, tmp_path):

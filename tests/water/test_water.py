@@ -159,11 +159,55 @@ def test_an_unknown_option_names_the_nearest():
     refused(MantaRayError, "ocean.thin .--thin. applies to a profile", open_water, "synthetic:fram", thin=0.1)
 
 
+def test_options_with_two_values_take_text_with_units_and_refuse_others():
+    both = open_water("synthetic:fram", half_extent="10 km").at_start[0]
+    sides = open_water("synthetic:fram", half_extent=("10 km", 10e3)).at_start[0]
+    for medium in (both, sides):
+        np.testing.assert_allclose([medium.north[-1], medium.east[-1]], 10e3)
+    refused(
+        WaterError, "centre is .79.0,.; allowed: latitude and longitude", open_water, "quick", centre=(79.0,)
+    )
+    refused(WaterError, "centre is 'x'; allowed: latitude and longitude", open_water, "quick", centre="x")
+    refused(
+        MantaRayError,
+        "half_extent_north: found '10 s'; allowed: a number of metres",
+        open_water,
+        "quick",
+        half_extent=("10 s", 9e3),
+    )
+
+
+def test_no_cut_off_is_none_in_python_too():
+    for value in ("none", None):
+        assert open_water("quick", spreading_cutoff_db=value).reception.spreading_cutoff_db is None
+    assert open_water("quick").reception.spreading_cutoff_db == 15.0
+
+
+def test_ranges_in_a_preset_last_as_long_as_their_trajectories():
+    run = measure(poses(), "quick", 300.0)
+    assert run.truth.time[-1] == 600.0
+    assert np.unique(run.measurements.range_sample).size == 2
+
+
 def test_an_object_that_is_no_source_is_refused_with_the_types_that_are():
     water = open_water("synthetic:fram", half_extent=HALF)
     for call in (open_water, Atlas, lambda source: measure(poses(), source, 300.0)):
         refused(WaterError, "source is an opened Water; give the source that open_water had", call, water)
         refused(WaterError, "source is of type int; it must be a name, a path", call, 3)
+        refused(
+            WaterError,
+            "source has 2 data sets in a sequence; join them with xarray.merge",
+            call,
+            [xr.Dataset()] * 2,
+        )
+    two = [xr.Dataset()] * 2
+    refused(
+        StudyError,
+        "ocean has 2 data sets in a sequence; join them with xarray.merge",
+        load_study,
+        "quick",
+        ocean=two,
+    )
     refused(StudyError, "ocean is of type Water; it must be a name, a path", load_study, "quick", ocean=water)
 
 

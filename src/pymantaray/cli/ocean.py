@@ -11,6 +11,7 @@ from pymantaray.cli.groups import quantities, quantity, with_options
 from pymantaray.cli.options import (
     Commands,
     Force,
+    GridOptions,
     Json,
     Quiet,
     RepairFreezing,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics.profiles import Profile
     from pymantaray.config import SoundConfig
+    from pymantaray.config.sections import OceanSection
     from pymantaray.ocean.check import Findings
 
 EXIT_WRONG = 2
@@ -51,7 +53,13 @@ Files = Annotated[
         help="Files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a TOML file.",
     ),
 ]
-Ocean = Annotated[str, typer.Argument(metavar="OCEAN", help="As in mantaray ocean show.")]
+Ocean = Annotated[
+    str,
+    typer.Argument(
+        metavar="OCEAN",
+        help="As in mantaray ocean show. An ocean of several files: a TOML file with [ocean] source.",
+    ),
+]
 CastFile = Annotated[
     Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo profiles or CF profiles.")
 ]
@@ -135,7 +143,7 @@ def check(
         raise typer.Exit(EXIT_WRONG)
 
 
-def _configured(words: list[str], options: WaterOptions) -> "SoundConfig":
+def _configured(words: list[str], options: GridOptions) -> "SoundConfig":
     """Configuration of an ocean, which must have currents unless an option sets them to rest."""
     from pymantaray.water.water import configuration_of
 
@@ -164,12 +172,12 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
 
 @app.command()
 @with_options
-def show(files: Files, water: WaterOptions, as_json: Json = False, to: To = "text") -> None:
+def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text") -> None:
     """Print extent, levels, time, ranges of each variable and history of an ocean."""
     from pymantaray.ocean import ocean_times
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.ocean import is_profile, open_start
+    from pymantaray.water.ocean import is_profile
 
     config = _configured(files, water)
     section = config.ocean
@@ -181,11 +189,11 @@ def show(files: Files, water: WaterOptions, as_json: Json = False, to: To = "tex
                 listed = " ".join(str(t)[:16] for t in times)
                 out.line(f"times       {len(times)}; this is the first, --time selects another\n{listed}\n")
                 section = config.with_(**{"ocean.time": times[0].astype("datetime64[us]").item()}).ocean
-        ocean = open_start(section)
-        facts = ocean_facts(ocean)
+        ocean, floor = _domain(section)
+        facts = ocean_facts(ocean, floor)
         for name, text in facts.items():
             out.line(f"{name:<11} {text}")
-        region = region_table(ocean, equation=section.equation).iloc[:, 0].to_dict()
+        region = region_table(ocean, equation=section.equation, sea_floor=floor).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
         variables = variable_table(ocean, section.equation).reset_index()
         out.table(ResultTable("variables", variables, by_row=True))
@@ -201,7 +209,7 @@ def show(files: Files, water: WaterOptions, as_json: Json = False, to: To = "tex
 @with_options
 def plot(
     files: Files,
-    water: WaterOptions,
+    water: GridOptions,
     out: Annotated[Path, typer.Option(help="Folder for the figures, PNG and PDF.")],
     depth: Annotated[
         float | None,
@@ -221,9 +229,9 @@ def plot(
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
     from pymantaray.report import write_ocean_plots
-    from pymantaray.water.ocean import open_geographic
 
-    ocean, floor = open_geographic(_configured(files, water).ocean)
+    section = _configured(files, water).ocean
+    ocean, floor = _domain(section)
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress)
     for path in paths:
@@ -360,20 +368,19 @@ def correct(
     ocean: Ocean,
     casts: CastFiles,
     out: NewOcean,
-    water: WaterOptions,
+    water: GridOptions,
     scales: CorrectionOptions,
     force: Force = False,
 ) -> None:
     """Correct a gridded ocean with casts (optimal interpolation)."""
     check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
     from pymantaray.ocean import correct_with_casts, read_casts
-    from pymantaray.water.ocean import open_start
 
     time_scale = None
     if scales.time_scale is not None:
         time_scale = parse_duration("--time-scale", scales.time_scale, "d") * _S_PER_DAY
     corrected = correct_with_casts(
-        open_start(_configured([ocean], water).ocean),
+        _fields(_configured([ocean], water).ocean),
         read_casts(casts, repair_freezing=water.repair_freezing),
         horizontal_scale=scales.scale * _M_PER_KM,
         noise_ratio=scales.noise_ratio,
@@ -436,10 +443,10 @@ class PerturbationOptions:
 @app.command()
 @with_options
 def perturb(
-    ocean: Ocean, out: NewOcean, water: WaterOptions, error: PerturbationOptions, force: Force = False
+    files: Files, out: NewOcean, water: GridOptions, error: PerturbationOptions, force: Force = False
 ) -> None:
     """Write a perturbed ocean for an estimator."""
-    check_output(out, [".nc"], inputs=[Path(ocean), *(error.mode_cast or [])], force=force)
+    check_output(out, [".nc"], inputs=[*map(Path, files), *(error.mode_cast or [])], force=force)
     from pymantaray.geometry import stream
     from pymantaray.ocean import (
         column_ocean,
@@ -449,10 +456,9 @@ def perturb(
         vertical_modes,
         with_history,
     )
-    from pymantaray.water.ocean import open_start
 
-    section = _configured([ocean], water).ocean
-    true, equation = open_start(section), section.equation
+    section = _configured(files, water).ocean
+    true, equation = _fields(section), section.equation
     if error.method == "mean":
         return _write(mean_ocean(true), out)
     if error.place is not None:
@@ -472,6 +478,27 @@ def perturb(
         equation=equation,
     )
     return _write(with_history(member, f"seed {error.seed}"), out)
+
+
+def _fields(section: "OceanSection") -> "xr.Dataset":
+    """Temperature, salinity and currents of an ocean in its domain."""
+    from pymantaray.water.ocean import is_profile
+
+    if section.bathymetry is not None and not is_profile(section):
+        raise OceanError(
+            "--sea-floor applies to a profile here: the water of an ocean ends where its levels end; remove it, and use it"
+            " with the commands that trace rays"
+        )
+    ocean, _ = _domain(section)
+    return ocean
+
+
+def _domain(section: "OceanSection") -> "tuple[xr.Dataset, xr.DataArray | None]":
+    """Ocean and sea floor of a section, in its domain."""
+    from pymantaray.water.ocean import at_domain, build_sea_floor, open_start
+
+    ocean = at_domain(section, open_start(section))
+    return ocean, build_sea_floor(section, ocean)
 
 
 def _write(ocean: "xr.Dataset", out: Path) -> None:

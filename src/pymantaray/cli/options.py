@@ -276,8 +276,8 @@ class SourceOptions(AnySourceOptions):
 
 
 @dataclass(frozen=True)
-class WaterOptions:
-    """Sea floor, ice, currents and domain of water from any source."""
+class GridOptions:
+    """Sea floor, currents, domain, time and names of water on a grid, without options of rays."""
 
     sea_floor: Annotated[
         str | None,
@@ -295,23 +295,6 @@ class WaterOptions:
             help="Projection of a sea floor file that does not name it, such as EPSG:3996 for IBCAO."
         ),
     ] = None
-    ice: Annotated[
-        str | None,
-        typer.Option(metavar="M|FILE", help="Draft of an ice cover: metres everywhere, or a NetCDF file."),
-    ] = None
-    ice_slope: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DEGREES",
-            help="Standard deviation of the slope of the underside of the ice, which is then rough for rays.",
-        ),
-    ] = None
-    ice_length: Annotated[
-        float | None,
-        typer.Option(
-            parser=quantity("m"), metavar="M", help="Correlation length of the rough ice. Default: 20 m."
-        ),
-    ] = None
     currents: Annotated[
         Literal["required", "rest", "carry"] | None,
         typer.Option(
@@ -322,17 +305,6 @@ class WaterOptions:
     equation: Annotated[
         Literal["teos-10", "del-grosso", "unesco"] | None,
         typer.Option(help="Equation of sound speed. Default: teos-10."),
-    ] = None
-    interpolation: Annotated[
-        Literal["smooth", "linear"] | None,
-        typer.Option(
-            help="Between grid points: cubic splines or straight lines. Default: smooth, for --run as in the study, for"
-            " Bellhop linear."
-        ),
-    ] = None
-    earth: Annotated[
-        Literal["flat", "sphere"] | None,
-        typer.Option(help="Shape of the Earth for rays and straight distances. Default: flat."),
     ] = None
     centre: Annotated[
         Pair | None,
@@ -353,17 +325,6 @@ class WaterOptions:
         typer.Option(
             help="Time of the ocean (UTC), if its files have several. May be repeated for an atlas. Default for an atlas: the first."
         ),
-    ] = None
-    thin: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M/S",
-            help="Remove levels of a profile if interpolation stays within this error of sound speed.",
-        ),
-    ] = None
-    smooth: Annotated[
-        float | None,
-        typer.Option(parser=quantity("m"), metavar="M", help="Average a profile over this many metres."),
     ] = None
     repair_freezing: RepairFreezing = False
     position: Annotated[
@@ -394,22 +355,74 @@ class WaterOptions:
         keys = {
             "bathymetry": _metres_or_file("--sea-floor", self.sea_floor),
             "bathymetry_crs": self.crs,
-            "ice": _metres_or_file("--ice", self.ice),
-            "ice_slope_deg": self.ice_slope,
-            "ice_length": self.ice_length,
             "currents": self.currents,
             "equation": self.equation,
-            "interpolation": self.interpolation,
-            "earth": self.earth,
             "centre": self.centre or self.position,
             "half_extent": half,
             "time": time,
-            "thin": self.thin,
-            "smooth": self.smooth,
             "repair_freezing": self.repair_freezing or None,
             "names": names or None,
         }
         return {key: value for key, value in keys.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class WaterOptions(GridOptions):
+    """Sea floor, ice, currents and domain of water from any source."""
+
+    ice: Annotated[
+        str | None,
+        typer.Option(metavar="M|FILE", help="Draft of an ice cover: metres everywhere, or a NetCDF file."),
+    ] = None
+    ice_slope: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Standard deviation of the slope of the underside of the ice, which is then rough for rays.",
+        ),
+    ] = None
+    ice_length: Annotated[
+        float | None,
+        typer.Option(
+            parser=quantity("m"), metavar="M", help="Correlation length of the rough ice. Default: 20 m."
+        ),
+    ] = None
+    interpolation: Annotated[
+        Literal["smooth", "linear"] | None,
+        typer.Option(
+            help="Between grid points: cubic splines or straight lines. Default: smooth, for --run as in the study, for"
+            " Bellhop linear."
+        ),
+    ] = None
+    earth: Annotated[
+        Literal["flat", "sphere"] | None,
+        typer.Option(help="Shape of the Earth for rays and straight distances. Default: flat."),
+    ] = None
+    thin: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M/S",
+            help="Remove levels of a profile if interpolation stays within this error of sound speed.",
+        ),
+    ] = None
+    smooth: Annotated[
+        float | None,
+        typer.Option(parser=quantity("m"), metavar="M", help="Average a profile over this many metres."),
+    ] = None
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """Options of `pymantaray.open_water`."""
+        keys = {
+            "ice": _metres_or_file("--ice", self.ice),
+            "ice_slope_deg": self.ice_slope,
+            "ice_length": self.ice_length,
+            "interpolation": self.interpolation,
+            "earth": self.earth,
+            "thin": self.thin,
+            "smooth": self.smooth,
+        }
+        return super().keys | {key: value for key, value in keys.items() if value is not None}
 
     @property
     def files(self) -> list[Path]:

@@ -67,7 +67,9 @@ def _title(service: "RangingService") -> str:
     title = "medium" if local is None else str(local.attrs.get("title", "local ocean"))
     if frame is None:
         return title
-    return f"{title}, around {frame.latitude_deg:g} N {frame.longitude_deg:g} E"
+    from pymantaray.ocean.schema import latitude, longitude
+
+    return f"{title}, around {latitude(frame.latitude_deg)}, {longitude(frame.longitude_deg)}"
 
 
 def _run(server: Any) -> int:

@@ -90,7 +90,7 @@ def search_record(water: "Water") -> dict[str, Any]:
     return {
         "max_surface_bounces": reception.max_surface_bounces,
         "max_bottom_bounces": reception.max_bottom_bounces,
-        "cutoff_db": "off" if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db,
+        "cutoff_db": "none" if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db,
     }
 
 
@@ -98,11 +98,16 @@ def water_notes(water: "Water") -> list[str]:
     """Notes about a water for the user: its domain if it has sides, and doubts."""
     if water.uniform or water.local is None or water.frame is None:
         return list(water.notes)
+    import numpy as np
+
+    from pymantaray.ocean.schema import latitude, longitude
+
     medium, _ = water.at_start
     named = " ".join(water.record.get("ocean") or [water.record.get("run", "")])
-    bed = medium.bed.depth
+    low, high = f"{medium.bed.depth.min():.0f}", f"{medium.bed.depth.max():.0f}"
+    depths = low if low == high else f"{low} to {high}"
     domain = (
-        f"{named}: north +-{medium.north[-1]:.0f} m, east +-{medium.east[-1]:.0f} m around {water.frame.latitude_deg:g} N"
-        f" {water.frame.longitude_deg:g} E, sea bed {bed.min():.0f} to {bed.max():.0f} m"
+        f"{named}: {np.ptp(medium.north) / 1e3:.4g} km (north) by {np.ptp(medium.east) / 1e3:.4g} km (east) around"
+        f" {latitude(water.frame.latitude_deg)}, {longitude(water.frame.longitude_deg)}; sea bed at {depths} m"
     )
     return [domain, *water.notes]

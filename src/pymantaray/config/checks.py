@@ -111,8 +111,12 @@ def _unknown(key: str, model: type[BaseModel] | None, where: str, root: type[Bas
     """Line about an unknown key, with similar keys of its table or of others, otherwise with all keys of its table."""
     known = sorted(model.model_fields) if model else []
     prefix = f"{where}." if where else ""
-    meant = [path for path in _paths(root, "") if path.rpartition(".")[2] == key]
+    paths = list(_paths(root, ""))
+    meant = [path for path in paths if path.rpartition(".")[2] == key]
     meant = meant or [f"{prefix}{name}" for name in difflib.get_close_matches(key, known, n=1)]
+    if not (meant or where):  # a key without its table
+        ends = [path.rpartition(".")[2] for path in paths]
+        meant = [paths[ends.index(end)] for end in difflib.get_close_matches(key, ends, n=1, cutoff=0.8)]
     hint = (
         f"Did you mean {' or '.join(f'`{path}`' for path in meant)}?"
         if meant

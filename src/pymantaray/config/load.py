@@ -203,9 +203,14 @@ def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[st
     """Names of the files of an ocean, or of a synthetic ocean."""
     if isinstance(ocean, str | Path):
         return [str(ocean)]
-    if isinstance(ocean, Sequence):
-        return [str(source) for source in ocean]
     import xarray as xr
+
+    if isinstance(ocean, Sequence):
+        if several := sum(isinstance(source, xr.Dataset) for source in ocean):
+            raise StudyError(
+                f"ocean has {several} data sets in a sequence; join them with xarray.merge and give one"
+            )
+        return [str(source) for source in ocean]
 
     from pymantaray.ocean import stored_ocean
 

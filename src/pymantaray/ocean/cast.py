@@ -16,7 +16,7 @@ from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
 from pymantaray.ocean.instruments import InstrumentTable, instrument_table
-from pymantaray.ocean.schema import VARIABLES, layer_edges
+from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair_salinity, sound_speed
 from pymantaray.records.text_table import read_text, read_text_table
 
@@ -129,7 +129,7 @@ class Cast:
         """Name, place, time and depth range."""
         time = "time unknown" if np.isnat(self.time) else minute(self.time)
         return (
-            f"Cast({self.name!r}, {self.lat:g} N {self.lon:g} E, {time}, {self.depth.size} levels from"
+            f"Cast({self.name!r}, {latitude(self.lat)}, {longitude(self.lon)}, {time}, {self.depth.size} levels from"
             f" {self.depth[0]:g} to {self.depth[-1]:g} m)"
         )
 

@@ -1,12 +1,15 @@
 """Identification of temperature, salinity, currents and their axes in a CF data set, by standard names."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import NoReturn
 
 import xarray as xr
 
 from pymantaray.errors import OceanError
+from pymantaray.messages import one_line
 from pymantaray.ocean.convert import (
     ABSOLUTE,
     CONSERVATIVE,
@@ -36,6 +39,7 @@ _ROLES: dict[str, dict[str, str]] = {
     "water_u": {"eastward_sea_water_velocity": ""},
     "water_v": {"northward_sea_water_velocity": ""},
 }
+_STANDARD_NAMES = [standard_name for kinds in _ROLES.values() for standard_name in kinds]
 _GRID_RELATIVE = ("sea_water_x_velocity", "sea_water_y_velocity")
 _TERRAIN = ("ocean_s_coordinate", "ocean_sigma", "ocean_double_sigma")
 _NORTH = ("degrees_north", "degree_north", "degrees_n", "degree_n")
@@ -66,6 +70,27 @@ class Layout:
     time: str
     grid_relative: tuple[str, ...]
     """Currents along the model's axes, which are not used."""
+
+
+def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -> None:
+    """Set standard names, and units in brackets behind them, of variables in open files."""
+    for name, meaning in names.items():
+        match = re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", meaning)
+        if not match:
+            raise OceanError(
+                f"name of {name}: {meaning!r}; needs a CF standard name such as sea_water_potential_temperature, or with a"
+                " unit sea_water_temperature[degC]"
+            )
+        close = get_close_matches(match[1], _STANDARD_NAMES, n=1, cutoff=0.9)
+        if close and match[1] not in _STANDARD_NAMES:
+            raise OceanError(f"name of {name}: {match[1]!r} is not a standard name; did you mean {close[0]}?")
+        holders = [data for data in files if name in data.variables]
+        if not holders:
+            there = ", ".join(dict.fromkeys(str(variable) for data in files for variable in data.variables))
+            where = ", ".join(map(file_name, files))
+            raise OceanError(f"{where}: no variable {name!r} for {match[1]}; available: {one_line(there)}")
+        for data in holders:
+            data[name].attrs |= {"standard_name": match[1]} | ({"units": match[2]} if match[2] else {})
 
 
 def layout_of(data: xr.Dataset) -> Layout:

@@ -13,7 +13,7 @@ from pymantaray.errors import GeometryError, OceanError
 from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.open import CurrentsPolicy, read_ocean
-from pymantaray.ocean.schema import Finding, place_of, violations
+from pymantaray.ocean.schema import Finding, latitude, longitude, place_of, violations
 from pymantaray.ocean.seawater import (
     SUPERCOOLED,
     UNFROZEN,
@@ -321,7 +321,7 @@ def _coverage(
             f"domain of +-{half[0] / 1e3:g} km north, +-{half[1] / 1e3:g} km east",
             f"{half_sides_within(largest)} fits",
             "fetch a larger window or shrink the domain",
-            f"{window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E",
+            f"{latitude(window.frame.latitude_deg)}, {longitude(window.frame.longitude_deg)}",
         )
         return
     yield from _fleet(ocean, window, half, fleet, existing_trajectories, sea_floor)

@@ -109,7 +109,10 @@ def our_unit(quantity: str) -> str:
 def to_our_unit(values: Array, quantity: str, unit: str, *, where: str) -> Array:
     """Convert values to degC, practical salinity or g/kg, m/s, m, dbar or degrees; the same array if no change is needed."""
     if not unit:
-        raise OceanError(f"{where} has no units; set its attribute units according to CF")
+        raise OceanError(
+            f"{where} has no units; set its attribute units according to CF, or give a unit with its standard name, as in"
+            " --name temp=sea_water_temperature[degC] (in Python: names)"
+        )
     if not is_unit_of(quantity, unit):
         raise OceanError(
             f"{where} has units {unit[:40]!r}, which is not a unit of {quantity}; write {our_unit(quantity)}"

@@ -4,7 +4,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -86,24 +86,6 @@ def _from_memory(data: xr.Dataset) -> xr.Dataset:
             data = data.drop_vars([name]).assign_coords({name: encoded})
     data.encoding = {"source": str(data.encoding.get("source") or IN_MEMORY)}
     return data
-
-
-def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -> None:
-    """Set standard names, and units in brackets behind them, of variables in open files."""
-    for name, meaning in names.items():
-        match = re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", meaning)
-        if not match:
-            raise OceanError(
-                f"name of {name}: {meaning!r}; needs a CF standard name such as sea_water_potential_temperature, or with a"
-                " unit sea_water_temperature[degC]"
-            )
-        holders = [data for data in files if name in data.variables]
-        if not holders:
-            there = ", ".join(dict.fromkeys(str(variable) for data in files for variable in data.variables))
-            where = ", ".join(map(file_name, files))
-            raise OceanError(f"{where}: no variable {name!r} for {match[1]}; available: {one_line(there)}")
-        for data in holders:
-            data[name].attrs |= {"standard_name": match[1]} | ({"units": match[2]} if match[2] else {})
 
 
 def decoded(raw: xr.Dataset) -> xr.Dataset:

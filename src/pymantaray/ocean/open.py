@@ -28,7 +28,6 @@ from pymantaray.ocean.files import (
     numbers,
     open_file,
     unreadable,
-    with_standard_names,
 )
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
@@ -320,7 +319,7 @@ class Collection:
             data = [open_file(path) for path in paths]
             for one in data:
                 stack.callback(one.close)
-            with_standard_names(data, names or {})
+            cf.with_standard_names(data, names or {})
             self.parts = [_part(one, window) for one in data]
             self.names = _names([file_name(part.data) for part in self.parts])
             missing = [r for r in _ROLES[:2] if not any(p.field(r) for p in self.parts)]

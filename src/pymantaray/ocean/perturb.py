@@ -13,7 +13,7 @@ from scipy.interpolate import RectBivariateSpline
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.modes import VerticalModes, vertical_modes
-from pymantaray.ocean.schema import VARIABLES, layer_edges, validate_ocean, with_history
+from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude, validate_ocean, with_history
 from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
 from pymantaray.ocean.window import counted_place
 
@@ -186,7 +186,7 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     deepest = float(ocean["depth"].values[levels - 1])
     return with_history(
         _uniform(ocean, columns),
-        f"replaced by the column at {lat[i]:g} N {lon[j]:g} E, at rest, carried down from {deepest:g} m where deeper",
+        f"replaced by the column at {latitude(lat[i])}, {longitude(lon[j])}, at rest, carried down from {deepest:g} m where deeper",
     )
 
 

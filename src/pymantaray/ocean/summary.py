@@ -13,7 +13,9 @@ from pymantaray.ocean.seawater import Equation, ocean_sound_speed
 Array = NDArray[np.float64]
 
 
-def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.DataFrame:
+def region_table(
+    ocean: xr.Dataset, *, equation: Equation = "teos-10", sea_floor: xr.DataArray | None = None
+) -> pd.DataFrame:
     """
     Table of place, size, grid and values of a region, as in the paper's Table I.
 
@@ -23,6 +25,8 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
         A valid ocean.
     equation : {"teos-10", "del-grosso", "unesco"}
         Equation of sound speed.
+    sea_floor : xarray.DataArray, optional
+        Sea floor from `pymantaray.ocean.open_sea_floor`. Default: half-way below the last level with water. [m]
 
     Returns
     -------
@@ -35,7 +39,7 @@ def region_table(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> pd.Dat
     middle = 0.5 * (lat[0] + lat[-1])
     speed = ocean_sound_speed(ocean, equation=equation)
     current = np.hypot(ocean["water_u"].values, ocean["water_v"].values)
-    floor = sea_floor_depth(ocean).values
+    floor = (sea_floor_depth(ocean) if sea_floor is None else sea_floor).values
     rows: dict[str, object] = {
         "centre latitude [deg N]": float(middle),
         "centre longitude [deg E]": float(0.5 * (lon[0] + lon[-1])),
@@ -89,12 +93,15 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     )
 
 
-def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
-    """Extent, levels, time and origin of an ocean as text."""
+def ocean_facts(ocean: xr.Dataset, sea_floor: xr.DataArray | None = None) -> dict[str, str]:
+    """Extent, levels, time and origin of an ocean as text; without a sea floor [m], the levels of the ocean give it."""
     validate_ocean(ocean)
     lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
     wet = np.isfinite(ocean["water_temp"].values)
-    floor = sea_floor_depth(ocean).values
+    floor = (sea_floor_depth(ocean) if sea_floor is None else sea_floor).values
+    origin = (
+        "where the levels end" if sea_floor is None else str(sea_floor.attrs.get("source", "from a file"))
+    )
     middle = 0.5 * (lat[0] + lat[-1])
     deepest = depth[wet.any(axis=(1, 2))][-1]
     return {
@@ -106,7 +113,7 @@ def ocean_facts(ocean: xr.Dataset) -> dict[str, str]:
         "longitude": f"{lon[0]:.6g} to {lon[-1]:.6g} degrees east, {lon.size} points, {_spacing(lon)} apart",
         "size": f"{_width(middle, lon):.0f} km west to east at the centre, {_height(lat):.0f} km south to north",
         "levels": f"{depth.size}, 0 to {depth[-1]:g} m, water down to {deepest:g} m",
-        "sea floor": f"{floor.min():g} to {floor.max():g} m, where the levels end",
+        "sea floor": f"{floor.min():g} to {floor.max():g} m, {origin}",
         "wet points": f"{wet.sum():,} of {wet.size:,}, {100.0 * wet[0].mean():.0f} % of the surface",
     }
 

@@ -12,6 +12,7 @@ from scipy import optimize
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import contiguous, whole_turns, wrapped
+from pymantaray.ocean.schema import latitude, longitude
 
 Array = NDArray[np.float64]
 GeographicWindow = tuple[float, float, float, float]
@@ -208,7 +209,7 @@ def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> t
     lat, lon = place[0], wrapped(place[1], about=0.5 * (west + east))
     if not (south <= lat <= north and west <= lon <= east):
         raise OceanError(
-            f"{name}: {place[0]:g} N {place[1]:g} E is outside the ocean; allowed: latitude {south:g} to {north:g},"
+            f"{name}: {latitude(place[0])}, {longitude(place[1])} is outside the ocean; allowed: latitude {south:g} to {north:g},"
             f" longitude {west:g} to {east:g}"
         )
     return lat, lon
@@ -272,7 +273,7 @@ class Window:
         tallest = _reach(lambda north: self.holds(north, 0.0))
         if tallest <= 0.0:
             raise OceanError(
-                f"centre {self.frame.latitude_deg:g} N {self.frame.longitude_deg:g} E is not inside the data:"
+                f"centre {latitude(self.frame.latitude_deg)}, {longitude(self.frame.longitude_deg)} is not inside the data:"
                 f" latitude {self.lat[0]:g} to {self.lat[-1]:g}, longitude {self.lon[0]:g} to {self.lon[-1]:g}"
             )
 

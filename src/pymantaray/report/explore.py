@@ -11,6 +11,7 @@ from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import ray_picture
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.records import RayStatus
 from pymantaray.report.figures import RunResults, range_ends
 from pymantaray.report.figures_ocean import RAY_KINDS
@@ -132,10 +133,11 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
     truth, ocean = run.truth, run.ocean
     samples = np.union1d(_evenly(np.arange(truth.time.size), _MAX_FRAMES), pings)
     reach = np.nanmax(np.abs(truth.position[..., :2]), initial=1e3) * 1.15
-    bed = ocean["sea_floor_depth"]
+    bed = BoundarySurface.from_dataset(ocean, "sea_floor_depth")  # a finer sea floor has axes of its own
     north, east = (
         np.linspace(*_within(ocean[name].to_numpy(), reach), _BED_NODES) for name in ("north", "east")
     )
+    nodes = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
     return {
         "names": [*truth.name.tolist(), *run.measurements.landmark_name.tolist()],
         "vehicles": truth.name.size,
@@ -149,7 +151,7 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
         "bed": {
             "north": _rounded(north, 0),
             "east": _rounded(east, 0),
-            "down": _rounded(bed.interp(north=north, east=east).transpose("north", "east").to_numpy(), 0),
+            "down": _rounded(bed.depth_at(nodes).reshape(north.size, east.size), 0),
         },
     }
 

@@ -139,5 +139,8 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _dump(config: SoundConfig) -> dict[str, Any]:
+    """Sections of a configuration for the water; trajectories and a schedule of their own replace those of its mission."""
     tree = config.model_dump(exclude_none=True, exclude_unset=True)
+    replaced = ("duration_h", "ping_interval_h", "ping_start_h", "schedule")
+    tree["mission"] = {key: value for key, value in tree.get("mission", {}).items() if key not in replaced}
     return {name: tree[name] for name in SoundConfig.model_fields if name in tree}

@@ -121,7 +121,7 @@ def sample_tracks(
         (north, east), (far_north, far_east) = place.min(axis=(0, 1)) / 1e3, place.max(axis=(0, 1)) / 1e3
         raise StudyError(
             f"{tracks.poses[0].file}: no pose is in the ocean: poses are {north:.1f} to {far_north:.1f} km north, {east:.1f} to"
-            f" {far_east:.1f} km east of {frame.latitude_deg:g} N {frame.longitude_deg:g} E, the ocean reaches"
+            f" {far_east:.1f} km east of {latitude(frame.latitude_deg)}, {longitude(frame.longitude_deg)}; the ocean reaches"
             f" {low[0] / 1e3:.1f} to {high[0] / 1e3:.1f} and {low[1] / 1e3:.1f} to {high[1] / 1e3:.1f}; give another"
             " ocean or centre"
         )

@@ -41,14 +41,19 @@ class Stages:
     def __init__(
         self, config: StudyConfig, keys: Mapping[str, str], store: Store, shared: frozenset[str]
     ) -> None:
-        self._config, self._keys, self._store, self._shared = config, keys, store, shared
+        self._config, self._keys, self._store = config, keys, store
+        profile = is_profile(config.ocean)  # faster to read again than from the store
+        self._shared = shared - {OCEAN} if profile else shared
 
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        if is_profile(self._config.ocean):  # faster to read again than from the store
-            return mission_ocean(self._config)
-        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(stage_config(self._config, OCEAN)))
+        config, key = self._config, self._keys[OCEAN]
+        if is_profile(config.ocean):  # its thinned levels depend on the interpolation of the medium
+            key = f"{key} {config.acoustics.interpolation}"
+        else:
+            config = stage_config(config, OCEAN)
+        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(config), key)
         return out
 
     @property
@@ -84,8 +89,8 @@ class Stages:
         return _LATEST[stage][2]
 
     def ensure(self, stage: str) -> None:
-        """Compute a stage unless the store has it."""
-        if not self._store.has(stage_name(self._keys[stage])):
+        """Compute a shared stage unless the store has it."""
+        if stage in self._shared and not self._store.has(stage_name(self._keys[stage])):
             self._write(stage, getattr(self, stage))
 
     def _write(self, stage: str, result: Any) -> None:
@@ -103,8 +108,8 @@ class Stages:
 
         return read_valid(self._store, stage_name(self._keys[stage]), parse)
 
-    def _get(self, stage: str, compute: Callable[[], Any]) -> Any:
-        key = self._keys[stage]
+    def _get(self, stage: str, compute: Callable[[], Any], key: str | None = None) -> Any:
+        key = self._keys[stage] if key is None else key
         if _LATEST.get(stage, ("",))[0] != key:
             shared = stage in self._shared
             there = shared and self._store.has(stage_name(key))

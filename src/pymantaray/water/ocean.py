@@ -130,7 +130,7 @@ def build_ocean(
     return OceanFields(
         geographic=geographic,
         local=next(local_ones()) if series is None else series.isel(time=0, drop=True),
-        profile=sound_speed_profile_spread(_at_domain(section, geographic), equation=section.equation),
+        profile=sound_speed_profile_spread(at_domain(section, geographic), equation=section.equation),
         region=region_table(geographic, equation=section.equation),
         series=series,
     )
@@ -158,8 +158,8 @@ def profile_fields(section: OceanSection, profile: Profile, interpolation: Inter
     )
 
 
-def _at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
-    """Crop an ocean to the domain of a study; unchanged without a half extent."""
+def at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
+    """Crop an ocean to the domain of a section; unchanged without a half extent."""
     if section.half_extent is None:
         return geographic
     return crop_around(geographic, section.centre, section.half_extent)

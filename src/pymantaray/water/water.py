@@ -334,6 +334,10 @@ def source_words(source: Any) -> list[str]:
             f"source is of type {type(source).__name__}; it must be a name, a path, a sequence of them, an xarray.Dataset,"
             " a SoundConfig or a Medium"
         )
+    if several := sum(isinstance(word, xr.Dataset) for word in source):
+        raise WaterError(
+            f"source has {several} data sets in a sequence; join them with xarray.merge and give one"
+        )
     return [str(word) for word in source]
 
 
