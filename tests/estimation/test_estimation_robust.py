@@ -25,7 +25,7 @@ from pymantaray.estimation import (
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation.losses import range_weights
+from pymantaray.estimation.losses import whitened_ranges
 from pymantaray.records import SolveStatus
 from pymantaray.sensing import perturb
 from pymantaray.study.manifest import Stopwatch
@@ -139,7 +139,7 @@ def test_optimum_is_where_least_squares_with_its_own_weights_is(small):
     for name, loss in LOSSES.items():
         found = solve_robust(dirty, start, loss, options=tight)
         assert np.isnan(found.expected_cost)  # no chi-square
-        weight = range_weights(dirty, found.values, loss)[:, None, None]
+        weight = loss.weight(whitened_ranges(dirty, found.values))[:, None, None]
         weighted = replace(dirty["range"], covariance=dirty["range"].covariance / weight)
         believed = dirty.with_factors(range=weighted)
         plain = GraphSolver(tight).solve(believed, found.values, model_is_right=False)
@@ -163,7 +163,7 @@ def test_ten_percent_of_late_arrivals_ruin_least_squares_and_not_robust_losses(s
         found = study.solve(name)
         assert found.status == SolveStatus.OK, name
         assert abs(study.ate(found) - study.clean) < 0.5, name
-        weight = range_weights(dirty, found.values, LOSSES[name])
+        weight = LOSSES[name].weight(whitened_ranges(dirty, found.values))
         assert (weight[late] < 0.1).all(), name  # kept out, every one
         assert (weight[~late] > 0.1).all(), name  # and nothing else
 

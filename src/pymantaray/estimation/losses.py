@@ -131,8 +131,3 @@ def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
     ranges = graph["range"]
     distance, _ = chord(*place[ranges.variables.T])
     return np.asarray((distance - ranges.column("distance")) / np.sqrt(ranges.variance))
-
-
-def range_weights(graph: FactorGraph, values: GraphValues, loss: Loss) -> Array:
-    """Weight of each range under a loss, from 0 (rejected) to 1."""
-    return loss.weight(whitened_ranges(graph, values))
