@@ -7,7 +7,7 @@ import pytest
 
 from pymantaray.errors import FleetError
 from pymantaray.fleet import ConstantTwist, Drifting, FloatCycle, StationKeeping, Vehicle, Waypoints
-from pymantaray.fleet.simulate import fleet_refusals
+from pymantaray.fleet.simulation import fleet_refusals
 from pymantaray.records import VehicleStatus
 
 BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that conftest builds

@@ -6,7 +6,7 @@ import xarray as xr
 
 from pymantaray.errors import OceanError
 from pymantaray.fleet import StationKeeping, Vehicle
-from pymantaray.fleet.simulate import fleet_refusals
+from pymantaray.fleet.simulation import fleet_refusals
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean import check_ocean, to_local, validate_ocean
 

@@ -5,7 +5,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.config.sections import StudyConfig
-from pymantaray.fleet.simulate import fleet_refusals
+from pymantaray.fleet.simulation import fleet_refusals
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.ocean.schema import Finding
