@@ -57,7 +57,7 @@ Ocean = Annotated[
     str,
     typer.Argument(
         metavar="OCEAN",
-        help="As in mantaray ocean show. An ocean of several files: a TOML file with [ocean] source.",
+        help="As in mantaray ocean show. An ocean of several files: a TOML file with source in its section ocean.",
     ),
 ]
 CastFile = Annotated[
