@@ -26,8 +26,8 @@ class GridPoints:
     """
     Grid points of a valid ocean, checked once by `of`.
 
-    Parts share sound speeds with the whole. Those of a water column are computed once, when a part first needs them; they do not
-    depend on other columns.
+    Parts share sound speeds with the whole. Those of a water column are computed when a part first needs them; they do not depend on
+    other columns.
     """
 
     lat: Array
@@ -93,10 +93,7 @@ class GridPoints:
     def sound_speed(self, added: Array) -> Array:
         """Sound speed (depth + added, lat, lon) of the extended temperature and salinity, also at added levels. [m/s]"""
         wet = self.wet
-        rows, columns = np.nonzero(wet & ~self._has_speed)
-        if rows.size:
-            self._speed[:, rows, columns] = self._converted((rows, columns), (rows, columns), self.depth)
-            self._has_speed[rows, columns] = True
+        self._convert_missing(wet & ~self._has_speed)
         if wet.all() and not added.size:
             return self._speed
         nearest, speed = nearest_wet_columns(wet, self.lat), self._speed.copy()
@@ -110,6 +107,16 @@ class GridPoints:
         water = nearest[0].ravel(), nearest[1].ravel()
         below = self._converted((rows, columns), water, added, last=True)
         return np.concatenate([speed, below.reshape(added.size, *wet.shape)])
+
+    def _convert_missing(self, missing: NDArray[np.bool_]) -> None:
+        """Compute the sound speed of the rectangle that contains the missing water columns."""
+        if not missing.any():
+            return
+        rows, columns = (slice(int(i.min()), int(i.max()) + 1) for i in np.nonzero(missing))
+        T, S = (extended_down(self.fields[name][:, rows, columns]) for name in ("water_temp", "salinity"))
+        place = self.depth[:, None, None], self.lat[rows, None], self.lon[columns]
+        self._speed[:, rows, columns] = sound_speed(T, S, *place, equation=self.equation)
+        self._has_speed[rows, columns] = True
 
     def _converted(self, at: Places, water: Places, depth: Array, *, last: bool = False) -> Array:
         """Sound speed (depth, n) at n columns with the water of n wet columns; on request, with that of their last level."""
