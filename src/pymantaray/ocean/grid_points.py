@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Mask
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import (
     extended_down,
@@ -16,7 +17,6 @@ from pymantaray.ocean.sea_floor import (
 )
 from pymantaray.ocean.seawater import Equation, check_equation, sound_speed
 
-Array = NDArray[np.float64]
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns of grid points."""
 
@@ -46,7 +46,7 @@ class GridPoints:
     attrs: dict[str, Any]
     """Attributes of the ocean: title, source, synthetic."""
     _speed: Array
-    _has_speed: NDArray[np.bool_]
+    _has_speed: Mask
 
     @classmethod
     def of(cls, ocean: xr.Dataset, equation: Equation = "teos-10") -> Self:
@@ -81,7 +81,7 @@ class GridPoints:
         )
 
     @property
-    def wet(self) -> NDArray[np.bool_]:
+    def wet(self) -> Mask:
         """True (lat, lon) at columns with water."""
         return np.asarray(np.isfinite(self.fields["water_temp"][0]))
 
@@ -108,7 +108,7 @@ class GridPoints:
         below = self._converted((rows, columns), water, added, last=True)
         return np.concatenate([speed, below.reshape(added.size, *wet.shape)])
 
-    def _convert_missing(self, missing: NDArray[np.bool_]) -> None:
+    def _convert_missing(self, missing: Mask) -> None:
         """Compute the sound speed of the rectangle that contains the missing water columns."""
         if not missing.any():
             return
