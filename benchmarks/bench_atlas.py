@@ -15,6 +15,7 @@ import resource
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +25,11 @@ from pymantaray.atlas import Atlas, AtlasLinks, run_atlas
 from pymantaray.atlas.column import column_errors, medium_at
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import synthetic_ocean, to_local
+from pymantaray.ocean.grid_points import GridPoints
+from pymantaray.ocean.window import crop
 
-PLACES = 24  # columns that are timed in each region
+PLACES = 24  # columns of each region in `frames`
+BLOCKS = 4  # blocks of 16 x 16 columns that are timed in each region
 LINKS = AtlasLinks()
 
 
@@ -38,21 +42,30 @@ def places(ocean):
 
 
 def columns() -> None:
-    """Water and rays of a column of each region, and what all of its columns take."""
+    """Water and rays of the columns of whole blocks of each region, as workers compute them, and what all columns take."""
     for region in ("beaufort", "fram"):
-        ocean = synthetic_ocean(region)
-        column_errors(medium_at(ocean, places(ocean)[0], LINKS), LINKS)  # compiles
+        ocean, blocks = synthetic_ocean(region), Atlas(f"synthetic:{region}", LINKS).blocks
+        column_errors(medium_at(GridPoints.of(ocean), places(ocean)[0], LINKS), LINKS)  # compiles
         water = rays = 0.0
-        for place in places(ocean):
+        computed = 0
+        for block in blocks[len(blocks) // (2 * BLOCKS) :: len(blocks) // BLOCKS][:BLOCKS]:
             begin = time.process_time()
-            medium = medium_at(ocean, place, LINKS)
-            middle = time.process_time()
-            column_errors(medium, LINKS)
-            water, rays = water + middle - begin, rays + time.process_time() - middle
-        each, count = (water + rays) / PLACES, ocean.sizes["lat"] * ocean.sizes["lon"]
+            points = GridPoints.of(crop(ocean, block.window))
+            water += time.process_time() - begin
+            for place in product(block.lat, block.lon):
+                begin = time.process_time()
+                medium = medium_at(points, place, LINKS)
+                middle = time.process_time()
+                water += middle - begin
+                if medium is not None:
+                    column_errors(medium, LINKS)
+                    rays += time.process_time() - middle
+                    computed += 1
+        each, count = (water + rays) / computed, ocean.sizes["lat"] * ocean.sizes["lon"]
         print(
-            f"{region}: {LINKS.count} links a column; CPU {1e3 * water / PLACES:.1f} ms water, {1e3 * rays / PLACES:.1f}"
-            f" ms rays; {1.0 / each:.1f} columns a second; all {count} columns {count * each / 60.0:.0f} min of CPU"
+            f"{region}: {LINKS.count} links a column, {computed} columns; CPU {1e3 * water / computed:.2f} ms water,"
+            f" {1e3 * rays / computed:.2f} ms rays; {1.0 / each:.1f} columns a second; all {count} columns"
+            f" {count * each / 60.0:.1f} min of CPU"
         )
 
 
@@ -80,6 +93,7 @@ def frames() -> None:
     half = 30_000.0
     for region in ("beaufort", "fram"):
         ocean = synthetic_ocean(region)
+        points = GridPoints.of(ocean)
         middle = (float(ocean["lat"][38]), float(ocean["lon"][125]))
         begin = time.process_time()
         local = to_local(ocean, middle, (half + LINKS.half_extent, half + LINKS.half_extent))
@@ -96,7 +110,7 @@ def frames() -> None:
             ends = a @ rotation.T + offset, b @ rotation.T + offset
             first = find_eigenrays(block, *ends, threads=1).first()
             error = first.source_sound_speed * first.travel_time - np.linalg.norm(ends[1] - ends[0], axis=-1)
-            own = column_errors(medium_at(ocean, place, LINKS), LINKS).range_error[0].ravel()
+            own = column_errors(medium_at(points, place, LINKS), LINKS).range_error[0].ravel()
             worst.append(np.nanmax(np.abs(error - own)))
         print(
             f"{region}: one medium for 60 km x 60 km {1e3 * took:.0f} ms of CPU, scale error"

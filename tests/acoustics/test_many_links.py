@@ -232,3 +232,16 @@ def test_a_medium_made_in_parts_is_the_same_and_takes_little_more_memory_than_it
     assert_same(parts, whole, but=("bed", "surface"))
     assert_same(parts.bed, whole.bed)
     assert peak < 1.3 * (parts.sound_speed.nbytes + parts.field.nbytes)
+
+
+def test_a_thread_keeps_its_workspace_until_the_number_of_levels_changes():
+    """New arrays cause page faults, which take as long as a few links."""
+    first = eigenrays._workspace(11)
+    assert eigenrays._workspace(11)[1] is first[1]
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(eigenrays._workspace, 11).result()[1] is not first[1]
+    assert eigenrays._workspace(12)[1].work.extremes.shape == (2, 12)
+    ends, other = scattered(30), Medium.from_profile(Z[::2], DUCT[::2], bottom_depth=3500.0)
+    fresh = find_eigenrays(uniform(), *ends, threads=1)
+    find_eigenrays(other, *ends, threads=1)
+    assert_same(find_eigenrays(uniform(), *ends, threads=1), fresh)

@@ -16,6 +16,7 @@ from pymantaray.atlas.links import CONVENTIONS
 from pymantaray.errors import AtlasError
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean import open_ocean
+from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Landmark
 from pymantaray.study import parse_study
@@ -60,7 +61,7 @@ def test_a_column_is_a_study_of_the_same_links(ocean, links, tmp_path, size):
     near(ocean, *size).to_netcdf(path)
     water = open_ocean(path)
     place = float(water["lat"][size[0]]), float(water["lon"][size[1]])
-    own = column_errors(medium_at(water, place, links), links)
+    own = column_errors(medium_at(GridPoints.of(water), place, links), links)
     parts = np.stack([own.range_error[0], own.reference_speed_error[0], own.bending_error[0]]).reshape(3, -1)
     study, status = study_errors(path, place, links)
     np.testing.assert_array_equal(own.link_status.ravel(), status)
@@ -73,7 +74,8 @@ def test_a_column_is_a_study_of_the_same_links(ocean, links, tmp_path, size):
 def test_a_column_does_not_depend_on_how_much_of_the_ocean_is_at_hand(ocean, links):
     place = float(ocean["lat"][PLACE[0]]), float(ocean["lon"][PLACE[1]])
     one, other = (
-        column_errors(medium_at(part, place, links), links) for part in (ocean, near(ocean, 12, 14))
+        column_errors(medium_at(GridPoints.of(part), place, links), links)
+        for part in (ocean, near(ocean, 12, 14))
     )
     for name in one._fields:
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -107,7 +109,7 @@ def test_errors_in_a_linear_gradient_are_those_of_circular_arcs(links):
 
 def test_parts_add_up_and_the_chord_has_no_reference_speed_error(ocean, links):
     place = float(ocean["lat"][PLACE[0]]), float(ocean["lon"][PLACE[1]])
-    own = column_errors(medium_at(ocean, place, links), links)
+    own = column_errors(medium_at(GridPoints.of(ocean), place, links), links)
     np.testing.assert_allclose(
         own.range_error, own.reference_speed_error + own.bending_error, rtol=0.0, atol=1e-9
     )

@@ -19,6 +19,7 @@ from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.plan import instants_between
 from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
 from pymantaray.jobs.dask_pool import open_pool
+from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
 
 
@@ -53,7 +54,7 @@ def test_every_column_is_where_it_belongs(here, ocean, file, links, content, til
     np.testing.assert_array_equal(status, expected)
     for i, j in ((0, 0), (1, 4), (2, 5)):
         place = float(own["lat"][i]), float(own["lon"][j])
-        alone = column_errors(medium_at(ocean, place, links), links)
+        alone = column_errors(medium_at(GridPoints.of(ocean), place, links), links)
         for name, values in alone._asdict().items():
             np.testing.assert_array_equal(own[name].values[0, i, j], values.astype(own[name].dtype))
 

@@ -27,7 +27,7 @@ from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals
 
 if TYPE_CHECKING:
-    from pymantaray.acoustics._kernels.layout import Domain, Results, Settings
+    from pymantaray.acoustics._kernels.layout import Domain, Results, Room, Settings
 
 Array = NDArray[np.float64]
 Device = Literal["cpu", "cuda"]
@@ -37,6 +37,7 @@ _LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
 _MAX_BLOCK_ROWS = 512  # rows of a block, at most
 _BLOCK_SECONDS = 0.05  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
+_OWN = threading.local()  # arrays of `_workspace`
 
 
 def find_eigenrays(
@@ -232,22 +233,27 @@ def _solve_on_processor(
     threads: int | None = None,
 ) -> Generator[Results, None, None]:
     """Solve links in threads, block by block; memory does not grow with the number of blocks."""
-    from pymantaray.acoustics._kernels.layout import solver_room
     from pymantaray.acoustics._kernels.link import solve_links
 
-    own = threading.local()  # new arrays for each block would cause page faults
-
     def solve(start: int, stop: int) -> Results:
-        if not hasattr(own, "room"):
-            own.results, own.room = _empty_results(_MAX_BLOCK_ROWS), solver_room(domain.depth.size)
-        results, n = own.results, stop - start
+        (results, room), n = _workspace(domain.depth.size), stop - start
         part = type(results)(*(x[:n] for x in results))
         if n:  # no compilation without a link
             ends = source[start:stop], receiver[start:stop]
-            solve_links(domain, bounces, settings, *ends, (0, 1), own.room, part)
+            solve_links(domain, bounces, settings, *ends, (0, 1), room, part)
         return _compact(results, n)
 
     return in_blocks(solve, len(source), threads=threads)
+
+
+def _workspace(n_depth: int) -> tuple[Results, Room]:
+    """Results of a block and workspace of this thread, from its last block if the number of levels is the same; new arrays cause page faults."""
+    if getattr(_OWN, "n_depth", None) != n_depth:
+        from pymantaray.acoustics._kernels.layout import solver_room
+
+        _OWN.n_depth, _OWN.arrays = n_depth, (_empty_results(_MAX_BLOCK_ROWS), solver_room(n_depth))
+    arrays: tuple[Results, Room] = _OWN.arrays
+    return arrays
 
 
 def _solve_on_cuda(

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pymantaray.acoustics._kernels.layout import Domain
+    from pymantaray.ocean.local import LocalGrid
 
 Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
@@ -254,16 +255,11 @@ class Medium:
             As in `from_grid`, or if the Earth is a sphere and the ocean has no geographic position.
         """
         if "lat" in ocean.dims:
-            from pymantaray.ocean import to_local
+            from pymantaray.ocean.local import local_grid
 
-            ocean = to_local(ocean)
+            return cls.from_local_grid(local_grid(ocean), interpolation=interpolation, earth=earth)
         require_local(ocean, "sound_speed", "sea_floor_depth", "north", "east", "depth")
-        from pymantaray.ocean.ice import roughness_of
-
-        ice: BoundarySurface | float = 0.0
-        if "sea_ice_draft" in ocean:
-            smooth = BoundarySurface.from_dataset(ocean, "sea_ice_draft", AcousticsError)
-            ice = smooth.with_roughness(roughness_of(ocean))
+        latitude = ocean.attrs.get("centre_latitude_deg")
         return cls.from_grid(
             ocean["north"].values,
             ocean["east"].values,
@@ -271,8 +267,44 @@ class Medium:
             ocean["sound_speed"].transpose("north", "east", "depth").values,
             bathymetry=BoundarySurface.from_dataset(ocean, "sea_floor_depth", AcousticsError),
             interpolation=interpolation,
-            ice_draft=ice,
-            earth=_sphere_of(ocean, earth),
+            ice_draft=ice_of(ocean),
+            earth=_sphere_at(None if latitude is None else float(latitude), earth),
+        )
+
+    @classmethod
+    def from_local_grid(
+        cls,
+        grid: LocalGrid,
+        *,
+        interpolation: Interpolation = "smooth",
+        ice_draft: BoundarySurface | float = 0.0,
+        earth: Earth = "flat",
+    ) -> Self:
+        """
+        Build the medium of a local grid: the one that `from_dataset` builds of its data set, without the time to make the data set.
+
+        Parameters
+        ----------
+        grid : LocalGrid
+            Local grid of an ocean.
+        interpolation, earth
+            As in `from_dataset`.
+        ice_draft : BoundarySurface or float
+            As in `from_grid`. [m]
+
+        Returns
+        -------
+        Medium
+        """
+        return cls.from_grid(
+            grid.north,
+            grid.east,
+            grid.depth,
+            grid.sound_speed(),
+            bathymetry=grid.sea_floor(),
+            interpolation=interpolation,
+            ice_draft=ice_draft,
+            earth=_sphere_at(grid.window.frame.latitude_deg, earth),
         )
 
     def plus(self, profiles: ArrayLike, fields: ArrayLike) -> Self:
@@ -488,18 +520,28 @@ def _flattened(earth: EarthSphere, depth: Array) -> Array:
     return flat
 
 
-def _sphere_of(ocean: xr.Dataset, earth: Earth) -> EarthSphere | None:
-    """Sphere at the centre of a local ocean's frame; None for a flat Earth."""
+def ice_of(ocean: xr.Dataset) -> BoundarySurface | float:
+    """Surface of a data set with ``sea_ice_draft``; depth 0 without ice. [m]"""
+    if "sea_ice_draft" not in ocean:
+        return 0.0
+    from pymantaray.ocean.ice import roughness_of
+
+    smooth = BoundarySurface.from_dataset(ocean, "sea_ice_draft", AcousticsError)
+    return smooth.with_roughness(roughness_of(ocean))
+
+
+def _sphere_at(latitude_deg: float | None, earth: Earth) -> EarthSphere | None:
+    """Sphere at the centre of a local frame, None for a flat Earth; the latitude is None if the frame has no place."""
     if earth == "flat":
         return None
     if earth != "sphere":
         raise AcousticsError(f"earth: {earth!r}; allowed are 'flat' and 'sphere'")
-    if "centre_latitude_deg" not in ocean.attrs:
+    if latitude_deg is None:
         raise AcousticsError(
             "earth is 'sphere', but the water has no geographic position; give --centre LAT LON (in Python: centre), or use a"
             " flat Earth"
         )
-    return EarthSphere.at_latitude(float(ocean.attrs["centre_latitude_deg"]))
+    return EarthSphere.at_latitude(latitude_deg)
 
 
 def require_local(ocean: xr.Dataset, *names: str) -> None:

@@ -11,18 +11,23 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics.medium import ice_of
 from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, water_at
 from pymantaray.atlas.dataset import VARIABLES, shape_of
 from pymantaray.atlas.plan import Block
+from pymantaray.config.sections import OceanSection
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.longitude import whole_turns
 from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
+from pymantaray.ocean.grid_points import GridPoints
+from pymantaray.ocean.local import LocalGrid
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.water.ocean import build_medium, build_sea_floor, is_profile, profile_fields
-from pymantaray.water.uniform import one_profile
+from pymantaray.water.uniform import one_profile, with_section_ice
 
 _STATUS = "column_status"
 
@@ -90,27 +95,43 @@ def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[An
     """Row, column, status and errors of each column of a gridded ocean."""
     ocean = _water(block)
     sea_floor = build_sea_floor(block.water.ocean, ocean)
-    middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
+    surface = np.isfinite(ocean["water_temp"].values[0])
+    lats, lons = ocean["lat"].values, ocean["lon"].values
+    middle = 0.5 * float(lons[0] + lons[-1])
+    points = GridPoints.of(ocean, block.water.ocean.equation) if surface.any() else None
     for i, lat in enumerate(block.lat):
         for j, lon in enumerate(block.lon):
             place = (lat, lon - whole_turns(lon, about=middle))
-            yield i, j, *_column(ocean, place, block, sea_floor)
+            own = tuple(int(np.abs(axis - x).argmin()) for axis, x in zip((lats, lons), place, strict=True))
+            if points is None or not surface[own]:
+                yield i, j, LAND, {}
+            else:
+                yield i, j, *_column(points, place, block, sea_floor)
 
 
 def _column(
-    ocean: xr.Dataset, place: tuple[float, float], block: Block, sea_floor: xr.DataArray | None
+    points: GridPoints, place: tuple[float, float], block: Block, sea_floor: xr.DataArray | None
 ) -> tuple[int, dict[str, NDArray[Any]]]:
-    there = ocean["water_temp"].isel(depth=0).sel(lat=place[0], lon=place[1], method="nearest")
-    if not np.isfinite(there):
-        return LAND, {}
-    local = water_at(ocean, place, block.links, block.water.ocean, sea_floor)
-    if local is None:
+    acoustics, interpolation = block.water.acoustics, block.links.interpolation
+    grid = water_at(points, place, block.links, sea_floor)
+    if grid is None:
         return EDGE, {}
-    medium = Medium.from_dataset(
-        local, interpolation=block.links.interpolation, earth=block.water.acoustics.earth
-    )
-    currents = Currents.from_dataset(local) if block.water.acoustics.currents else None
+    ice = _ice(block.water.ocean, grid)
+    medium = Medium.from_local_grid(grid, interpolation=interpolation, ice_draft=ice, earth=acoustics.earth)
+    currents = None
+    if acoustics.currents:
+        currents = Currents(grid.north, grid.east, grid.depth, np.stack(grid.currents(), axis=-1))
     return WATER, column_errors(medium, block.links, currents)._asdict()
+
+
+def _ice(section: OceanSection, grid: LocalGrid) -> BoundarySurface | float:
+    """Surface of a local grid with the ice of a section; depth 0 without ice. [m]"""
+    if section.ice is None:
+        return 0.0
+    frame = grid.window.frame
+    centre = {"centre_latitude_deg": frame.latitude_deg, "centre_longitude_deg": frame.longitude_deg}
+    axes = {"north": grid.north, "east": grid.east}
+    return ice_of(with_section_ice(section, xr.Dataset(coords=axes, attrs=centre)))
 
 
 def _water(block: Block) -> xr.Dataset:

@@ -1,6 +1,7 @@
 """Water around one column of an ocean, as in a study centred there, and the range errors of its links."""
 
 import warnings
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,13 +11,12 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, select
 from pymantaray.acoustics.currents import carried
 from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
-from pymantaray.config.sections import OceanSection
 from pymantaray.estimation.range_models import ConstantSpeed, TransmitterSpeed
 from pymantaray.evaluation.ranging_error import range_errors
-from pymantaray.ocean import to_local
+from pymantaray.ocean.grid_points import GridPoints
+from pymantaray.ocean.local import LocalGrid
 from pymantaray.ocean.window import Window, rectangle
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus
-from pymantaray.water.uniform import with_section_ice
 
 Array = NDArray[np.float64]
 SPLINE = 8  # grid points beyond the domain for interpolation
@@ -43,35 +43,27 @@ class ColumnErrors(NamedTuple):
 
 
 def water_at(
-    ocean: xr.Dataset,
-    place: tuple[float, float],
-    links: AtlasLinks,
-    section: OceanSection | None = None,
-    sea_floor: xr.DataArray | None = None,
-) -> xr.Dataset | None:
+    points: GridPoints, place: tuple[float, float], links: AtlasLinks, sea_floor: xr.DataArray | None = None
+) -> LocalGrid | None:
     """
-    Local ocean around a place in the ocean's window; None if the links do not fit into the window.
+    Local grid around a place; None if the links do not fit into the ocean's window.
 
     It uses the grid points in the rectangle of all links and `SPLINE` more on each side, so it does not depend on the extent of
-    the available ocean. The section gives equation and ice.
+    the available ocean.
     """
-    half = links.half_extent
-    window = Window.of(ocean, place)
-    if not window.holds(half, half):
+    half = links.half_extent, links.half_extent
+    window = Window.on(points.lat, points.lon, place)
+    sides = window.geographic(*rectangle(*half))
+    if not window.contains(sides):
         return None
-    sides = window.geographic(*rectangle(half, half))
-    rows, columns = (_around(axis, x) for axis, x in zip((window.lat, window.lon), sides, strict=True))
-    part = ocean.isel(lat=rows, lon=columns)
-    if section is None:
-        return to_local(part, place, (half, half), sea_floor=sea_floor)
-    local = to_local(part, place, (half, half), sea_floor=sea_floor, equation=section.equation)
-    return with_section_ice(section, local)
+    part = points.part(*(_around(axis, x) for axis, x in zip((window.lat, window.lon), sides, strict=True)))
+    return LocalGrid.of(part, replace(window, lat=part.lat, lon=part.lon), half, sea_floor)
 
 
-def medium_at(ocean: xr.Dataset, place: tuple[float, float], links: AtlasLinks) -> Medium | None:
+def medium_at(points: GridPoints, place: tuple[float, float], links: AtlasLinks) -> Medium | None:
     """Medium around a place, as in `water_at`, without a separate sea floor and without ice."""
-    local = water_at(ocean, place, links)
-    return None if local is None else Medium.from_dataset(local, interpolation=links.interpolation)
+    grid = water_at(points, place, links)
+    return None if grid is None else Medium.from_local_grid(grid, interpolation=links.interpolation)
 
 
 def _around(axis: Array, reach: Array) -> slice:
@@ -93,13 +85,12 @@ def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None =
     if any(most):
         arrivals = find_eigenrays(medium, transmitter, receiver, *most, **options)
     distance = medium.straight_distance(transmitter, receiver)
-    parts = [
-        range_errors(RangingTruth(distance, speed, direct.travel_time, direct.chord_travel_time))
-        for speed in _speeds(direct, distance, links.nominal_sound_speed)
-    ]
+    each = np.tile([distance, direct.travel_time, direct.chord_travel_time], len(CONVENTIONS))
+    speed = np.concatenate(_speeds(direct, distance, links.nominal_sound_speed))
+    errors = range_errors(RangingTruth(each[0], speed, each[1], each[2]))
     total, reference, bending = (
-        np.stack([getattr(part, name) for part in parts]).reshape(len(CONVENTIONS), *links.shape)
-        for name in ("total", "reference_speed", "bending")
+        part.reshape(len(CONVENTIONS), *links.shape)
+        for part in (errors.total, errors.reference_speed, errors.bending)
     )
     status = direct.status.reshape(links.shape)
     return ColumnErrors(

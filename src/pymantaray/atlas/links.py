@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -92,15 +93,24 @@ class AtlasLinks:
 
     def ends(self) -> tuple[Array, Array]:
         """Transmitters and receivers (n_links, 3) around a column; bearings vary fastest, then distances, then pairs. [m]"""
-        depths, distance, bearing = np.meshgrid(
-            np.arange(len(self.pairs)), self.distances, np.radians(self.bearings_deg), indexing="ij"
-        )
-        pairs = np.array(self.pairs)[depths.ravel()]
-        level = np.zeros(distance.size)
-        north, east = (distance * np.cos(bearing)).ravel(), (distance * np.sin(bearing)).ravel()
-        return np.stack([level, level, pairs[:, 0]], axis=-1), np.stack([north, east, pairs[:, 1]], axis=-1)
+        return _ends(self)
 
     @property
     def count(self) -> int:
         """Number of links of a column."""
         return math.prod(self.shape)
+
+
+@lru_cache(maxsize=4)
+def _ends(links: AtlasLinks) -> tuple[Array, Array]:
+    """Read-only ends, which every column of an atlas shares. [m]"""
+    depths, distance, bearing = np.meshgrid(
+        np.arange(len(links.pairs)), links.distances, np.radians(links.bearings_deg), indexing="ij"
+    )
+    pairs = np.array(links.pairs)[depths.ravel()]
+    level = np.zeros(distance.size)
+    north, east = (distance * np.cos(bearing)).ravel(), (distance * np.sin(bearing)).ravel()
+    ends = np.stack([level, level, pairs[:, 0]], axis=-1), np.stack([north, east, pairs[:, 1]], axis=-1)
+    for end in ends:
+        end.setflags(write=False)
+    return ends

@@ -35,7 +35,7 @@ from pymantaray.water.uniform import one_profile
 from pymantaray.water.water import configuration_of
 
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
-_COLUMNS = 16  # per block and axis; rays of 256 columns take half a minute
+_COLUMNS = 16  # per block and axis; 256 columns take ten seconds
 _MAX_POINTS = 160  # grid points per block and axis
 _PROFILE_CELL = 0.1  # degrees; size of the cell of a profile
 _GRID_MARGIN = SPLINE + 2  # grid points read beyond the links of a block

@@ -1,7 +1,9 @@
 """Interpolation of an ocean from latitude and longitude to a regular grid in the local frame."""
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,15 +13,11 @@ from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
 from scipy.sparse.linalg import splu
 
 from pymantaray.errors import OceanError
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
-from pymantaray.ocean.schema import VARIABLES, validate_ocean
-from pymantaray.ocean.sea_floor import (
-    fill_below_sea_bed,
-    levels_to,
-    local_floor,
-    sea_floor_depth,
-)
-from pymantaray.ocean.seawater import Equation, sound_speed
+from pymantaray.ocean.grid_points import GridPoints
+from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
+from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window, half_sides_within
 
 Array = NDArray[np.float64]
@@ -81,51 +79,114 @@ def to_local(
     is between two levels. Added levels extend temperature and salinity in the same way. They also extend the currents, which
     do not affect vehicles above the coarse floor.
     """
-    validate_ocean(ocean)
-    window, depth = Window.of(ocean, centre), np.asarray(ocean["depth"].values, dtype=float)
-    lat, lon = window.lat, window.lon
-    half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
-    north, east = _axes(window, half)
-    finer = None if sea_floor is None else local_floor(sea_floor, window, half)
-    notes = _notes(sea_floor, finer)
-    added = np.empty(0) if finer is None else levels_to(depth, float(finer.max()))
+    return local_grid(ocean, centre, half_extent, sea_floor=sea_floor, equation=equation).to_dataset()
 
-    fields = {}
-    for v in VARIABLES:
-        filled = fill_below_sea_bed(ocean[v.name].values, lat)
-        fields[v.name] = np.concatenate([filled, np.repeat(filled[-1:], added.size, axis=0)])
-    depth = np.concatenate([depth, added])
-    if added.size:
-        notes["levels_added"] = added
-    if equation != "teos-10":
-        notes["sound_speed_equation"] = equation
-    place = (depth[:, None, None], lat[:, None], lon)
-    speed = sound_speed(fields["water_temp"], fields["salinity"], *place, equation=equation)
-    at_lat, at_lon = window.geographic(north[:, None], east[None, :])
-    smooth = TensorSpline(lat, lon, at_lat, at_lon)
-    bearing = window.frame.convergence(at_lat, at_lon)[..., None]
-    current = _along_axes(smooth(fields["water_u"]), smooth(fields["water_v"]), bearing)
-    scale = window.frame.scale_factor(north[:, None], east[None, :])
-    return assemble_local(
-        {"north": north, "east": east, "depth": depth},
-        smooth(speed),
-        current,
-        _own_floor(ocean, window, at_lat, at_lon) if finer is None else finer,
-    ).assign_attrs(
-        {
-            "centre_latitude_deg": window.frame.latitude_deg,
-            "centre_longitude_deg": window.frame.longitude_deg,
-            "proj_string": window.frame.proj_string,
+
+def local_grid(
+    ocean: xr.Dataset,
+    centre: tuple[float, float] | None = None,
+    half_extent: tuple[float, float] | None = None,
+    *,
+    sea_floor: xr.DataArray | None = None,
+    equation: Equation = "teos-10",
+) -> "LocalGrid":
+    """Local grid of an ocean, with the arguments and errors of `to_local`."""
+    points = GridPoints.of(ocean, equation)
+    window = Window.on(points.lat, points.lon, centre)
+    half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
+    return LocalGrid.of(points, window, half, sea_floor)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalGrid:
+    """Local grid of a domain in the window of an ocean, and interpolation of the ocean to its nodes."""
+
+    points: GridPoints
+    window: Window
+    north: Array
+    """Shape (north,). [m]"""
+    east: Array
+    """Shape (east,). [m]"""
+    finer_floor: xr.DataArray | None
+    """Separate sea floor on axes of its own; None if the sea floor is that of the ocean. [m]"""
+    added: Array
+    """Levels below those of the ocean, down to the finer sea floor. [m]"""
+    notes: dict[str, object]
+    """Attributes that describe a separate sea floor."""
+
+    @classmethod
+    def of(
+        cls,
+        points: GridPoints,
+        window: Window,
+        half: tuple[float, float],
+        sea_floor: xr.DataArray | None = None,
+    ) -> Self:
+        """Local grid over a domain with half sides [m] inside the window of grid points; arguments as for `to_local`."""
+        finer = None if sea_floor is None else local_floor(sea_floor, window, half)
+        added = np.empty(0) if finer is None else levels_to(points.depth, float(finer.max()))
+        return cls(points, window, *_axes(window, half), finer, added, _notes(sea_floor, finer))
+
+    @property
+    def depth(self) -> Array:
+        """Levels of the ocean and added levels. [m]"""
+        return np.concatenate([self.points.depth, self.added])
+
+    @cached_property
+    def _places(self) -> tuple[Array, Array]:
+        return self.window.geographic(self.north[:, None], self.east[None, :])
+
+    @cached_property
+    def _smooth(self) -> "TensorSpline":
+        return TensorSpline(self.window.lat, self.window.lon, *self._places)
+
+    def sound_speed(self) -> Array:
+        """Sound speed (north, east, depth). [m/s]"""
+        return self._smooth(self.points.sound_speed(self.added))
+
+    def currents(self) -> tuple[Array, Array]:
+        """Northward and eastward current (north, east, depth) along the frame's axes. [m/s]"""
+        bearing = self.window.frame.convergence(*self._places)[..., None]
+        u, v = (self._smooth(self.points.extended(name, self.added.size)) for name in ("water_u", "water_v"))
+        return _along_axes(u, v, bearing)
+
+    def sea_floor(self) -> BoundarySurface:
+        """Sea floor on the axes of the grid, or on axes of its own. [m]"""
+        if self.finer_floor is not None:
+            north, east = (self.finer_floor[name].values for name in self.finer_floor.dims)
+            return BoundarySurface(self.finer_floor.values, north, east)
+        own = _own_floor(self.points.sea_floor, self.window, *self._places)
+        return BoundarySurface(own, self.north, self.east)
+
+    def to_dataset(self) -> xr.Dataset:
+        """Local ocean, see `to_local`."""
+        points, frame = self.points, self.window.frame
+        notes = dict(self.notes)
+        if self.added.size:
+            notes["levels_added"] = self.added
+        if points.equation != "teos-10":
+            notes["sound_speed_equation"] = points.equation
+        scale = frame.scale_factor(self.north[:, None], self.east[None, :])
+        attrs = {
+            "centre_latitude_deg": frame.latitude_deg,
+            "centre_longitude_deg": frame.longitude_deg,
+            "proj_string": frame.proj_string,
             "scale_error_max": float(np.max(np.abs(scale - 1.0))),
-            "time": str(np.datetime_as_string(ocean["time"].values, unit="s")),
-            **{name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
+            "time": str(np.datetime_as_string(points.time, unit="s")),
+            **points.attrs,
             **notes,
         }
-    )
+        axes = {"north": self.north, "east": self.east, "depth": self.depth}
+        floor = self.sea_floor().depth if self.finer_floor is None else self.finer_floor
+        return assemble_local(axes, self.sound_speed(), self.currents(), floor, attrs)
 
 
 def assemble_local(
-    axes: dict[str, Array], sound_speed: Array, current: tuple[Array, Array], floor: Array | xr.DataArray
+    axes: dict[str, Array],
+    sound_speed: Array,
+    current: tuple[Array, Array],
+    floor: Array | xr.DataArray,
+    attrs: dict[str, Any],
 ) -> xr.Dataset:
     """
     Assemble a local ocean from fields (north, east, depth) on axes [m], with currents along the axes [m/s].
@@ -150,7 +211,7 @@ def assemble_local(
             "sea_floor_depth": (floor_grid, floor, _attrs("sea_floor_depth_below_sea_surface", "m")),
         },
         coords={name: coords[name] for name in ("north", "east", "depth", *list(horizontal)[2:])},
-        attrs={"Conventions": "CF-1.8"},
+        attrs={"Conventions": "CF-1.8", **attrs},
     )
 
 
@@ -163,7 +224,7 @@ def floor_in_domain(
         return linear_interpolator((finer["floor_north"].values, finer["floor_east"].values), finer.values)
     north, east = _axes(window, half)
     place = window.geographic(north[:, None], east[None, :])
-    return linear_interpolator((north, east), _own_floor(ocean, window, *place))
+    return linear_interpolator((north, east), _own_floor(sea_floor_depth(ocean).values, window, *place))
 
 
 def _axes(window: Window, half: tuple[float, float]) -> tuple[Array, Array]:
@@ -171,9 +232,10 @@ def _axes(window: Window, half: tuple[float, float]) -> tuple[Array, Array]:
     return north, east
 
 
-def _own_floor(ocean: xr.Dataset, window: Window, at_lat: Array, at_lon: Array) -> Array:
-    """Sea-floor depth from an ocean's deepest wet levels, at the nodes of its local grid. [m]"""
-    own = sea_floor_depth(ocean).values
+def _own_floor(own: Array, window: Window, at_lat: Array, at_lon: Array) -> Array:
+    """Sea-floor depth at the nodes of a local grid, from that at the grid points of a window. [m]"""
+    if own.min() == own.max():
+        return np.full(at_lat.shape, own.min())
     floor = TensorSpline(window.lat, window.lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
     return np.clip(floor, own.min(), own.max())  # rounding must not put it below the deepest level
 
@@ -229,7 +291,7 @@ class TensorSpline:
     def __init__(
         self, rows: Array, columns: Array, at_rows: Array, at_columns: Array, *, degree: int = 3
     ) -> None:
-        self._axes, self._shape = [AxisSpline(axis, degree) for axis in (rows, columns)], at_rows.shape
+        self._axes, self._shape = [axis_spline(axis, degree) for axis in (rows, columns)], at_rows.shape
         places = np.stack([_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1).reshape(-1, 2)
         knots = tuple(axis.knots for axis in self._axes)
         weights = NdBSpline.design_matrix(places, knots, (degree, degree))
@@ -260,6 +322,7 @@ class AxisSpline:
             degree = min(degree, points.size - 1)
             self.knots = np.ascontiguousarray(make_interp_spline(points, points, k=degree).t)
             self._solver = splu(BSpline.design_matrix(points, self.knots, degree).tocsc())
+        self.knots.setflags(write=False)  # media share them
 
     def coefficients(self, values: Array, *, axis: int) -> Array:
         """Coefficients of the splines through values along one axis."""
@@ -270,9 +333,19 @@ class AxisSpline:
         return np.ascontiguousarray(np.moveaxis(solved.reshape(lines.shape), 0, axis))
 
 
+def axis_spline(points: Array, degree: int = 3) -> AxisSpline:
+    """`AxisSpline` of points; those of the last axes are kept, because columns of an atlas and members of an ensemble share axes."""
+    return _kept_spline(np.ascontiguousarray(points, dtype=float).tobytes(), degree)
+
+
+@lru_cache(maxsize=64)
+def _kept_spline(points: bytes, degree: int) -> AxisSpline:
+    return AxisSpline(np.frombuffer(points), degree)
+
+
 def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
     """Coefficients and knots of the cubic B-spline through values along one axis, as in `AxisSpline`."""
-    spline = AxisSpline(points)
+    spline = axis_spline(points)
     return spline.coefficients(values, axis=axis), spline.knots
 
 

@@ -100,19 +100,32 @@ def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
     OceanError
         If the field has no wet column.
     """
-    filled = np.array(field, dtype=float)
+    filled = extended_down(np.asarray(field, dtype=float))
     wet = np.isfinite(filled[0])
-    if not wet.any():
-        raise OceanError("ocean: no wet column in the window; choose a window over water")
-    for k in range(1, len(filled)):
-        filled[k] = np.where(np.isfinite(filled[k]), filled[k], filled[k - 1])
     if wet.all():
         return filled
+    rows, columns = nearest_wet_columns(wet, lat)
+    return np.ascontiguousarray(filled[:, rows, columns])
+
+
+def extended_down(field: NDArray[np.floating]) -> Array:
+    """Copy of a field (n_depth, ...) with the value above at each NaN; a column without a value at the first level keeps its NaN."""
+    filled = np.array(field, dtype=float)
+    missing = ~np.isfinite(filled)
+    for k in range(1, len(filled)):
+        np.copyto(filled[k], filled[k - 1], where=missing[k])
+    return filled
+
+
+def nearest_wet_columns(wet: NDArray[np.bool_], lat: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column (n_lat, n_lon) of the wet column nearest to each column, as in `fill_below_sea_bed`."""
+    if not wet.any():
+        raise OceanError("ocean: no wet column in the window; choose a window over water")
     aspect = max(float(np.cos(np.radians(np.mean(lat)))), 1e-3)
-    rows, columns = ndimage.distance_transform_edt(
+    nearest = ndimage.distance_transform_edt(
         ~wet, sampling=(1.0, aspect), return_distances=False, return_indices=True
     )
-    return np.ascontiguousarray(filled[:, rows, columns])
+    return np.asarray(nearest[0], dtype=np.intp), np.asarray(nearest[1], dtype=np.intp)
 
 
 def local_floor(

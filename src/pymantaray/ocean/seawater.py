@@ -87,6 +87,12 @@ def absolute_and_conservative(
     return SA, gsw.CT_from_t(SA, temperature, p), np.broadcast_to(p, np.shape(SA))
 
 
+def check_equation(equation: str) -> None:
+    """Raise an error for an unknown equation of sound speed."""
+    if equation not in get_args(Equation):
+        raise OceanError(f"equation {equation!r} is unknown; allowed: {', '.join(get_args(Equation))}")
+
+
 def sound_speed(
     temperature: ArrayLike,
     salinity: ArrayLike,
@@ -122,8 +128,7 @@ def sound_speed(
     >>> print(f"{float(sound_speed(-1.2, 27.4, 10.0, 74.5, -140.0)):.1f}")
     1433.3
     """
-    if equation not in get_args(Equation):
-        raise OceanError(f"equation {equation!r} is unknown; allowed: {', '.join(get_args(Equation))}")
+    check_equation(equation)
     if equation != "teos-10":
         p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
         return (del_grosso if equation == "del-grosso" else unesco)(temperature, salinity, p)

@@ -242,6 +242,11 @@ class Window:
     def of(cls, ocean: xr.Dataset, centre: tuple[float, float] | None = None) -> Self:
         """Window of an ocean or a sea floor, with the frame at a latitude and longitude [degrees] or in the middle."""
         lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
+        return cls.on(lat, lon, centre)
+
+    @classmethod
+    def on(cls, lat: Array, lon: Array, centre: tuple[float, float] | None = None) -> Self:
+        """Window of axes [degrees], with the frame as in `of`."""
         middle = 0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])
         return cls(lat, lon, LocalFrame(*(middle if centre is None else centre)))
 
@@ -252,11 +257,14 @@ class Window:
 
     def holds(self, half_north: float, half_east: float) -> bool:
         """Return True if a rectangle with these half sides [m] around the frame's centre is inside the data set."""
-        sides = self.geographic(*rectangle(half_north, half_east))
+        return self.contains(self.geographic(*rectangle(half_north, half_east)))
+
+    def contains(self, places: tuple[Array, Array]) -> bool:
+        """Return True if latitudes and longitudes from `geographic` are all inside the data set."""
         tolerance = 1e-9  # degrees; a side may be on the edge of the window
         return all(
             bool(np.all((x >= axis[0] - tolerance) & (x <= axis[-1] + tolerance)))
-            for x, axis in zip(sides, (self.lat, self.lon), strict=True)
+            for x, axis in zip(places, (self.lat, self.lon), strict=True)
         )
 
     def native_spacing(self) -> tuple[float, float]:

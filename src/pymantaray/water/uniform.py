@@ -103,9 +103,9 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
         np.broadcast_to(levels.sound_speed, shape).copy(),
         (np.zeros(shape), np.zeros(shape)),
         floor,
+        {"title": profile.name, "source": section.source[0], "synthetic": 0},
     )
     time = profile.time if section.time is None else utc_instant(section.time)
-    local.attrs |= {"title": profile.name, "source": section.source[0], "synthetic": 0}
     if not np.isnat(time):
         local.attrs["time"] = str(np.datetime_as_string(time, unit="s"))
     if place is not None:
