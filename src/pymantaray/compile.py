@@ -19,7 +19,14 @@ from numba.extending import intrinsic
 PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
 _SHARED_SOURCES = tuple(
     Path(__file__).parent / p
-    for p in ("compile.py", "linking.py", "records/status.py", "geometry/boundary_kernels.py")
+    for p in (
+        "compile.py",
+        "linking.py",
+        "fewer_instructions.py",
+        "shortcuts.py",
+        "records/status.py",
+        "geometry/boundary_kernels.py",
+    )
 )
 
 # The caller owns the arrays, and they outlive the call. Inner loops therefore need no reference counting, which costs two
