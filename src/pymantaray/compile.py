@@ -19,7 +19,14 @@ from numba.extending import intrinsic
 PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
 _SHARED_SOURCES = tuple(
     Path(__file__).parent / p
-    for p in ("compile.py", "linking.py", "records/status.py", "geometry/boundary_kernels.py")
+    for p in (
+        "compile.py",
+        "linking.py",
+        "fewer_instructions.py",
+        "shortcuts.py",
+        "records/status.py",
+        "geometry/boundary_kernels.py",
+    )
 )
 
 # The caller owns the arrays, and they outlive the call. Inner loops therefore need no reference counting, which costs two
@@ -29,7 +36,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 # Numba links, optimizes and compiles each function separately, and again within each direct or indirect caller. For kernels
 # that only kernels call, this takes more than half of the time. Here, kernels are linked, optimized and compiled as a whole
 # within entries. This uses private parts of Numba, so only in versions that were tested. With other versions, each kernel is
-# compiled separately, which takes three times as long. (In 0.61 and 0.62, code from the disk cache crashes the process.)
+# compiled separately, which takes several times as long. (In 0.61 and 0.62, code from the disk cache crashes the process.)
 _TESTED_VERSIONS = (0, 63), (0, 68)
 
 

@@ -4,14 +4,14 @@ A large kernel that several entries call is shared: it is compiled once, with al
 the same in every process. The disk cache stores an entry with the machine code of its shared kernels.
 """
 
-import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, ClassVar
 
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba.core import cgutils, types
+from numba.core import cgutils, errors, types
+from numba.core import ir as numba_ir
 from numba.core.base import BaseContext
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
@@ -21,8 +21,10 @@ from numba.core.datamodel.models import ArrayModel
 from numba.core.lowering import Lower
 from numba.core.registry import cpu_target
 from numba.core.typed_passes import NativeLowering
-from numba.core.types import functions
 from numba.core.types.containers import BaseNamedTuple
+
+from pymantaray.fewer_instructions import remove_unused, variables_without_memory
+from pymantaray.shortcuts import QuickPassManager, shortcuts
 
 # Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array expressions.
 _SKIPPED_PASSES = {
@@ -36,6 +38,7 @@ _SKIPPED_PASSES = {
     "LiteralPropagation",
     "inline_overloads",
     "nopython_rewrites",
+    "ir_legalization",
     "nopython_supported_feature_validation",
     "dump_parfor_diagnostics",
 }
@@ -47,9 +50,19 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
 
+    def add_ir_module(self, ir_module: Any) -> None:
+        """Add code without what nobody uses."""
+        remove_unused(ir_module)
+        super().add_ir_module(ir_module)
+
 
 class KernelLibrary(Library):
     """Unoptimized code of one kernel, without the kernels that it calls."""
+
+    def add_llvm_module(self, module: Any) -> None:
+        """Take the kernel's only module as it is."""
+        self._optimize_functions(module)
+        self._final_module = module
 
     def finalize(self) -> None:
         """Give each entry its own copy."""
@@ -124,6 +137,38 @@ class KernelLower(Lower):  # type: ignore[misc]
         """Allocate a variable."""
         return cgutils.alloca_once(self.builder, self.context.get_value_type(kind), name=name)
 
+    def _find_singly_assigned_variable(self) -> None:
+        self._singly_assigned_vars = variables_without_memory(self.blocks)
+        self._blk_local_varmap: dict[str, Any] = {}
+
+    def lower_block(self, block: Any) -> None:
+        """Lower the instructions of a block; an error tells which one."""
+        self.pre_block(block)
+        for inst in block.body:
+            self.loc = inst.loc
+            try:
+                self.lower_inst(inst)
+            except errors.NumbaError as error:
+                error.add_context(f'lowering "{inst}" at {inst.loc}')
+                raise
+        self.post_block(block)
+
+    def lower_inst(self, inst: Any) -> None:
+        """Lower an instruction; assignments without their text for debugging."""
+        if isinstance(inst, numba_ir.Assign):
+            name = inst.target.name
+            self.storevar(self.lower_assign(self.typeof(name), inst), name)
+        else:
+            super().lower_inst(inst)
+
+    def storevar(self, value: Any, name: str, argidx: Any = None) -> None:  # noqa: ARG002
+        """Store a value into a variable, whose old value owns nothing."""
+        self._alloca_var(name, self.typeof(name))
+        if name in self._singly_assigned_vars:
+            self._blk_local_varmap[name] = value
+        else:
+            self.builder.store(value, self.getvar(name))
+
     def delvar(self, name: str) -> None:
         """Do nothing: a variable owns nothing."""
 
@@ -176,6 +221,7 @@ class EntryLowering(NativeLowering):  # type: ignore[misc]
         """Lower an entry into a library that is cached on disk."""
         state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
+        state.flags.no_cfunc_wrapper = True
         changed: bool = super().run_pass(state)
         return changed
 
@@ -187,10 +233,10 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         """Numba's passes in their order."""
-        manager = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        manager = QuickPassManager(self.__class__.__name__)
         manager.passes = [
             (self.lowering if own is NativeLowering else own, why)
-            for own, why in manager.passes
+            for own, why in DefaultPassBuilder.define_nopython_pipeline(self.state).passes
             if own._name not in _SKIPPED_PASSES
         ]
         manager.finalize()
@@ -213,7 +259,7 @@ class EntryCompiler(KernelCompiler):
         from pymantaray.compile import announce_compilation
 
         announce_compilation()
-        with _cached_operator_resolution(), _arrays_by_data_and_shape():
+        with shortcuts(), _arrays_by_data_and_shape():
             return super().compile_extra(function)
 
 
@@ -276,27 +322,3 @@ def _arrays_by_data_and_shape() -> Iterator[None]:
         yield
     finally:
         context.get_arg_packer = pack
-
-
-@contextmanager
-def _cached_operator_resolution() -> Iterator[None]:
-    """Cache Numba's choice of an operator's implementation by types, without garbage collection; saves a fifth of the time."""
-    operators: Any = functions.BaseFunction
-    resolve, signatures = operators.get_call_type, dict[Any, Any]()
-
-    def remembered(operator: Any, context: Any, args: Any, kws: Any) -> Any:
-        if kws:
-            return resolve(operator, context, args, kws)
-        if (operator, args) not in signatures:
-            signatures[operator, args] = resolve(operator, context, args, kws)
-        return signatures[operator, args]
-
-    collecting = gc.isenabled()
-    gc.disable()
-    operators.get_call_type = remembered
-    try:
-        yield
-    finally:
-        operators.get_call_type = resolve
-        if collecting:
-            gc.enable()

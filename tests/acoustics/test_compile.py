@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from factories import python
 from numba import njit
+from numba.core.errors import TypingError
 
 from pymantaray import compile as compilation
 from pymantaray.compile import entry, kernel
@@ -128,6 +129,66 @@ def test_arrays_in_named_tuples_reach_kernels_whole_and_functions_of_others_as_b
     cube, square = np.arange(24.0).reshape(2, 3, 4), np.arange(9.0).reshape(3, 3)
     fields = Fields(cube, square.T, np.arange(5), np.array([True, False]), (square, square[:, :2].copy()))
     assert sum_by_kernel(fields, 1) == sum_by_others(fields, 1) == summed(fields, 1)
+
+
+@kernel
+def first_and_rest(pair, swap):
+    if swap:
+        pair = pair[1], pair[0]
+    return pair, (pair[0], (pair[1], 2.0))
+
+
+@entry
+def walk(values, n):
+    """Variables that change in loops and branches, tuples in tuples, and views of arrays, whose addresses are needed."""
+    total, last, found = 0.0, -1.0, False
+    rows = values.reshape(2, values.size // 2)
+    for i in range(n):
+        row = rows[i % 2]
+        own = (row[0], row[-1])
+        for x in row[1:]:
+            if x > 2.0:
+                found = True
+                last = x
+            elif found:
+                last = -x
+            (a, b), (_, (d, two)) = first_and_rest(own, i > 1)
+            total += a - 0.5 * b * two + d
+        row[0] += last
+    return total, last, found, values.sum()
+
+
+def test_variables_tuples_and_views_have_the_values_of_plain_python():
+    values = np.arange(8.0)
+    ours, plain = values.copy(), values.copy()
+    python_kernel = {"first_and_rest": getattr(first_and_rest, "py_func", first_and_rest), "range": range}
+    body = getattr(walk, "py_func", walk)
+    expected = type(body)(body.__code__, python_kernel)(plain, 5)
+    assert walk(ours, 5) == expected
+    assert np.array_equal(ours, plain)
+    assert not np.array_equal(ours, values)
+
+
+@kernel
+def untypable(x):
+    return x.nothing
+
+
+@entry
+def call_untypable(x):
+    return untypable(x)
+
+
+@pytest.mark.skipif(not LINKED, reason="this Numba compiles each kernel by itself")
+def test_numba_is_unchanged_after_a_compilation_even_if_it_failed():
+    from pymantaray.shortcuts import _replacements
+
+    places = [(owner, name) for owner, name, _ in _replacements()]
+    before = [vars(owner)[name] for owner, name in places]
+    assert len(before) > 8
+    with pytest.raises(TypingError, match="nothing"):
+        call_untypable(1.0)
+    assert [vars(owner)[name] for owner, name in places] == before
 
 
 @pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])
