@@ -74,9 +74,9 @@ class Factor:
     def __init__(self, structure: Structure, diagonal: Array, above: Array) -> None:
         self._structure, self._diagonal, self._above = structure, diagonal, above
 
-    def solve(self, vector: Array) -> Array:
-        """Solution for a right-hand side, both in the order of rows, (n, 6)."""
-        x = vector.copy()
+    def solve(self, vector: Array, *, overwrite: bool = False) -> Array:
+        """Solution for a right-hand side, both in the order of rows, (n, 6); it can take the place of the right-hand side."""
+        x = vector if overwrite else vector.copy()
         cholesky.substitute(self._structure.start, self._structure.column, self._diagonal, self._above, x)
         return x
 
@@ -116,8 +116,15 @@ class NormalEquations:
         self.structure, self.order = structure, order
         n = structure.row.size
         self.diagonal, self.above = np.zeros((n, SIZE, SIZE)), np.zeros((structure.column.size, SIZE, SIZE))
-        self.gradient, self.cost = np.zeros((n, SIZE)), 0.0
+        self.gradient, self.cost, self._element = np.zeros((n, SIZE)), 0.0, np.empty((n, SIZE))
         self.scale: Array | None = None
+
+    def cleared(self, order: int) -> "NormalEquations":
+        """These equations, empty and of an order; a factor in their arrays is lost."""
+        for array in (self.diagonal, self.above, self.gradient):
+            array.fill(0.0)
+        self.order, self.cost, self.scale = order, 0.0, None
+        return self
 
     @property
     def matrix(self) -> Matrix:
@@ -127,8 +134,8 @@ class NormalEquations:
     def factorize(self) -> Factor | None:
         """Compute the Cholesky factor in place of the matrix; None if some direction is not determined."""
         s = self.structure
-        element = np.ascontiguousarray(np.diagonal(self.diagonal, axis1=1, axis2=2))
-        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, element) >= 0:
+        self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
+        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, self._element) >= 0:
             return None
         return Factor(s, self.diagonal, self.above)
 
