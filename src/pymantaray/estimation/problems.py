@@ -63,7 +63,7 @@ class FactorsExceptRanges:
         self.planar = graph.planar
         self._groups = [graph.of_residual(r) for r in (Residual.POSE, Residual.SIGHTING, Residual.POSITION)]
         poses = self._groups[0]
-        self._relative = residuals.RelativePoses(*_stacked(_relative, poses), _pose_roots(poses))
+        self._relative = residuals.RelativePoses(*[*_stacked(_relative, poses), _pose_roots(poses)])
         self._sighted = residuals.Sightings(*_stacked(_sighted, self._groups[1]))
         self._positions = residuals.Positions(*_stacked(_position, self._groups[2]))
         self._inner = self._relative.first >= 0  # relative to another pose, not to the world
@@ -244,7 +244,7 @@ def _information_root(covariance: Array) -> Array:
 
 def _is_diagonal(covariance: Array) -> bool:
     """True if there is nothing beside the diagonals, which have no zeros."""
-    return np.count_nonzero(covariance) <= len(covariance) * covariance.shape[1]
+    return bool(np.count_nonzero(covariance) <= len(covariance) * covariance.shape[1])
 
 
 class Distances:
