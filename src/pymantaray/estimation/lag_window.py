@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
 from pymantaray.estimation.marginal_prior import MarginalPrior, RangesAndPrior, marginalized
 from pymantaray.estimation.normal_equations import SIZE, Indices
@@ -16,7 +17,6 @@ from pymantaray.estimation.starts import dead_reckon_graph
 from pymantaray.estimation.trilateration import range_only_landmarks, trilaterate
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
-Array = NDArray[np.float64]
 Rows = dict[str, Indices]
 
 

@@ -3,15 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.graph import FactorGraph
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.normal_equations import SIZE, Blocks, Indices, NormalEquations, Structure
 from pymantaray.estimation.problems import Distances, FactorsExceptRanges, GraphState, Problem
 from pymantaray.geometry.se3 import hat, so3_log
 
-Array = NDArray[np.float64]
 _SMALL_ANGLE = 1e-2  # rad; below it a series replaces the closed form
 
 
