@@ -1,15 +1,25 @@
 """A smoother with a lag: the batch where it forgets nothing and where all is linear, and its statistics where it is not."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import factories
+import gtsam
 import numpy as np
 import pytest
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import LOSSES, GraphSolver, IncrementalOptions, Method, SolveOptions, build_graph
+from pymantaray.estimation import (
+    LOSSES,
+    GraphSolver,
+    IncrementalOptions,
+    Method,
+    SolveOptions,
+    build_graph,
+    to_gtsam,
+)
 from pymantaray.evaluation.consistency import nees
+from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 
 PING = 5 * factories.PERIOD
@@ -144,3 +154,47 @@ def test_a_lag_of_an_hour_differs_from_the_batch_by_the_information_that_it_lack
     freedom = trace**2 / np.trace(matrix @ matrix, axis1=1, axis2=2)
     ratio = np.mean(distance, axis=0).sum(axis=1) / trace
     assert (np.abs(ratio - 1.0) < 4.0 * np.sqrt(2.0 / (freedom * seeds))).all()
+
+
+def gtsams(graph, start, lag):
+    """Positions and rotations of GTSAM's batch fixed-lag smoother, each when it was last in the window."""
+    factors, values = to_gtsam(graph, start)
+    factors = [factors.at(i) for i in range(factors.size())]
+    enters = [graph.pose_time[list(factor.keys())].max() for factor in factors]
+    steps = gtsam.LevenbergMarquardtParams()
+    steps.setRelativeErrorTol(1e-12)
+    steps.setAbsoluteErrorTol(1e-12)
+    smoother, latest, before = gtsam.BatchFixedLagSmoother(lag, steps), gtsam.Values(), -np.inf
+    for now in np.unique(graph.pose_time[graph["range"].variables]):
+        added, new, time = gtsam.NonlinearFactorGraph(), gtsam.Values(), {}
+        for factor, when in zip(factors, enters, strict=True):
+            if before < when <= now:
+                added.add(factor)
+        for key in np.flatnonzero((graph.pose_time > before) & (graph.pose_time <= now)).tolist():
+            new.insert(key, values.atPose3(key))
+            time[key] = float(graph.pose_time[key])
+        smoother.update(added, new, time)
+        latest.insert_or_assign(smoother.calculateEstimate())
+        before = now
+    poses = [latest.atPose3(key) for key in range(graph.n_poses) if latest.exists(key)]
+    return np.array([p.translation() for p in poses]), np.array([p.rotation().matrix() for p in poses])
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.1])
+def test_the_smoother_differs_from_gtsams_by_the_curvature_of_its_errors(make_fleet, scale):
+    """GTSAM linearizes measurements beside marginalized poses once, which is of second order in the errors."""
+    fleet = make_fleet(seed=4, n_times=41, gnss_every=40)
+    names = [f.name for f in fields(fleet.noise_free) if f.name.endswith("_sigma")]
+    smaller = {name: scale * np.asarray(getattr(fleet.noise_free, name)) for name in names}
+    o = factories.add_noise(replace(fleet.noise_free, **smaller), 7)
+    graph, samples = build_graph(o, "straight"), list(range(0, 41, 5))
+    end = lagged(graph, fleet.truth, 2 * PING, samples=samples, o=o)
+    position, rotation = gtsams(graph, fleet.truth, 2 * PING)
+    assert len(position) == graph.n_poses
+    sigma = np.sqrt(np.einsum("eaiai->eai", end.covariances.position))
+    apart = np.abs(end.position - position)[poses_at(o, samples)]
+    assert (apart < 5e-3 * scale * sigma).all()
+    turned = np.linalg.norm(matrix_from_quaternion(end.quaternion) - rotation, axis=(1, 2))
+    assert turned.max() < 1e-5 * scale**2
+    batch = GraphSolver().solve(graph, fleet.truth)
+    assert np.abs(batch.position - end.position).max() > 0.1 * scale, "a batch knows what comes later"

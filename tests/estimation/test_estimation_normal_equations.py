@@ -1,5 +1,7 @@
 """Blocks of six against dense algebra, and residuals against GTSAM's of the same graph."""
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -49,6 +51,32 @@ def test_solutions_and_blocks_of_the_inverse_are_those_of_the_dense_matrix(seed)
     for pair, block in zip(pairs, factor.inverse(list(pairs)), strict=True):
         at = (SIZE * pair[:, None] + np.arange(SIZE)).ravel()
         np.testing.assert_allclose(block, inverse[np.ix_(at, at)], rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_equations_over_others_are_those_in_new_arrays(order):
+    fleet = make_fleet(seed=3, gnss_every=10, n_landmarks=1)
+    problem, state = distance_problem(build_graph(fleet.noisy)), GraphState.of(fleet.reckoned)
+    before = problem.linearize(GraphState.of(fleet.truth), 4)
+    before.factorize()
+    again, new = problem.linearize(state, order, before), problem.linearize(state, order)
+    assert again is before
+    for name in ("diagonal", "above", "gradient", "cost", "scale", "order"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(new, name))
+
+
+def test_covariances_that_are_nearly_diagonal_have_the_equations_of_diagonal_ones():
+    fleet = make_fleet(seed=3, gnss_every=10)
+    graph, state = build_graph(fleet.noisy), GraphState.of(fleet.reckoned)
+    covariance = graph["edge"].covariance.copy()
+    covariance[0, 0, 1] = covariance[0, 1, 0] = 1e-12 * covariance[0, 0, 0]
+    slanted = graph.with_factors(edge=replace(graph["edge"], covariance=covariance))
+    for order in (1, 2):
+        one, other = (distance_problem(g).linearize(state, order) for g in (graph, slanted))
+        assert one.cost == pytest.approx(other.cost, rel=1e-9)
+        for name in ("diagonal", "above", "gradient"):
+            mine, theirs = getattr(one, name), getattr(other, name)
+            np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-11 * np.abs(theirs).max())
 
 
 def test_a_direction_that_nothing_measures_is_not_factorized():

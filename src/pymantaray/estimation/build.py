@@ -188,7 +188,9 @@ def _table(
 ) -> Factors:
     """Factors with diagonal covariances from standard deviations (n, rows), which must be positive."""
     kind = KINDS[name]
-    factors = kind.table(variables, measured, sigma[:, :, None] ** 2 * np.eye(kind.rows))
+    covariance, row = np.zeros((len(sigma), kind.rows, kind.rows)), np.arange(kind.rows)
+    covariance[:, row, row] = sigma**2
+    factors = kind.owning_table(variables, measured, covariance)
     fine = (np.isfinite(sigma) & (sigma > 0.0)).all(axis=1)
     if not fine.all():
         first = int(np.argmin(fine))

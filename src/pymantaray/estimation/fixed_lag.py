@@ -1,6 +1,7 @@
 """Fixed-lag smoothing: factors enter in the order of time, and old poses are marginalized."""
 
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,9 +10,10 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.incremental import check_times, update_times
+from pymantaray.estimation.lag_window import LagWindow
 from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.problems import GraphState, distance_problem
-from pymantaray.estimation.solution import GraphSolution, IncrementalOptions, SolveProgress, make_solution
+from pymantaray.estimation.solution import GraphSolution, SolveOptions, SolveProgress, make_solution
 from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
@@ -25,7 +27,7 @@ def smooth_with_lag(
     lag: float,
     *,
     incremental: bool = False,
-    options: IncrementalOptions | None = None,
+    options: SolveOptions | None = None,
     covariance_poses: Indices | None = None,
 ) -> GraphSolution:
     """
@@ -52,56 +54,73 @@ def smooth_with_lag(
     EstimationError
         If the lag is shorter than the time between updates.
     """
-    from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
-    from pymantaray.estimation._gtsam.fixed_lag import LaggedSmoother
-    from pymantaray.estimation._gtsam.incremental import Entering, Options, timeline
-
-    options = options or IncrementalOptions()
-    check_times(graph, initial, options.every)
+    options = options or SolveOptions()
+    every = options.incremental.every
+    check_times(graph, initial, every)
     n = graph.n_poses
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
-    times = update_times(graph, moment, "sample" if incremental else options.every)
+    times = update_times(graph, moment, "sample" if incremental else every)
     if times.size > 1 and lag < (longest := float(np.diff(times).max())):
         raise EstimationError(
             f"lag is {lag:g} s, but pings are up to {longest:g} s apart; give at least that"
         )
-    factors, start = graph_factors(graph), values_of(initial)
     moment[n:] = determined_times(graph, initial)
-    line = timeline(factors, moment, times)
-    isam2 = Options(options.relinearize, options.wildfire) if incremental else None
+    smoother: _Smoother = LagWindow(graph, initial, moment, times, lag, options)
+    if incremental:
+        from pymantaray.estimation._gtsam.fixed_lag import LaggedSmoother
+        from pymantaray.estimation._gtsam.incremental import Options
+
+        thresholds = Options(options.incremental.relinearize, options.incremental.wildfire)
+        smoother = LaggedSmoother(graph, initial, moment, times, lag, thresholds)
     seconds = np.full(times.size, np.nan)
-    smoother, entering = LaggedSmoother(lag, isam2), Entering(graph, start, times)
-    poses = np.empty((0, 0), dtype=np.intp) if covariance_poses is None else covariance_poses
+    poses = np.empty((0, 0), dtype=np.intp) if covariance_poses is None else covariance_poses.astype(np.intp)
     epoch_time = graph.pose_time[poses].max(axis=1, initial=-np.inf)
     joint: dict[int, Array] = {}
     problem = distance_problem(graph)
     cost, done = problem.cost(GraphState.of(initial)), True
     for k, now in enumerate(times.tolist()):
-        variables = np.flatnonzero(line.variable_update == k)
-        there = np.flatnonzero(line.variable_update[n:] <= k) + n  # landmarks are never marginalized
-        time = {int(v): float(moment[v]) if v < n else now for v in (*variables, *there)}
-        rows = np.flatnonzero(line.factor_update == k)
-        done = smoother.update(factors, rows, entering.values(variables, smoother, k), time)
+        gone = times[k + 1] - lag if k + 1 < times.size else np.inf  # poses before are marginalized next
+        ready = (epoch_time <= now) & (epoch_time < gone)
+        epochs = [epoch for epoch in np.flatnonzero(ready).tolist() if epoch not in joint]
+        done = smoother.update(k, [poses[epoch] for epoch in epochs])
         seconds[k] = smoother.seconds
         if not done:
             break
-        gone = times[k + 1] - lag if k + 1 < times.size else np.inf  # poses before are marginalized next
-        for epoch in np.flatnonzero((epoch_time <= now) & (epoch_time < gone)):
-            if epoch not in joint and (own := smoother.covariance(poses[epoch])) is not None:
-                joint[int(epoch)] = own
-    for _ in range(options.final_updates if done and incremental else 0):
-        none = np.empty(0, dtype=int)
-        done = smoother.update(factors, none, entering.values(none, smoother, times.size - 1), {})
-    if not done:
+        for epoch in epochs:
+            if (own := smoother.covariance(poses[epoch])) is not None:
+                joint[epoch] = own
+    if not (done and smoother.finish(options.incremental.final_updates)):
         return make_solution(
             initial, SolveProgress(times.size, cost, np.nan, singular=True), SolveStatus.FAILED
         )
-    values = graph_values(smoother.latest, graph)
+    values = smoother.values()
     progress = SolveProgress(times.size, cost, problem.cost(GraphState.of(values)))
     solution = replace(make_solution(values, progress, SolveStatus.OK), update_seconds=seconds)
     if covariance_poses is None:
         return solution
     return replace(solution, covariances=_covariances(values, poses, joint))
+
+
+class _Smoother(Protocol):
+    """Smoother with a lag."""
+
+    seconds: float
+
+    def update(self, k: int, groups: list[Indices]) -> bool:
+        """Add what enters at an update; the poses of each group need a joint covariance."""
+        ...
+
+    def finish(self, updates: int) -> bool:
+        """Improve the last estimate by updates without factors."""
+        ...
+
+    def values(self) -> GraphValues:
+        """Last estimate of each variable."""
+        ...
+
+    def covariance(self, poses: Indices) -> Array | None:
+        """Joint covariance of poses in their tangents."""
+        ...
 
 
 def _covariances(values: GraphValues, poses: Indices, joint: dict[int, Array]) -> EpochCovariances:

@@ -137,12 +137,18 @@ class FactorKind:
 
     def table(self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: ArrayLike) -> "Factors":
         """Factors of this kind, of variables (n, ends), columns (n, width) and covariances (n, rows, rows)."""
+        return self.owning_table(variables, measured, np.array(covariance, dtype=float))
+
+    def owning_table(
+        self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: Array
+    ) -> "Factors":
+        """Factors as by `table`, with these covariances themselves, which become read-only."""
         ends = np.array(variables, dtype=np.int32).reshape(-1, len(self.ends))
         blocks = [
             np.asarray(values, dtype=float).reshape(-1, width)
             for values, (_, width, _) in zip(measured, self.columns, strict=True)
         ]
-        matrices = np.array(covariance, dtype=float).reshape(-1, self.rows, self.rows)
+        matrices = covariance.reshape(-1, self.rows, self.rows)
         return Factors(self, ends, np.concatenate(blocks, axis=1), matrices)
 
 

@@ -19,6 +19,7 @@ from pymantaray.estimation.solution import GraphSolution, SolveProgress, make_so
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import SolveStatus
 
+_NOTHING = np.empty(0), np.empty((0, 0)), np.empty((0, 0))  # measurements of a time without any
 SIZE = 6  # errors of a pose: rotation in the body's axes [rad], position in the world's axes [m]
 
 
@@ -277,38 +278,50 @@ class _Updates:
     """Fixes, depths and attitudes by time."""
 
     def __init__(self, graph: FactorGraph, timeline: _Timeline) -> None:
-        self._graph = graph
         self._tables = [graph[name] for name in ("fix", "depth", "attitude")]
         self._rows = [_by_time(timeline.sample[t.subject], len(timeline.pose)) for t in self._tables]
-        self._turn = matrix_from_quaternion(self._tables[2].column("quaternion"))
+        self._vehicle = [graph.pose_vehicle[t.subject] for t in self._tables]
+        fix, depth, attitude = self._tables
+        self._fixed, self._depth = fix.column("position"), depth.column("depth")
+        self._turn = matrix_from_quaternion(attitude.column("quaternion"))
+        self._by_errors: dict[tuple[bytes, ...], Array] = {}
 
     def at(self, state: _State, k: int) -> tuple[Array, Array, Array]:
         """Residuals of a time, their derivatives by the errors, and their covariance."""
-        fix, depth, _ = self._tables
-        vehicle = self._graph.pose_vehicle
         some = [rows[k] for rows in self._rows]
-        of = [vehicle[t.subject[rows]] for t, rows in zip(self._tables, some, strict=True)]
-        parts = [
-            (state.position[of[0]] - fix.column("position")[some[0]]).ravel(),
-            state.position[of[1], 2] - depth.column("depth")[some[1]],
-            _rotation_error(self._turn[some[2]], state.rotation[of[2]]),
-        ]
-        column = [
-            (SIZE * of[0][:, None] + [3, 4, 5]).ravel(),
-            SIZE * of[1] + 5,
-            (SIZE * of[2][:, None] + [0, 1, 2]).ravel(),
-        ]
-        residual = np.concatenate(parts)
-        by_errors = np.zeros((residual.size, state.covariance.shape[0]))
-        by_errors[np.arange(residual.size), np.concatenate(column)] = 1.0
+        of = [vehicle[rows] for vehicle, rows in zip(self._vehicle, some, strict=True)]
+        residual = np.concatenate(
+            [
+                (state.position[of[0]] - self._fixed[some[0]]).ravel(),
+                state.position[of[1], 2] - self._depth[some[1]],
+                _rotation_error(self._turn[some[2]], state.rotation[of[2]]),
+            ]
+        )
         variance = np.zeros((residual.size, residual.size))
         start = 0
         for table, rows in zip(self._tables, some, strict=True):
+            if rows.size and table.kind.rows == 1:
+                own = np.arange(start, start + rows.size)
+                variance[own, own] = table.covariance[rows, 0, 0]
+                start += rows.size
+                continue
             for block in table.covariance[rows]:
                 end = start + len(block)
                 variance[start:end, start:end] = block
                 start = end
-        return residual, by_errors, variance
+        return residual, self._derivatives(of, state.covariance.shape[0]), variance
+
+    def _derivatives(self, of: list[Indices], size: int) -> Array:
+        """Derivatives by the errors, which select some of them; the same vehicles measure at most times."""
+        key = tuple(vehicles.tobytes() for vehicles in of)
+        if key not in self._by_errors:
+            column = [
+                (SIZE * of[0][:, None] + [3, 4, 5]).ravel(),
+                SIZE * of[1] + 5,
+                (SIZE * of[2][:, None] + [0, 1, 2]).ravel(),
+            ]
+            self._by_errors[key] = np.eye(size)[np.concatenate(column)]
+        return self._by_errors[key]
 
 
 class _Ranges:
@@ -336,8 +349,10 @@ class _Ranges:
     def at(self, state: _State, k: int) -> tuple[Array, Array, Array]:
         """Residuals of a time, their derivatives by the errors, and their covariance."""
         rows = self._rows[k]
+        if not rows.size:
+            return _NOTHING
         a, b = (state.position[self._ends[rows, end]] for end in (0, 1))
-        if self._model is None or not rows.size:
+        if self._model is None:
             distance, unit = chord(a, b)
             residual, by_a, by_b = distance - self._distance[rows], -unit, unit
         else:

@@ -27,10 +27,10 @@ class Structure:
     """
     Elimination order and nonzero blocks, from the pairs (n, 2) of variables that share a factor.
 
-    Variable i has row ``row[i]``; ``column`` lists the off-diagonal columns, from ``start`` of each row.
+    Variable i has row ``row[i]``, those in ``last`` after all others; ``column`` lists the off-diagonal columns, from ``start`` of each row.
     """
 
-    def __init__(self, size: int, pairs: Indices) -> None:
+    def __init__(self, size: int, pairs: Indices, last: Indices | None = None) -> None:
         a, b = pairs.T
         links = coo_array((np.full(a.size, -1.0), (a, b)), shape=(size, size)).tocsc()
         links = (links + links.T).tocsc()
@@ -46,6 +46,10 @@ class Structure:
             ).perm_c,
             dtype=np.intp,
         )
+        if last is not None:
+            late = np.zeros(size, dtype=np.bool_)
+            late[last] = True
+            self.row[np.lexsort((self.row, late))] = np.arange(size)
         low, high = np.sort(self.row[pairs], axis=1).T
         before = coo_array((np.ones(low.size), (high, low)), shape=(size, size)).tocsr()
         parent, count = np.full(size, -1), np.zeros(size, dtype=np.intp)
@@ -74,9 +78,9 @@ class Factor:
     def __init__(self, structure: Structure, diagonal: Array, above: Array) -> None:
         self._structure, self._diagonal, self._above = structure, diagonal, above
 
-    def solve(self, vector: Array) -> Array:
-        """Solution for a right-hand side, both in the order of rows, (n, 6)."""
-        x = vector.copy()
+    def solve(self, vector: Array, *, overwrite: bool = False) -> Array:
+        """Solution for a right-hand side, both in the order of rows, (n, 6); it can take the place of the right-hand side."""
+        x = vector if overwrite else vector.copy()
         cholesky.substitute(self._structure.start, self._structure.column, self._diagonal, self._above, x)
         return x
 
@@ -116,8 +120,15 @@ class NormalEquations:
         self.structure, self.order = structure, order
         n = structure.row.size
         self.diagonal, self.above = np.zeros((n, SIZE, SIZE)), np.zeros((structure.column.size, SIZE, SIZE))
-        self.gradient, self.cost = np.zeros((n, SIZE)), 0.0
+        self.gradient, self.cost, self._element = np.zeros((n, SIZE)), 0.0, np.empty((n, SIZE))
         self.scale: Array | None = None
+
+    def cleared(self, order: int) -> "NormalEquations":
+        """These equations, empty and of an order; a factor in their arrays is lost."""
+        for array in (self.diagonal, self.above, self.gradient):
+            array.fill(0.0)
+        self.order, self.cost, self.scale = order, 0.0, None
+        return self
 
     @property
     def matrix(self) -> Matrix:
@@ -127,10 +138,32 @@ class NormalEquations:
     def factorize(self) -> Factor | None:
         """Compute the Cholesky factor in place of the matrix; None if some direction is not determined."""
         s = self.structure
-        element = np.ascontiguousarray(np.diagonal(self.diagonal, axis1=1, axis2=2))
-        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, element) >= 0:
+        self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
+        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, self._element) >= 0:
             return None
         return Factor(s, self.diagonal, self.above)
+
+    def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
+        """
+        Dense matrix and gradient that remain for the last variables of the structure, in the order given; overwrites the matrix.
+
+        None if some direction of the others is not determined.
+        """
+        s, n = self.structure, len(last)
+        first, end = s.row.size - n, s.start[s.row.size - n]
+        self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
+        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, self._element[:first]) >= 0:
+            return None
+        left = np.zeros((n, n, SIZE, SIZE))
+        own, row = np.arange(n), np.repeat(np.arange(n), np.diff(s.start[first:]))
+        left[own, own] = self.diagonal[first:]
+        left[row, s.column[end:] - first] = self.above[end:]
+        left[s.column[end:] - first, row] = np.swapaxes(self.above[end:], 1, 2)
+        self.diagonal[first:], self.above[end:] = np.eye(SIZE), 0.0
+        rest = Factor(s, self.diagonal, self.above).solve(self.gradient)[first:]
+        at = s.row[last] - first
+        matrix = np.moveaxis(left[at[:, None], at], 2, 1).reshape(n * SIZE, n * SIZE)
+        return matrix, rest[at].ravel()
 
     def damped(self, factor: float) -> "NormalEquations":
         """Copy with a multiple of the diagonal added (of the diagonal without curvature, if stored)."""

@@ -75,7 +75,7 @@ def check_convergence(problem: Problem, state: GraphState) -> Optimum:
     if factor is None:
         return Optimum(state, replace(progress, singular=True))
     return _with_convergence(
-        state, progress, equations, LastStep(state, factor, factor.solve(-equations.gradient))
+        state, progress, equations, LastStep(state, factor, factor.solve(-equations.gradient, overwrite=True))
     )
 
 
@@ -100,17 +100,18 @@ def _gauss_newton(
             indefinite[equations.order] += 1
             if indefinite[equations.order] == _MAX_INDEFINITE:
                 most = min(most, equations.order - 1)
-            equations = problem.linearize(state, equations.order - 1)
+            equations = problem.linearize(state, equations.order - 1, equations)
             factor = equations.factorize()
         if factor is None:
             return Optimum(state, replace(progress, singular=True, last_step=np.nan)), best
-        last = LastStep(state, factor, factor.solve(-equations.gradient))
+        last = LastStep(state, factor, factor.solve(-equations.gradient, overwrite=True))
         largest = float(np.abs(last.step).max())
         trial = state.moved(problem.structure, last.step)
         ended = equations.order == 1 and largest <= options.step_tolerance
+        final = ended or iteration == options.max_iterations  # then its factor is kept
         if largest <= _CURVATURE_GAIN * options.step_tolerance:
             most = 1
-        ahead = None if ended else problem.linearize(trial, most)
+        ahead = None if final else problem.linearize(trial, most, equations)
         cost = problem.cost(trial) if ahead is None else ahead.cost
         above = 0 if cost <= lowest + _COST_ROUNDING * (1.0 + lowest) else above + 1
         if above > _MAX_RISES or not np.isfinite(cost):
@@ -122,7 +123,7 @@ def _gauss_newton(
             options.report(taken + iteration, cost)
         if (ended and above == 0) or iteration == options.max_iterations:
             break
-        equations = ahead or problem.linearize(trial)
+        equations = ahead or problem.linearize(trial, 1, equations)
     return _with_convergence(state, progress, equations, last), best
 
 
@@ -190,7 +191,7 @@ def _damped_step(
             if factor is None and len(matrices) > 1:
                 matrices.remove(equations)
             elif factor is not None:
-                step = factor.solve(-equations.gradient)
+                step = factor.solve(-equations.gradient, overwrite=True)
                 if damping <= _FIRST_DAMPING and float(np.abs(step).max()) <= tolerance:
                     return None
                 trial = state.moved(problem.structure, step, arc=problem.without_ranges)

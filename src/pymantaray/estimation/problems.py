@@ -62,7 +62,8 @@ class FactorsExceptRanges:
         self._tables, self.n_poses, self.n_variables = _except_ranges(graph), graph.n_poses, graph.n_variables
         self.planar = graph.planar
         self._groups = [graph.of_residual(r) for r in (Residual.POSE, Residual.SIGHTING, Residual.POSITION)]
-        self._relative = residuals.RelativePoses(*_stacked(_relative, self._groups[0]))
+        poses = self._groups[0]
+        self._relative = residuals.RelativePoses(*[*_stacked(_relative, poses), _pose_roots(poses)])
         self._sighted = residuals.Sightings(*_stacked(_sighted, self._groups[1]))
         self._positions = residuals.Positions(*_stacked(_position, self._groups[2]))
         self._inner = self._relative.first >= 0  # relative to another pose, not to the world
@@ -193,14 +194,25 @@ def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Facto
 
 
 def _relative(table: Factors) -> tuple[Any, ...]:
-    """First pose, -1 for the world, second pose, measured rotation and translation, root of the information."""
+    """First pose, -1 for the world, second pose, measured rotation and translation."""
     n, kind = len(table), table.kind
     first = table.variables[:, 0] if len(kind.ends) == 2 else np.full(n, -1)
     step = table.column("position") if "position" in kind.columns_at else np.zeros((n, 3))
-    root = np.zeros((n, SIZE, SIZE))
-    root[:, : kind.rows, : kind.rows] = _information_root(table.covariance)
     turn = matrix_from_quaternion(table.column("quaternion"))
-    return first.astype(np.intp), table.variables[:, -1].astype(np.intp), turn, step, root
+    return first.astype(np.intp), table.variables[:, -1].astype(np.intp), turn, step
+
+
+def _pose_roots(tables: list[Factors]) -> Array:
+    """Roots of the information of relative poses (n, 6, 6) or, if all are diagonal, their diagonals (n, 6)."""
+    n, diagonal = sum(map(len, tables)), all(_is_diagonal(table.covariance) for table in tables)
+    out, end = np.zeros((n, SIZE) if diagonal else (n, SIZE, SIZE)), 0
+    for table in tables:
+        start, end, rows = end, end + len(table), table.kind.rows
+        if diagonal:
+            out[start:end, :rows] = 1.0 / np.sqrt(table.variance)
+        else:
+            out[start:end, :rows, :rows] = _information_root(table.covariance)
+    return out
 
 
 def _sighted(table: Factors) -> tuple[Any, ...]:
@@ -225,9 +237,14 @@ def _position(table: Factors) -> tuple[Any, ...]:
 def _information_root(covariance: Array) -> Array:
     """Lower triangular W for which W^T W is the inverse of each covariance."""
     n = covariance.shape[1]
-    if np.count_nonzero(covariance) <= len(covariance) * n:
+    if _is_diagonal(covariance):
         return np.asarray(np.eye(n) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))[:, None])
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
+def _is_diagonal(covariance: Array) -> bool:
+    """True if there is nothing beside the diagonals, which have no zeros."""
+    return bool(np.count_nonzero(covariance) <= len(covariance) * covariance.shape[1])
 
 
 class Distances:
@@ -401,9 +418,11 @@ class Problem:
         """Cost at a state."""
         return self.factors.cost(state) + self.ranges.cost(state, self.loss)
 
-    def linearize(self, state: GraphState, order: int = 1) -> NormalEquations:
-        """Normal equations at a state, with ranges weighted by the loss."""
-        out = NormalEquations(self.structure, order)
+    def linearize(
+        self, state: GraphState, order: int = 1, into: NormalEquations | None = None
+    ) -> NormalEquations:
+        """Normal equations at a state, with ranges weighted by the loss; they can overwrite earlier ones."""
+        out = NormalEquations(self.structure, order) if into is None else into.cleared(order)
         i, n, m = np.arange(SIZE), self.factors.n_poses, self.factors.n_variables
         row = self.structure.row
         out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark has no rotation

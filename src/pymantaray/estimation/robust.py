@@ -74,7 +74,7 @@ def _descend_steps(
         factor = equations.factorize()
         if factor is None:
             return replace(progress, singular=True), state
-        step = factor.solve(-equations.gradient)
+        step = factor.solve(-equations.gradient, overwrite=True)
         lower, lower_cost = _along(problem, state, step, cost)
         if lower is None:
             break

@@ -104,7 +104,7 @@ class GraphSolver:
                 initial,
                 method.lag,
                 incremental=method.incremental,
-                options=self.options.incremental,
+                options=self.options,
                 covariance_poses=covariance_poses,
             )
         if method.incremental:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -278,20 +279,30 @@ class Window:
 
     def largest_rectangle(self) -> tuple[float, float]:
         """Half sides (north, east) of the rectangle of largest area around the frame's centre inside the data set. [m]"""
-        tallest = _reach(lambda north: self.holds(north, 0.0))
-        if tallest <= 0.0:
-            raise OceanError(
-                f"centre {latitude(self.frame.latitude_deg)}, {longitude(self.frame.longitude_deg)} is not inside the data:"
-                f" latitude {self.lat[0]:g} to {self.lat[-1]:g}, longitude {self.lon[0]:g} to {self.lon[-1]:g}"
-            )
+        edges = ((float(axis[0]), float(axis[-1])) for axis in (self.lat, self.lon))
+        return _largest_rectangle(*edges, (self.frame.latitude_deg, self.frame.longitude_deg))
 
-        def width(north: float) -> float:
-            return _reach(lambda east: self.holds(north, east))
 
-        best = optimize.minimize_scalar(
-            lambda north: -north * width(north), bounds=(0.0, tallest), options={"xatol": 1.0}
+@lru_cache(maxsize=32)  # many oceans have one grid, and a search takes a quarter of a second
+def _largest_rectangle(
+    lat: tuple[float, float], lon: tuple[float, float], centre: tuple[float, float]
+) -> tuple[float, float]:
+    """Half sides as by `Window.largest_rectangle`, of the edges of a data set and the frame's centre."""
+    window = Window(np.array(lat), np.array(lon), LocalFrame(*centre))
+    tallest = _reach(lambda north: window.holds(north, 0.0))
+    if tallest <= 0.0:
+        raise OceanError(
+            f"centre {centre[0]:g} N {centre[1]:g} E is not inside the data:"
+            f" latitude {lat[0]:g} to {lat[1]:g}, longitude {lon[0]:g} to {lon[1]:g}"
         )
-        return float(best.x), width(float(best.x))
+
+    def width(north: float) -> float:
+        return _reach(lambda east: window.holds(north, east))
+
+    best = optimize.minimize_scalar(
+        lambda north: -north * width(north), bounds=(0.0, tallest), options={"xatol": 1.0}
+    )
+    return float(best.x), width(float(best.x))
 
 
 def _reach(holds: Callable[[float], bool]) -> float:

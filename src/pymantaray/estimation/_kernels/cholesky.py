@@ -45,8 +45,12 @@ def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ig
 
 @entry
 def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyped-def]
-    """Turn a matrix, of these diagonal elements (n, 6), into its upper factor; a row without digits left, -1 for none."""
-    for k in range(diagonal.shape[0]):
+    """
+    Turn a matrix into its upper factor; a row without digits left, -1 for none.
+
+    ``element`` has the diagonal elements (m, 6) of the rows to eliminate; below them the Schur complement remains.
+    """
+    for k in range(element.shape[0]):
         for r in range(6):
             pivot = diagonal[k, r, r]
             if not pivot > max(NO_DIGITS * element[k, r], MIN_PIVOT):

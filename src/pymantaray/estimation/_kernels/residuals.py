@@ -23,7 +23,9 @@ BLOCKS, MATRICES, VECTORS = 4, 7, 6
 
 
 RelativePoses = namedtuple("RelativePoses", "first second turn step root")
-RelativePoses.__doc__ = "Poses (n,) in the frames of others: measured rotation and translation, and the root of their information."
+RelativePoses.__doc__ = """Poses (n,) in the frames of others: measured rotation and translation, and the root of their information.
+
+Roots are lower triangular (n, 6, 6) or, if all are diagonal, their diagonals (n, 6)."""
 Sightings = namedtuple("Sightings", "pose landmark measured root")
 Sightings.__doc__ = "Landmarks (n,) in the body frames of poses: places as measured, and the root of their information (n, 6, 6)."
 Positions = namedtuple("Positions", "variable measured information")
@@ -55,12 +57,9 @@ def add_relative(relative, blocks, poses, matrix, order, cost, work):  # type: i
         a, b = relative.first[i], relative.second[i]
         _residual(relative, poses, i, m, v)
         total = 0.0
+        _whiten(root, i, v)
         for r in range(6):
-            white = 0.0
-            for c in range(r + 1):
-                white += root[i, r, c] * v[RESIDUAL, c]
-            v[WHITE, r] = white
-            total += white * white
+            total += v[WHITE, r] * v[WHITE, r]
         cost[i] = 0.5 * total
         if order == 0:
             continue
@@ -70,16 +69,52 @@ def add_relative(relative, blocks, poses, matrix, order, cost, work):  # type: i
             _by_first(a, b, relative.turn, i, poses.rotation, m, v, j)
             if order == 2:
                 _add_curvature(relative, blocks, poses, matrix, i, m, v)
-            set_product(j, 2, root, i, j, 0)
+            _whiten_block(root, i, j, 2, 0)
             add_transposed_product(diagonal, row[a], j, 2, j, 2)
             _add_gradient(gradient, row[a], j, 2, v)
-        set_product(j, 3, root, i, j, 1)
+        _whiten_block(root, i, j, 3, 1)
         add_transposed_product(diagonal, k, j, 3, j, 3)
         _add_gradient(gradient, k, j, 3, v)
         if a >= 0 and blocks.turned[i]:
             add_transposed_product(above, blocks.block[i], j, 3, j, 2)
         elif a >= 0:
             add_transposed_product(above, blocks.block[i], j, 2, j, 3)
+
+
+@inlined
+def _whiten(root, i, v):  # type: ignore[no-untyped-def]
+    """Residual in standard deviations."""
+    if root.ndim == 2:
+        for r in range(6):
+            v[WHITE, r] = root[i, r] * v[RESIDUAL, r]
+    else:
+        for r in range(6):
+            white = 0.0
+            for c in range(r + 1):
+                white += root[i, r, c] * v[RESIDUAL, c]
+            v[WHITE, r] = white
+
+
+@inlined
+def _whiten_block(root, i, j, to, of):  # type: ignore[no-untyped-def]
+    """A block of derivatives in standard deviations."""
+    if root.ndim == 2:
+        for r in range(6):
+            for c in range(6):
+                j[to, r, c] = root[i, r] * j[of, r, c]
+    else:
+        set_product(j, to, root, i, j, of)
+
+
+@inlined
+def _pull(root, i, r, v):  # type: ignore[no-untyped-def]
+    """Derivative of the cost by an element of the translation's residual."""
+    if root.ndim == 2:
+        return root[i, 3 + r] * v[WHITE, 3 + r]
+    total = 0.0
+    for k in range(3 + r, 6):
+        total += root[i, k, 3 + r] * v[WHITE, k]
+    return total
 
 
 @inlined
@@ -230,9 +265,7 @@ def _add_curvature(relative, blocks, poses, matrix, i, m, v):  # type: ignore[no
     first, block, turn, root = relative.first[i], blocks.block[i], relative.turn, relative.root
     row, diagonal, above, rotation = matrix.row[first], matrix.diagonal, matrix.above, poses.rotation
     for r in range(3):  # on the residual, on the error, on the stride
-        v[RESIDUAL, r] = 0.0
-        for k in range(3 + r, 6):
-            v[RESIDUAL, r] += root[i, k, 3 + r] * v[WHITE, k]
+        v[RESIDUAL, r] = _pull(root, i, r, v)
     for r in range(3):
         v[RESIDUAL, 3 + r] = 0.0
         for k in range(3):
