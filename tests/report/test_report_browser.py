@@ -152,7 +152,7 @@ def table_opened(request, chromium, table_file):
     yield from open_page(chromium, table_file, *request.param)
 
 
-SIDEWAYS = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth).map(e => e.innerText.slice(0, 40))"
+SIDEWAYS = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth).map(e => [e.innerText.slice(0, 40), e.scrollWidth, e.clientWidth])"
 
 
 def open_page(chromium, file, width, scheme):
