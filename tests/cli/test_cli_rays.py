@@ -149,7 +149,7 @@ def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
 def test_the_cutoff_can_be_switched_off(rays):
     Path("one.csv").write_text(";".join([*ENDS, "link"]) + "\n0;0;100;3000;4000;400;x\n")
     words = (*ISO, "--max-surface-bounces", 1, "--max-bottom-bounces", 1, "--cutoff-db", "off")
-    assert rays("eigen", "one.csv", "out.csv", *words) == "1 links: 1 ok; 5 arrivals\nout.csv\n"
+    assert rays("eigen", "one.csv", "out.csv", *words) == "1 link: 1 ok; 5 arrivals\nout.csv\n"
     assert pd.read_csv("out.csv")["link"].tolist() == ["x"] * 5
 
 
