@@ -226,6 +226,22 @@ def test_names_of_rows_and_numbers_stay_in_one_line_and_headings_fold(width, cap
     ]
 
 
+def test_headings_break_between_words_and_columns_that_do_not_fit_follow_below(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    keys = ["landmarks.T.depth", "fleet.vehicles.A.depth", "noise.range_sigma"]
+    values = [f"value_{k}_m" for k in range(9)]
+    frame = pd.DataFrame({name: [1.0, 1234.56] for name in (*keys, *values)} | {"front": ["yes", "no"]})
+    with printer() as out:
+        out.table(ResultTable("designs", frame, "Designs"))
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    words = shown.split()
+    for part in ("landmarks.", "T.depth", "vehicles.", "A.depth", "noise.", "range_", "sigma", "front"):
+        assert part in words
+    assert shown.count("1,234.56") >= len(keys) + len(values)
+    assert words.count("Designs") == 1
+
+
 def test_latex_and_csv_are_the_tables_alone_with_all_that_a_quiet_command_hides(capsys, tmp_path):
     table = ResultTable("errors", pd.DataFrame({"condition": ["a_b"], "rmse_m": [1.25]}), "Errors")
 

@@ -149,7 +149,7 @@ def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
 def test_the_cutoff_can_be_switched_off(rays):
     Path("one.csv").write_text(";".join([*ENDS, "link"]) + "\n0;0;100;3000;4000;400;x\n")
     words = (*ISO, "--max-surface-bounces", 1, "--max-bottom-bounces", 1, "--cutoff-db", "off")
-    assert rays("eigen", "one.csv", "out.csv", *words) == "1 links: 1 ok; 5 arrivals\nout.csv\n"
+    assert rays("eigen", "one.csv", "out.csv", *words) == "1 link: 1 ok; 5 arrivals\nout.csv\n"
     assert pd.read_csv("out.csv")["link"].tolist() == ["x"] * 5
 
 
@@ -392,3 +392,11 @@ def test_plot_refuses_what_it_cannot_draw(mantaray, folder, words, message):
     assert done.code == 2
     assert message in done.err
     assert not Path("rays.png").exists()
+
+
+def test_one_link_is_written_in_the_singular(mantaray, tmp_path):
+    ends = ",".join(f"{end}_{axis}" for end in ("source", "receiver") for axis in ("north", "east", "depth"))
+    (tmp_path / "one.csv").write_text(f"{ends}\n0,0,20,900,0,60\n")
+    (tmp_path / "water.csv").write_text("depth,sound_speed\n0,1440\n500,1450\n")
+    words = (tmp_path / "one.csv", tmp_path / "out.csv", "--profile", tmp_path / "water.csv", "--bottom", 500)
+    assert mantaray("rays", "times", *words).out.splitlines()[0] == "1 link: 1 ok"

@@ -86,7 +86,7 @@ WRONG = {  # how, and the finding or how it begins
         lambda o: mask(o, POINT),
         "NaN islands (water_temp 77.76 N, 0.4 W, 12 m): 32 wet points are below a dry one",
     ),
-    "no title": (lambda o: o.drop_attrs(deep=False), "attributes missing: title, source, synthetic"),
+    "no title": (lambda o: o.drop_attrs(deep=False).assign_attrs(synthetic=1), "attributes missing: title, source"),
     "perhaps": (lambda o: o.assign_attrs(synthetic="perhaps"), "attribute (synthetic): 'perhaps'"),
 }  # fmt: skip
 
@@ -261,3 +261,13 @@ def test_the_projection_s_error_is_that_of_the_domain_s_corner(beaufort_sea):
     finding = check_ocean(shallow.assign_coords(lon=2.0 * shallow["lon"] + 140.0)).named("projection error")
     share = float(finding.value.split("up to ")[1].split(" m")[0])
     assert 1.0 < share < 4.0  # m in 1 km: (half-width 560 km / 2 R) squared is 1.9e-3
+
+
+def test_a_data_set_of_a_model_is_checked_as_it_is_opened(healthy):
+    raw = healthy.transpose("lon", "depth", "lat").isel(lat=SOUTHWARD)
+    raw.attrs = {"source": "a model"}
+    findings = check_ocean(raw)
+    assert findings.ok
+    assert findings.named("made up") is None
+    refusal = check_ocean(raw.drop_vars("salinity"))
+    assert kinds(refusal.wrong) == ["cannot be opened"]

@@ -213,6 +213,16 @@ def test_wrong_limits_are_refused(water: Water, limits, words: str) -> None:
         build_table(water, *limits)
 
 
+def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water) -> None:
+    told: list[tuple[str, int, int]] = []
+    limits = (0.0, 40.0), (0.0, 60.0), (50.0, 900.0)
+    build_table(water, *limits, tolerance=1.0, sectors=2, progress=lambda *words: told.append(words))
+    done = [part for _, part, _ in told]
+    assert done == sorted(done)
+    assert {(stage, total) for stage, _, total in told} == {("table", 200)}
+    assert {100, 200} <= set(done)
+
+
 def test_a_table_that_would_be_too_large_is_refused(water: Water) -> None:
     with pytest.raises(OnlineError, match="larger error"):
         build_table(water, (0.0, 100.0), (0.0, 400.0), (50.0, 4000.0), tolerance=1e-3, max_bytes=20_000)

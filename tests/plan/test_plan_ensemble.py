@@ -34,7 +34,7 @@ def test_a_position_on_a_line_has_equal_steps_or_varies_continuously():
     mark = steps.study(steps.lists_at(2)).landmarks[0]
     assert (mark.north, mark.east, mark.depth) == (1000.0, -500.0, 5.0)
     results = search_designs(
-        plan_of(free={"landmarks.T": ends}, objectives=["error"], evaluations=8), workers=1
+        plan_of(free={"landmarks.T": ends}, objectives=["error"], evaluations=10), workers=1
     )
     for design in results.designs:
         assert design["landmarks.T.east"] == pytest.approx(-0.5 * design["landmarks.T.north"])
@@ -192,7 +192,7 @@ def test_a_louder_source_loses_fewer_links():
 
 def test_the_best_value_at_a_limit_is_reported():
     free = {"noise.range_sigma": {"from": 0.5, "to": 20.0}}
-    plan = plan_of(free=free, objectives=["error"], condition="straight", evaluations=8)
+    plan = plan_of(free=free, objectives=["error"], condition="straight", evaluations=10)
     results = search_designs(plan, workers=1)
     assert results.designs[results.best] == {"noise.range_sigma": 0.5}
     assert (

@@ -68,6 +68,10 @@ def test_a_study_is_the_same_with_and_without_a_plan(tmp_path):
         ),
         ({"free": {"landmarks.T.depth": [1.0]}, "lost_of": "Z"}, "plan.lost_of: found 'Z'; allowed: .*T"),
         ({"free": {"landmarks.T.depth": [1.0]}, "objectives": ["speed"]}, "objectives"),
+        (
+            {"free": {"landmarks.T.depth": {"from": 1, "to": 5}}, "evaluations": 9},
+            "plan.evaluations: found 9; the search of 1 range needs at least 10",
+        ),
         ({"free": {"landmarks.T.depth": [1.0]}, "oceans": [{"sourcex": "x"}]}, "sourcex"),
     ],
 )

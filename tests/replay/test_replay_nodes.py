@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pymantaray.acoustics import Medium
 from pymantaray.errors import ReplayError
 from pymantaray.replay import Events, correct_events, replay_events, smooth_positions
 from pymantaray.replay.baselines import BY_DEPTHS, CONSTANT, baseline_table
@@ -20,6 +21,8 @@ from pymantaray.replay.clocks import (
 )
 from pymantaray.replay.consistency import node_table
 from pymantaray.replay.positions import _smooth
+from pymantaray.report import write_replay
+from pymantaray.water import Water
 
 PLACES = {
     "A": (0.0, 0.0), "B": (1500.0, 200.0), "C": (-1400.0, 2700.0),
@@ -367,3 +370,14 @@ def test_page_of_a_replay_has_the_baselines(campaign):
     assert rows.loc["rays", "median_size_m"] < rows.loc[CONSTANT, "median_size_m"]
     assert not result.nodes["suspect"].any()
     assert not result.events["gross"].any()
+
+
+def test_events_that_are_all_outside_the_water_have_no_clocks_and_no_warning(tmp_path):
+    below = np.array([[0.0, 0.0, 2000.0]] * 4)
+    names = np.array(["A", "B"] * 2)
+    events = Events(60.0 * np.arange(4), names, names[::-1], below, below + 1.0, np.ones(4), False)
+    water = Water(Medium.from_profile([0.0, 900.0], [1440.0, 1455.0], bottom_depth=1000.0))
+    replay = replay_events(events, [water])
+    assert list(replay.events["status"]) == ["outside"] * 4
+    assert not np.isfinite(replay.taken["taken_residual_s"]).any()
+    assert write_replay(replay, tmp_path / "page").exists()

@@ -152,6 +152,9 @@ def table_opened(request, chromium, table_file):
     yield from open_page(chromium, table_file, *request.param)
 
 
+SIDEWAYS = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth).map(e => [e.innerText.slice(0, 40), e.scrollWidth, e.clientWidth])"
+
+
 def open_page(chromium, file, width, scheme):
     context = chromium.new_context(
         viewport={"width": width, "height": 900}, color_scheme=scheme, reduced_motion="reduce"
@@ -295,6 +298,8 @@ def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(
     page.focus("#only select")
     page.keyboard.press("End")
     assert page.inner_text("#told") == "20 of 40 rows"
+    if page.viewport_size["width"] == 1440:
+        assert page.evaluate(SIDEWAYS) == []
 
 
 def test_a_plan_draws_without_errors_or_requests_and_any_score_by_keyboard(plan_opened, plan_file):

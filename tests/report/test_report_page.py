@@ -180,7 +180,8 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
     split = tables["range_error_split"].set_index(["category", "part"])["mean_m"]["all links"]
     assert split["reference speed"] + split["bending"] == pytest.approx(split["total"])
     refracted = tables["ate_pooled"].set_index("condition")["mean_m"]["refracted"]
-    assert f"{refracted:.2f} m" in reported.text
+    assert f"{refracted:.2f}\u00a0m" in reported.text, "a number and its unit stay in one line"
+    assert re.search("RMSE [\\d.]+\u00a0m(\u00a0±\u00a0[\\d.]+\u00a0m)?; RMSE", reported.text)
 
 
 def test_names_are_escaped_everywhere(made_run, tmp_path, monkeypatch):
@@ -210,7 +211,7 @@ def test_zero_ranges_all_dropouts_one_vehicle_and_failed_solves_still_report(
     full = comparison_table(run.truth, run.estimates)
     assert list(difference.columns) == list(full.columns)
     text = write_report(deaf.write(tmp_path / "deaf")).read_text(encoding="utf-8")
-    assert "100.0 % dropouts" in text
+    assert "100.0\u00a0% dropouts" in text
     assert "Condition straight: 3 of 3 solves have status FAILED." in text
 
 

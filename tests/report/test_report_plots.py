@@ -96,3 +96,12 @@ def test_arrivals_are_a_data_frame_with_units_in_names_and_a_short_representatio
     np.testing.assert_array_equal(frame["travel_time_s"], arrivals.travel_time)
     np.testing.assert_allclose(frame["launch_angle_deg"], np.degrees(arrivals.launch_angle))
     assert repr(arrivals) == "<Arrivals: arrival 3, n_links 3>"
+
+
+def test_a_run_and_its_plots_are_shown_in_one_line(run):
+    assert repr(run) == f"<Run {run.path}>"
+    plots = repr(run.plot)
+    assert plots.startswith("<RunPlots: ")
+    assert "range_error()" in plots
+    for word in plots.removeprefix("<RunPlots: ").rstrip(">").split(", "):
+        assert callable(getattr(run.plot, word.removesuffix("()")))

@@ -29,6 +29,7 @@ from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
+from pymantaray.records.digits import counted
 from pymantaray.water import Source
 from pymantaray.water.ocean import is_profile
 from pymantaray.water.uniform import one_profile
@@ -126,6 +127,12 @@ class Atlas:
             raise AtlasError(
                 f"no column remains: every is {every} for {rows.size} x {columns.size} grid points; reduce it"
             )
+
+    def __repr__(self) -> str:
+        """Source and size of the atlas."""
+        times, rows, columns = self.shape
+        where = ", ".join(self.water.ocean.source)
+        return f"<Atlas of {where}: {rows} x {columns} columns, {counted(times, 'instant')}, {self.links.count} links each>"
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
+from pymantaray.cli.text_tables import print_table
 from pymantaray.installation import peak_memory_mib
 from pymantaray.messages import without_secrets
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger("pymantaray.cli")
 _PREFIX = {"WARNING": "warning: ", "ERROR": "error: "}
-_NAME = 30  # characters of a row's name that a table shows in one line
 Form = Literal["text", "latex", "csv", "json"]
 
 
@@ -52,7 +52,7 @@ class Printer:
         elif self._to == "csv":
             typer.echo(table.to_csv())
         elif not self._quiet:
-            _print_table(table.short())
+            print_table(table.short())
         self.add(**{table.name: table.frame})
 
     def warn(self, lines: list[str]) -> None:
@@ -110,26 +110,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if isfinite(value) else None
     return None if str(value) in ("NaT", "<NA>") else str(value)
-
-
-def _print_table(table: "ResultTable") -> None:
-    from rich import box
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    from pymantaray.records.digits import plain_signs
-
-    rows = [[escape(plain_signs(text)) for text in row] for row in table.rows]
-    shown = Table(title=escape(table.caption) or None, title_justify="left", box=box.SIMPLE, pad_edge=False)
-    for k, head in enumerate(table.heads):
-        justify: Literal["left", "right"] = "right" if head.numbers else "left"
-        named = k == 0 and max((len(row[0]) for row in rows), default=0) <= _NAME  # headings fold first
-        widest = max((len(row[k]) for row in rows), default=0) if head.numbers else None  # numbers never fold
-        shown.add_column(escape(head.text), no_wrap=named, overflow="fold", justify=justify, min_width=widest)
-    for cells in rows:
-        shown.add_row(*cells)
-    Console().print(shown)
 
 
 @contextmanager

@@ -236,6 +236,7 @@ class Job:
     def finish(self, result: "pd.DataFrame | xr.Dataset", status: "Status | None", **also: int) -> None:
         """Write the result, and print the outcomes of the links and the name of the output."""
         from pymantaray.cli.rays_tables import status_words, write_result
+        from pymantaray.records.digits import counted
 
         outcomes = Counter([] if status is None else status_words(status))
         write_result(
@@ -243,11 +244,11 @@ class Job:
         )
         with self.task.printing.printer() as printed:
             counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
-            more = ", ".join(f"{count} {noun}" for noun, count in also.items())
-            ends = "sources" if status is None else "links"
+            more = ", ".join(counted(count, noun.removesuffix("s")) for noun, count in also.items())
+            ends = "source" if status is None else "link"
             printed.line(
-                f"{len(self.source)} {ends}: {'; '.join(filter(None, (counts, more)))}",
-                **{ends: len(self.source), "outcomes": outcomes, "notes": list(self.notes), **also},
+                f"{counted(len(self.source), ends)}: {'; '.join(filter(None, (counts, more)))}",
+                **{f"{ends}s": len(self.source), "outcomes": outcomes, "notes": list(self.notes), **also},
             )
             for note in self.notes:
                 printed.line(note)

@@ -8,7 +8,7 @@ import typer
 
 from pymantaray.cli.groups import quantities, quantity, with_options
 from pymantaray.cli.options import ArrivalOptions, Force, PrintOptions, WaterOptions
-from pymantaray.cli.output import check_output
+from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import LOG
 
 
@@ -125,16 +125,18 @@ def table(
 
     keys = water.keys | arrivals.keys | choice.keys
     keys |= _sea_floor(ocean, keys, limits.deepest)
-    built = build_table(
-        open_water(ocean, **keys),
-        limits.source_depth,
-        limits.receiver_depth,
-        limits.horizontal_range,
-        tolerance=limits.error,
-        node=choice.node,
-        sectors=choice.sectors,
-        ensemble=[open_water(path, **keys) for path in choice.ensemble or []],
-    )
+    with progress_bars(quiet=printing.quiet) as progress:
+        built = build_table(
+            open_water(ocean, **keys),
+            limits.source_depth,
+            limits.receiver_depth,
+            limits.horizontal_range,
+            tolerance=limits.error,
+            node=choice.node,
+            sectors=choice.sectors,
+            ensemble=[open_water(path, **keys) for path in choice.ensemble or []],
+            progress=progress,
+        )
     save_table(built, files.out, replace=files.force)
     written = {"table": files.out}
     if files.c_reader is not None:

@@ -152,7 +152,7 @@ def check_ocean(
     Parameters
     ----------
     source : str, Path, sequence of them, or xarray.Dataset
-        A source of `pymantaray.ocean.open_ocean`, or a data set.
+        A source of `pymantaray.ocean.open_ocean`. A data set with the attribute ``synthetic`` is checked as it is.
     time : str or numpy.datetime64, optional
         Instant, if the source has several.
     centre, half_extent : tuple of float, optional
@@ -181,7 +181,7 @@ def check_ocean(
     >>> findings.ok, [f.what for f in findings.doubtful]
     (True, ['made up'])
     """
-    if isinstance(source, xr.Dataset):
+    if isinstance(source, xr.Dataset) and "synthetic" in source.attrs:  # of this package
         ocean = source
     else:
         try:

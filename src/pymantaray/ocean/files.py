@@ -169,7 +169,7 @@ def _engine(path: Path) -> str:
         return _zarr_engine(path)
     if not path.is_file():
         what = "not a regular file" if path.exists() else "no such file"
-        raise OceanError(f"{path}: {what}; name an existing NetCDF file")
+        raise OceanError(f"{path}: {what}; name an existing file")
     if is_netcdf(path):
         return "netcdf4"
     raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page")

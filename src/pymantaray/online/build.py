@@ -1,7 +1,7 @@
 """Build a travel-time table: cells are halved until the interpolation error is below a bound."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -123,6 +123,7 @@ def build_tree(
     *,
     max_bytes: float = math.inf,
     other_bytes: float = 0.0,
+    progress: Callable[[float], None] | None = None,
 ) -> Tree:
     """
     Halve cells until the interpolated range errs by less than a tolerance at all tested points.
@@ -139,6 +140,8 @@ def build_tree(
         Largest allowed size of the table. [B]
     other_bytes : float
         Size of the sectors that the table already has. [B]
+    progress : callable, optional
+        Called after each level of cells with the share of the volume whose cells are final.
 
     Returns
     -------
@@ -149,6 +152,7 @@ def build_tree(
     top = np.array(box.halvings) + _FINEST
     cells = _Cells(np.zeros((1, 3), dtype=np.int64), top[None, :], np.zeros(1, dtype=np.int64))
     accepted: list[_Accepted] = []
+    final = 0.0
     while cells.branch.size:
         rows = store.rows(cells.low[:, None] + (_HALVES << (cells.log_size[:, None] - 1)))
         corners = store.keys[rows[:, _CORNER_ROWS]]
@@ -160,6 +164,9 @@ def build_tree(
         children = branch.size + 2 * np.arange(np.count_nonzero(~done))
         branch[cells.branch[~done]] = (children << 2) | axis[~done]
         branch = np.concatenate([branch, np.zeros(2 * children.size, dtype=np.int64)])
+        final += float(np.sum(2.0 ** (cells.log_size[done] - top).sum(axis=1)))
+        if progress is not None:
+            progress(final)
         cells = _halves(cells, ~done, axis, children)
         size = _BRANCH_BYTES * branch.size + _CELL_BYTES * sum(part[0].size for part in accepted)
         _check_size(other_bytes + size, max_bytes, tolerance)

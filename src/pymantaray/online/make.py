@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import OnlineError
+from pymantaray.jobs.progress import Progress
 from pymantaray.online.build import Box, build_tree
 from pymantaray.online.cells import Tree, joined
 from pymantaray.online.samples import Radial
@@ -31,6 +33,7 @@ def build_table(
     sectors: int = 1,
     ensemble: Sequence[Water | Source] = (),
     max_bytes: int = MAX_BYTES,
+    progress: Progress | None = None,
 ) -> TravelTimeTable:
     """
     Build a travel-time table.
@@ -53,6 +56,8 @@ def build_table(
         Other possible oceans. The standard deviation over these and ``water`` becomes that of the range.
     max_bytes : int
         Largest allowed size of the table in memory. [B]
+    progress : callable, optional
+        Called with ``"table"``, the percent of the volume of all sectors whose cells are final, and 100 for each sector.
 
     Returns
     -------
@@ -79,10 +84,18 @@ def build_table(
         bearing = 2.0 * math.pi * sector / sectors
         radials = [_radial(member, node, bearing) for member in members]
         size = sum(tree.nbytes for tree in trees)
-        trees.append(build_tree(box, radials, tolerance, max_bytes=max_bytes, other_bytes=size))
+        share = None if progress is None else partial(_report, progress, sector, sectors)
+        trees.append(
+            build_tree(box, radials, tolerance, max_bytes=max_bytes, other_bytes=size, progress=share)
+        )
     return TravelTimeTable(
         box.lower, box.upper, float(tolerance), joined(trees), _record(members[0], node, trees)
     )
+
+
+def _report(progress: Progress, sector: int, sectors: int, share: float) -> None:
+    """Report the final share of a sector's volume in percent."""
+    progress("table", 100 * sector + math.floor(100.0 * share + 1e-6), 100 * sectors)
 
 
 def _radial(water: Water, node: tuple[float, float], bearing: float) -> Radial:

@@ -17,6 +17,7 @@ from pymantaray.config.estimators import PerturbedBelief
 from pymantaray.config.load import PLAN, plan_tree
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.jobs.keys import digest
+from pymantaray.records.digits import counted
 from pymantaray.study import StudyConfig, load_study
 from pymantaray.sweep import Sweep
 
@@ -117,7 +118,10 @@ class PlanSection(Section):
     costs: CostSection = CostSection()
     """Costs of a design."""
     evaluations: PositiveInt = 40
-    """Largest number of designs that the search of continuous ranges evaluates, for each objective and each combination of listed values."""
+    """
+    Largest number of designs that the search of continuous ranges evaluates, for each objective and each combination of listed
+    values: at least 10, and at least two for each range.
+    """
 
 
 class PlanFile(Section):
@@ -174,6 +178,12 @@ class DeploymentPlan:
             raise PlanError(
                 f"{self.source}: plan.free: {self.size:,} combinations; at most {_MAX_DESIGNS:,} are allowed, give"
                 " shorter lists or ranges without count"
+            )
+        least = 2 * max(5, len(self.ranges))  # a first population and one generation
+        if self.ranges and section.evaluations < least:
+            raise PlanError(
+                f"{self.source}: plan.evaluations: found {section.evaluations}; the search of {counted(len(self.ranges), 'range')}"
+                f" needs at least {least}"
             )
         ends = [{**self.lists_at(k), **self.ends(high=k != 0)} for k in (0, self.size - 1)]
         for design, ocean in product(ends, range(len(section.oceans))):

@@ -78,7 +78,8 @@ def fit_clocks_and_nodes(
         )
         nodes = node_table(events, taken)
         before, late = late, position_errors(events, nodes)
-        if np.nanmax(np.abs(late - before) * _speed(events), initial=0.0) < _SETTLED:
+        moved = np.asarray(np.abs(late - before) * _speed(events))  # NaN for an event without a prediction
+        if moved[np.isfinite(moved)].max(initial=0.0) < _SETTLED:
             break
     return clocks, taken, nodes
 

@@ -1,6 +1,7 @@
 """Content of a page, in one record for all kinds of results, its layout by one template, and its files."""
 
 import gzip
+import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from pymantaray.report.folder import PAGE
 from pymantaray.study.store import FIGURES, TABLES
 
 _MAX_ROWS = 500  # of a table on a page
+_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|km|s|ms|h|dB|%)(?![\w]))|(?<=m) (?=± )|(?<=±) ")
 
 
 class Card(NamedTuple):
@@ -78,6 +80,7 @@ class Page:
         environment.filters["packed"] = lambda text: b64encode(
             gzip.compress(text.encode(), 6, mtime=0)
         ).decode()
+        environment.filters["unbroken"] = _unbroken
         environment.filters["first"] = lambda table: table.first(_MAX_ROWS)
         environment.globals["plotly"] = get_plotlyjs
         return environment.get_template("page.html").render(page=self) + "\n"
@@ -98,6 +101,11 @@ class Page:
         with whole_file(out) as temporary:
             temporary.write_text(self.html(), encoding="utf-8")
         return out
+
+
+def _unbroken(text: str) -> str:
+    """Text whose numbers stay in one line with their units and standard errors."""
+    return _NUMBER_AND_UNIT.sub("\u00a0", text)
 
 
 def origin_table(record: Any, caption: str, file: str) -> ResultTable:

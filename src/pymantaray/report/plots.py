@@ -38,6 +38,11 @@ class RunPlots:
     def __init__(self, run: "Run") -> None:
         self._results = RunResults(run)
 
+    def __repr__(self) -> str:
+        """Names of the plots."""
+        names = [name for name, value in vars(type(self)).items() if callable(value) and name[0] != "_"]
+        return f"<RunPlots: {', '.join(f'{name}()' for name in names)}>"
+
     def range_error(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
         """
         Plot the histogram of the range error, refracted minus straight.

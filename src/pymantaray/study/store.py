@@ -71,6 +71,10 @@ class Run:
 
     path: Path
 
+    def __repr__(self) -> str:
+        """Folder of the run, or its study if it is in memory."""
+        return f"<Run {self.config.study.name} in memory>" if self.path == Path() else f"<Run {self.path}>"
+
     @cached_property
     def tables(self) -> RunTables:
         """Tables of the run by name, as in the report and commands; each is computed at its first use."""
