@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 PAGE = "index.html"
 PARTS = ("tables", "figures", PAGE)
 FIGURE_KINDS = ("png", "pdf", "svg")
+_IMPORTS = ["pymantaray.study.realization"]  # processes that solve realizations start next
 FORMATS = (*FIGURE_KINDS, "tex")
 """Formats for a paper, of figures and of tables."""
 
@@ -33,7 +34,7 @@ class ReportProcess(ExitStack):
         self._formats = formats
 
     def __enter__(self) -> Self:
-        self._process = self.enter_context(Workers(partial(_start, self._formats), 1))
+        self._process = self.enter_context(Workers(partial(_start, self._formats), 1, imports=_IMPORTS))
         self._process.submit(methodcaller("import_all"))
         return self
 
