@@ -154,7 +154,8 @@ def _modules(start: object) -> Iterator[str]:
 
 
 def _environment() -> dict[str, str]:
-    return os.environ | dict.fromkeys(_ONE_THREAD, "1")
+    """Environment of a process; threadpoolctl sets the first variable when it is imported, in this process or in that."""
+    return {"KMP_DUPLICATE_LIB_OK": "True"} | os.environ | dict.fromkeys(_ONE_THREAD, "1")
 
 
 def _start_process() -> "subprocess.Popen[bytes]":

@@ -13,6 +13,7 @@ from pymantaray.jobs.progress import Progress
 
 if TYPE_CHECKING:
     from pymantaray.report.write import ReportMaker
+    from pymantaray.study.store import Run
 
 PAGE = "index.html"
 PARTS = ("tables", "figures", PAGE)
@@ -43,16 +44,17 @@ class ReportProcess(ExitStack):
         self._drawn = self._process.submit(methodcaller("draw_mission", stage))
         return self._drawn
 
-    def write(self, folder: Path, progress: Progress | None = None) -> None:
-        """Write the report of the finished run in the folder, as `write_report` does."""
+    def write(self, run: "Run", progress: Progress | None = None) -> None:
+        """Write the report of the finished run, as `write_report` does; the run gets the tables of its summary."""
         from pymantaray.jobs.folder import staged_parts
 
         if progress is not None:
             progress("report", 0, 1)
         self._drawn.result()
-        files = self._process.submit(methodcaller("make", folder)).result()
-        with staged_parts(folder, PARTS) as stage:
+        files = self._process.submit(methodcaller("make", run.path)).result()
+        with staged_parts(run.path, PARTS) as stage:
             write_files(stage, files)
+        run.tables.use(self._process.submit(methodcaller("summary")).result())
         if progress is not None:
             progress("report", 1, 1)
 
