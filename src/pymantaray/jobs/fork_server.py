@@ -112,7 +112,7 @@ class ForkServer:
         with other:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _PROGRAM, json.dumps(sys.path), json.dumps(program)],
-                stdin=other,
+                stdin=other.fileno(),
                 stdout=subprocess.DEVNULL,
                 env=environment | _NO_THREADS,
                 process_group=0,  # only the parent receives Ctrl-C

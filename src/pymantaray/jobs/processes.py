@@ -133,8 +133,8 @@ class Workers:
             self._idle.put(process)
 
     def _begin(self) -> Process:
-        process = None if self._server is None else self._server.start(self._imports)
-        process = process or _start_process()
+        forked = None if self._server is None else self._server.start(self._imports)
+        process: Process = forked or _start_process()
         self._processes.append(process)
         _send(process, sys.path)
         _send(process, pickle.dumps(self._start))
