@@ -149,10 +149,13 @@ def serving(*words: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
 
 
 def cpu_of(process: subprocess.Popen[str]) -> float:
-    """CPU time of a process and its children; NaN where there is no /proc. [s]"""
+    """CPU time of a process and its descendants; NaN where there is no /proc. [s]"""
+    pids, stats = [str(process.pid)], []
     try:
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-        stats = [Path(f"/proc/{pid}/stat").read_text() for pid in (process.pid, *children)]
+        while pids:
+            pid = pids.pop()
+            pids += Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+            stats.append(Path(f"/proc/{pid}/stat").read_text())
     except OSError:
         return np.nan
     ticks = sum(sum(map(int, stat.rpartition(")")[2].split()[11:15])) for stat in stats)

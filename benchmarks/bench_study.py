@@ -37,7 +37,7 @@ main(["study", "run", *sys.argv[1:]])
 
 
 def cpu_times(root: int) -> dict[int, float]:
-    """CPU seconds so far of a process and of those it started."""
+    """CPU seconds so far of a process and of its descendants."""
     parents, used = dict[int, int](), dict[int, float]()
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -45,7 +45,13 @@ def cpu_times(root: int) -> dict[int, float]:
                 fields = (entry / "stat").read_text().rpartition(")")[2].split()
                 parents[int(entry.name)] = int(fields[1])
                 used[int(entry.name)] = (int(fields[11]) + int(fields[12])) / TICK
-    return {pid: used[pid] for pid in used if pid == root or parents[pid] == root}
+    own, found = [root], dict[int, float]()
+    while own:
+        pid = own.pop()
+        if pid in used:
+            found[pid] = used[pid]
+        own += [child for child, parent in parents.items() if parent == pid]
+    return found
 
 
 def watch(arguments: list[str], environment: dict[str, str]) -> tuple[list, list, float]:

@@ -48,7 +48,8 @@ def folder():
 def small(realizations=1):
     """Quick, for four hours in a small window."""
     tree = load_study("quick").model_dump(exclude_none=True)
-    tree["study"] |= {"realizations": realizations, "conditions": ["odometry", "straight"]}
+    tree["study"] |= {"realizations": realizations}
+    tree["conditions"] = ["odometry", "straight"]
     tree["mission"] |= {"duration_h": 4.0, "ping_interval_h": 1.0}
     tree["ocean"] |= {"half_extent_north": 15_000.0, "half_extent_east": 15_000.0}
     return parse_study(tree)

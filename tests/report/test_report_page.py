@@ -247,7 +247,9 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
         for name, content in later.items():
             (stage / name).write_bytes(content)
         stage.rename(folder)
-        report.write(folder)
+        run = open_run(folder)
+        report.write(run)
+        assert set(run.tables._made) == {"dropouts", "range_error", "ate_pooled", "ping_error"}
     for path in sorted((*reported.folder.glob("figures/*.png"), *reported.folder.glob("tables/*.csv"))):
         assert (folder / path.relative_to(reported.folder)).read_bytes() == path.read_bytes(), path.name
     assert not list(folder.glob("figures/*.pdf"))

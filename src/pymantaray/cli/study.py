@@ -217,7 +217,7 @@ def run_and_report(
             complete = perf_counter()
             if report is not None:
                 try:
-                    report.write(results.path, progress)
+                    report.write(results, progress)
                 except BaseException:
                     typer.echo(
                         f"the data are complete; write their report with: mantaray study report {results.path}",

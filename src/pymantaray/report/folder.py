@@ -13,10 +13,12 @@ from pymantaray.jobs.progress import Progress
 
 if TYPE_CHECKING:
     from pymantaray.report.write import ReportMaker
+    from pymantaray.study.store import Run
 
 PAGE = "index.html"
 PARTS = ("tables", "figures", PAGE)
 FIGURE_KINDS = ("png", "pdf", "svg")
+_IMPORTS = ["pymantaray.study.realization"]  # processes that solve realizations start next
 FORMATS = (*FIGURE_KINDS, "tex")
 """Formats for a paper, of figures and of tables."""
 
@@ -33,7 +35,7 @@ class ReportProcess(ExitStack):
         self._formats = formats
 
     def __enter__(self) -> Self:
-        self._process = self.enter_context(Workers(partial(_start, self._formats), 1))
+        self._process = self.enter_context(Workers(partial(_start, self._formats), 1, imports=_IMPORTS))
         self._process.submit(methodcaller("import_all"))
         return self
 
@@ -42,16 +44,17 @@ class ReportProcess(ExitStack):
         self._drawn = self._process.submit(methodcaller("draw_mission", stage))
         return self._drawn
 
-    def write(self, folder: Path, progress: Progress | None = None) -> None:
-        """Write the report of the finished run in the folder, as `write_report` does."""
+    def write(self, run: "Run", progress: Progress | None = None) -> None:
+        """Write the report of the finished run, as `write_report` does; the run gets the tables of its summary."""
         from pymantaray.jobs.folder import staged_parts
 
         if progress is not None:
             progress("report", 0, 1)
         self._drawn.result()
-        files = self._process.submit(methodcaller("make", folder)).result()
-        with staged_parts(folder, PARTS) as stage:
+        files = self._process.submit(methodcaller("make", run.path)).result()
+        with staged_parts(run.path, PARTS) as stage:
             write_files(stage, files)
+        run.tables.use(self._process.submit(methodcaller("summary")).result())
         if progress is not None:
             progress("report", 1, 1)
 

@@ -3,10 +3,12 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
+from pymantaray.records.result_table import ResultTable
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import FigureSpec, RunResults, find_figures, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
@@ -14,9 +16,11 @@ from pymantaray.report.page import Picture
 from pymantaray.report.run_page import run_page
 from pymantaray.report.style import legend_entries, rendered
 from pymantaray.study.store import Run, open_run
+from pymantaray.study.tables import SUMMARY
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 _PRINTED = 300.0  # dots per inch of a paper
+_OF_FINISHED_RUN = ("path", "tables", "manifest", "estimates", "covariances", "unknowns")
 
 
 def write_report(
@@ -65,26 +69,38 @@ class ReportMaker:
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats, self._drawn = checked_formats(formats), dict[str, Picture]()
         self._rays: str | None = None
+        self._mission, self._summary = dict[str, Any](), dict[str, ResultTable]()
 
     def import_all(self) -> None:
         """Import all modules with figures and their dependencies."""
         find_figures()
 
     def draw_mission(self, folder: Path) -> None:
-        """Draw the figures that do not depend on the realizations."""
-        results = RunResults(Run(folder))
+        """Draw the figures, and compute the numbers of tables, that do not depend on the realizations."""
+        run = Run(folder)
+        results = RunResults(run)
         specs = run_figure_specs(results, of_mission=True)
         self._drawn = {picture.name: picture for picture in draw(specs, formats=self._formats)}
         self._rays = mission_rays(results)
+        run.expect_errors()
+        self._mission = {name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN}
 
     def make(self, folder: Path, progress: Progress | None = None) -> dict[str, bytes]:
         """Files of the report of a finished run, by name."""
-        results = RunResults(open_run(folder))
+        run = open_run(folder)
+        vars(run).update(self._mission)  # otherwise it reads and computes them again
+        results = RunResults(run)
         pictures = draw(
             run_figure_specs(results), formats=self._formats, drawn=self._drawn, progress=progress
         )
         rays = self._rays or mission_rays(results)
-        return run_page(results, pictures, rays).files(self._formats)
+        files = run_page(results, pictures, rays).files(self._formats)
+        self._summary = {name: run.tables[name] for name in SUMMARY if name in run.tables}
+        return files
+
+    def summary(self) -> dict[str, ResultTable]:
+        """Tables of the latest report that a command prints."""
+        return self._summary
 
 
 def draw(

@@ -218,9 +218,9 @@ class RangingService:
             return function(self, argument)
         result: ResultT
         try:
-            result = self._workers.submit((function, argument)).result()
+            result = self._workers.call((function, argument))
         except WorkerEndedError:
-            result = self._workers.submit((function, argument)).result()
+            result = self._workers.call((function, argument))
         return result
 
     def _local(

@@ -211,12 +211,23 @@ class Run:
         """Effective degrees of freedom of the squared errors of each condition, see `DegreesOfFreedom`."""
         return self._by_measurements(DegreesOfFreedom)
 
+    def expect_errors(self) -> None:
+        """Compute `bounds` and `degrees_of_freedom` for all tables; they do not depend on estimates."""
+        if not self.config.solves:
+            return
+        _ = self.bounds
+        for expected in self.degrees_of_freedom.values():
+            _ = expected.fleet, expected.vehicle, expected.at_pings
+            if self.measurements.attitude_vehicle.size:
+                _ = expected.tilt, expected.heading
+
     def _by_measurements(self, function: Callable[[Trajectories, Measurements, str], _T]) -> dict[str, _T]:
         """Results of a function by condition; conditions with the same kind of measurements share one."""
         equivalents = {c.name: c.standard_equivalent for c in self.config.conditions}
+        is_solved = (self.path / ESTIMATES).is_file()
         made: dict[str, _T] = {}
         out = {}
-        for name in self.estimates.condition.tolist():
+        for name in self.estimates.condition.tolist() if is_solved else equivalents:
             like = equivalents.get(name, name if name in CONDITIONS else "straight")
             like = "straight" if like == "refracted" else like
             if like not in made:

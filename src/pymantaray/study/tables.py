@@ -89,6 +89,10 @@ class RunTables(Mapping[str, ResultTable]):
             )
         return self._made[name]
 
+    def use(self, tables: Mapping[str, ResultTable]) -> None:
+        """Use tables of the same run that another process has computed."""
+        self._made.update(tables)
+
     def __contains__(self, name: object) -> bool:
         return name in TABLES and TABLES[str(name)].needs(self._run)
 
