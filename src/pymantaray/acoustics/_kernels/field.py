@@ -457,7 +457,7 @@ def field_at(s, r, z):
     """Sound speed at a point of the section."""
     k = find_level(s, z)
     if s.kind == at.SMOOTH:
-        return smooth_full(s, k, r, z)[0]
+        return smooth_planar(s, k, r, z)[0]
     b = 0
     while b < s.n_range - 1 and r >= s.breaks[b + 1]:
         b += 1
