@@ -17,7 +17,7 @@ from pymantaray.acoustics._kernels.layout import FieldSection
 from pymantaray.compile import entry, inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import bilinear_weights
 
-LUT_SIZE = 512
+LUT_SIZE = 2048
 _MIN_STEP = 50.0  # m; between columns
 ABOVE_SCALE = 20.0  # m; length over which the extension above the surface becomes constant
 BELOW_SCALE = 200.0  # m; the same below the deepest level
