@@ -223,12 +223,13 @@ def blend(_context, data, place, _stride, weights):
                 octet = _some(_OCTET, context, builder, signature.args[0], args[0], place)
                 order = 4 * (lane,) + 4 * (WIDTH + lane,)
                 weight = _shuffled(builder, *weights[2 * k : 2 * k + 2], order)
-                octets.append(builder.fmul(octet, weight, flags=("contract",)))
+                # only the second product may be combined with the sum: otherwise the compiler chooses, in each lane anew
+                octets.append(builder.fmul(octet, weight, flags=("contract",) if k == 1 else ()))
             sums.append(builder.fadd(*octets, flags=("contract",)))
         pairs = []
         for a, b in zip(sums[::2], sums[1::2], strict=True):  # the sums of both halves, of two lanes
             halves = (_shuffled(builder, a, b, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4))
-            pairs.append(builder.fadd(*halves, flags=("contract",)))
+            pairs.append(builder.fadd(*halves))
         return _transposed(context, builder, pairs)
 
     return types.UniTuple(LANES, 4)(data, place, types.int64, weights), generate
