@@ -219,8 +219,8 @@ def blend(_context, data, place, _stride, weights):
         sums = []
         for lane, begin in enumerate(_indices(builder, args[1])):
             octets = []
-            for k, place in enumerate((begin, builder.add(begin, args[2]))):
-                octet = _some(_OCTET, context, builder, signature.args[0], args[0], place)
+            for k, octet_at in enumerate((begin, builder.add(begin, args[2]))):
+                octet = _some(_OCTET, context, builder, signature.args[0], args[0], octet_at)
                 order = 4 * (lane,) + 4 * (WIDTH + lane,)
                 weight = _shuffled(builder, *weights[2 * k : 2 * k + 2], order)
                 # only the second product may be combined with the sum: otherwise the compiler chooses, in each lane anew
