@@ -222,7 +222,7 @@ def blend(_context, data, place, _stride, weights):
             for k, octet_at in enumerate((begin, builder.add(begin, args[2]))):
                 octet = _some(_OCTET, context, builder, signature.args[0], args[0], octet_at)
                 order = 4 * (lane,) + 4 * (WIDTH + lane,)
-                weight = _shuffled(builder, *weights[2 * k : 2 * k + 2], order)
+                weight = _shuffled(builder, weights[2 * k], weights[2 * k + 1], order)
                 # only the second product may be combined with the sum: otherwise the compiler chooses, in each lane anew
                 octets.append(builder.fmul(octet, weight, flags=("contract",) if k == 1 else ()))
             sums.append(builder.fadd(*octets, flags=("contract",)))
