@@ -17,7 +17,7 @@ from pymantaray.acoustics._kernels.layout import FieldSection
 from pymantaray.compile import entry, inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import bilinear_weights
 
-LUT_SIZE = 512
+LUT_SIZE = 2048
 _MIN_STEP = 50.0  # m; between columns
 ABOVE_SCALE = 20.0  # m; length over which the extension above the surface becomes constant
 BELOW_SCALE = 200.0  # m; the same below the deepest level
@@ -457,7 +457,7 @@ def field_at(s, r, z):
     """Sound speed at a point of the section."""
     k = find_level(s, z)
     if s.kind == at.SMOOTH:
-        return smooth_full(s, k, r, z)[0]
+        return smooth_planar(s, k, r, z)[0]
     b = 0
     while b < s.n_range - 1 and r >= s.breaks[b + 1]:
         b += 1

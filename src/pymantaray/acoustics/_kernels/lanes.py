@@ -17,7 +17,7 @@ from numba.extending import intrinsic, models, register_model
 
 WIDTH = 16  # two vectors of the widest processors: while one waits for a result, the other proceeds
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
-_QUAD = ir.VectorType(ir.DoubleType(), 4)
+_QUAD, _OCTET = (ir.VectorType(ir.DoubleType(), n) for n in (4, 8))
 
 
 class Lanes(types.Type):  # type: ignore[misc]
@@ -150,20 +150,19 @@ def _shuffled(builder, a, b, order):
     return builder.shuffle_vector(a, b, mask)
 
 
-def _transposed(context, builder, quads):
-    """Transpose sixteen vectors of four numbers to four vectors of sixteen."""
-    halves = [_transposed_half(builder, quads[i : i + 8]) for i in (0, 8)]
+def _transposed(context, builder, pairs):
+    """Transpose sixteen vectors of four numbers, each two of them in one vector, to four vectors of sixteen."""
+    halves = [_transposed_half(builder, pairs[i : i + 4]) for i in (0, 4)]
     columns = [_shuffled(builder, a, b, range(WIDTH)) for a, b in zip(*halves, strict=True)]
     return context.make_tuple(builder, types.UniTuple(LANES, 4), columns)
 
 
-def _transposed_half(builder, quads):
-    """Transpose eight vectors of four numbers to four vectors of eight."""
-    pairs = [_shuffled(builder, quads[i], quads[i + 1], (0, 4, 1, 5, 2, 6, 3, 7)) for i in range(0, 8, 2)]
-    low, high = (0, 1, 8, 9, 2, 3, 10, 11), (4, 5, 12, 13, 6, 7, 14, 15)
+def _transposed_half(builder, pairs):
+    """Transpose eight vectors of four numbers, each two of them in one vector, to four vectors of eight."""
+    low, high = (0, 4, 8, 12, 1, 5, 9, 13), (2, 6, 10, 14, 3, 7, 11, 15)
     columns = []
-    for half in (low, high):
-        left, right = (_shuffled(builder, pairs[i], pairs[i + 1], half) for i in (0, 2))
+    for part in (low, high):
+        left, right = (_shuffled(builder, pairs[i], pairs[i + 1], part) for i in (0, 2))
         columns += [
             _shuffled(builder, left, right, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4)
         ]
@@ -192,10 +191,10 @@ def take(_context, array, index):
     return LANES(array, index), generate
 
 
-def _quad(context, builder, kind, array, index):
-    """Load four successive elements of an array."""
+def _some(vector, context, builder, kind, array, index):
+    """Load as many successive elements of an array as a vector has."""
     place = _pointer(context, builder, kind, array, index)
-    return builder.load(builder.bitcast(place, _QUAD.as_pointer()), align=8)
+    return builder.load(builder.bitcast(place, vector.as_pointer()), align=8)
 
 
 @intrinsic
@@ -204,8 +203,9 @@ def gather(_context, data, place):
 
     def generate(context, builder, signature, args):
         kind = signature.args[0]
-        quads = [_quad(context, builder, kind, args[0], begin) for begin in _indices(builder, args[1])]
-        return _transposed(context, builder, quads)
+        quads = [_some(_QUAD, context, builder, kind, args[0], begin) for begin in _indices(builder, args[1])]
+        pairs = [_shuffled(builder, a, b, range(8)) for a, b in zip(quads[::2], quads[1::2], strict=True)]
+        return _transposed(context, builder, pairs)
 
     return types.UniTuple(LANES, 4)(data, place), generate
 
@@ -215,19 +215,21 @@ def blend(_context, data, place, _stride, weights):
     """As `gather`, but weighted sums of these four numbers, the next four, and both of these one stride further."""
 
     def generate(context, builder, signature, args):
-        long, short = ir.IntType(64), ir.IntType(32)
-        ahead = long(0), long(4), args[2], builder.add(args[2], long(4))
+        weights = [builder.extract_value(args[3], k) for k in range(4)]
         sums = []
         for lane, begin in enumerate(_indices(builder, args[1])):
-            total = ir.Constant(_QUAD, 4 * [0.0])
-            for k in range(4):
-                quad = _quad(context, builder, signature.args[0], args[0], builder.add(begin, ahead[k]))
-                weight = builder.extract_element(builder.extract_value(args[3], k), short(lane))
-                first = builder.insert_element(ir.Constant(_QUAD, ir.Undefined), weight, short(0))
-                weight = builder.shuffle_vector(first, first, ir.Constant(ir.VectorType(short, 4), None))
-                product = builder.fmul(quad, weight, flags=("contract",))
-                total = builder.fadd(total, product, flags=("contract",))
-            sums.append(total)
-        return _transposed(context, builder, sums)
+            octets = []
+            for k, octet_at in enumerate((begin, builder.add(begin, args[2]))):
+                octet = _some(_OCTET, context, builder, signature.args[0], args[0], octet_at)
+                order = 4 * (lane,) + 4 * (WIDTH + lane,)
+                weight = _shuffled(builder, weights[2 * k], weights[2 * k + 1], order)
+                # only the second product may be combined with the sum: otherwise the compiler chooses, in each lane anew
+                octets.append(builder.fmul(octet, weight, flags=("contract",) if k == 1 else ()))
+            sums.append(builder.fadd(*octets, flags=("contract",)))
+        pairs = []
+        for a, b in zip(sums[::2], sums[1::2], strict=True):  # the sums of both halves, of two lanes
+            halves = (_shuffled(builder, a, b, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4))
+            pairs.append(builder.fadd(*halves))
+        return _transposed(context, builder, pairs)
 
     return types.UniTuple(LANES, 4)(data, place, types.int64, weights), generate

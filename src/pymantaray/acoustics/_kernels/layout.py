@@ -187,7 +187,7 @@ MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
 MAX_HALVED = 8  # intervals of a link that wait for rays at a time
-MAX_FLIGHTS = 24  # links whose rays are traced together
+MAX_FLIGHTS = 8  # links whose rays are traced together
 MAX_CANDIDATES = 96
 _ANGLES = 768  # nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
 

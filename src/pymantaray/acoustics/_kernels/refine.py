@@ -162,7 +162,7 @@ def widened(s, walls, course, bracket, tol, work):
     If the bracket is still too narrow, the misses have the same sign.
     """
     y, ray = work.y, full_ray(work)
-    a, b, q, fa, fb = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0
+    a, b, q, fa, fb, slope_a, slope_b = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0, 0.0, 0.0
     rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
     least = _MIN_MOVE * step
     for attempt in range(_MAX_MOVES):
@@ -171,7 +171,7 @@ def widened(s, walls, course, bracket, tol, work):
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
         if ok:
-            fa = y[at.W] - course.target
+            fa, slope_a = y[at.W] - course.target, y[at.XI]
             if y[at.DY_DQ] > 0.0:
                 q -= y[at.Y] / y[at.DY_DQ]
         ok, _, _, _ = trace(s, walls, course, b, q, tol, ray)
@@ -179,7 +179,7 @@ def widened(s, walls, course, bracket, tol, work):
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
         if ok:
-            fb = y[at.W] - course.target
+            fb, slope_b = y[at.W] - course.target, y[at.XI]
             if y[at.DY_DQ] > 0.0:
                 q -= y[at.Y] / y[at.DY_DQ]
         if attempt == 0:
@@ -191,11 +191,12 @@ def widened(s, walls, course, bracket, tol, work):
             step *= 0.5
             a, b = (a + step, b) if moved < 0 else (a, b - step)
             continue
-        if grows and moved != 0:
+        # by at most the bracket's width at first: beyond a caustic's other ray there is no root
+        first, moved = moved == 0, -1 if abs(fa) < abs(fb) else 1
+        if first and (slope_a if moved < 0 else slope_b) * rise < 0.0:
+            break  # the end is already beyond the extremum
+        if grows and not first:
             step *= 2.0
-        moved = (
-            -1 if abs(fa) < abs(fb) else 1
-        )  # by at most the bracket's width: beyond a caustic's other ray there is no root
         a, b = (a - step, b) if moved < 0 else (a, b + step)
     return Widened(True, a, b, fa, fb, q)
 
