@@ -20,7 +20,7 @@ import numpy as np
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, RAYS, Results, Settings, solver_room
 from pymantaray.acoustics._kernels.link import solve_links
-from pymantaray.acoustics.eigenrays import MAX_ARRIVALS
+from pymantaray.acoustics.solving import MAX_ARRIVALS
 from pymantaray.ocean import open_ocean, read_cast, to_local
 from pymantaray.records import RayStatus
 

@@ -14,13 +14,6 @@ MODULES = {
     for path in ROOT.rglob("*.py")
 }
 TREES = {name: ast.parse(path.read_text()) for name, path in MODULES.items()}
-# an object that offers a function of a module that needs the object's class, and options of the compiler
-DEFERRED = {
-    ("pymantaray.acoustics.medium", "pymantaray.acoustics.eigenrays"),
-    ("pymantaray.config.common", "pymantaray.config.checks"),
-    ("pymantaray.compile", "pymantaray.linking"),
-    ("pymantaray.report.folder", "pymantaray.report.write"),
-}
 MAX_LINES = {"pymantaray.acoustics._kernels.trace.trace": 134}  # one step of a ray with all its events
 USUAL_LINES, MAX_ARGUMENTS = 60, 8
 
@@ -56,11 +49,11 @@ def _needed(module: str) -> set[str]:
             needed |= {alias.name for alias in line.names}
         else:
             needed |= {_home(str(line.module), alias.name) for alias in line.names}
-    return {name for name in needed & MODULES.keys() if name != module and (module, name) not in DEFERRED}
+    return {name for name in needed & MODULES.keys() if name != module}
 
 
 def test_no_module_imports_itself_through_others():
-    """Imports inside functions count, except those that are listed above."""
+    """Imports inside functions count."""
     try:
         TopologicalSorter({name: _needed(name) for name in MODULES}).prepare()
     except CycleError as error:

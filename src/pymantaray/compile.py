@@ -6,7 +6,6 @@ Python calls entries. Entries call kernels, which are compiled as part of them. 
 """
 
 import hashlib
-import logging
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -15,6 +14,8 @@ from typing import Any
 import numba
 from numba import config, njit, types
 from numba.extending import intrinsic
+
+from pymantaray.messages import warn_not_cached
 
 PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
 _SHARED_SOURCES = tuple(
@@ -52,12 +53,6 @@ def _compilers() -> tuple[dict[str, Any], ...]:
     return tuple({"pipeline_class": x} for x in (KernelCompiler, SharedCompiler, EntryCompiler))
 
 
-def announce_compilation() -> None:
-    """Log that kernels are compiled, unless a warning already said that each process compiles them."""
-    if not _warn_not_cached.cache_info().currsize:
-        _warn_once("compiling kernels: takes up to a minute, only the first time")
-
-
 _KERNEL, _SHARED, _ENTRY = _compilers()
 
 
@@ -81,7 +76,7 @@ def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], *
     try:
         compiled = decorate(cache=True, **options)(function)
     except RuntimeError:  # no locator
-        _warn_not_cached("the package's folder and the user's cache folder are not writable")
+        warn_not_cached("the package's folder and the user's cache folder are not writable")
         return decorate(**options)(function)
     finally:
         function.__qualname__ = name
@@ -101,22 +96,9 @@ def _ignore_failed_saves(disk_cache: Any) -> None:
         try:
             save(signature, code)
         except OSError as error:
-            _warn_not_cached(str(error.strerror))
+            warn_not_cached(str(error.strerror))
 
     disk_cache.save_overload = try_to_save
-
-
-@cache
-def _warn_once(line: str) -> None:
-    logging.getLogger("pymantaray").warning(line)
-
-
-@cache
-def _warn_not_cached(cause: str) -> None:
-    _warn_once(
-        f"compiled kernels cannot be cached: {cause}; "
-        "each process will compile them again; set NUMBA_CACHE_DIR to a writable folder"
-    )
 
 
 def _discard_stale(folder: Path, stem: str, digest: str) -> None:

@@ -24,6 +24,7 @@ from numba.core.typed_passes import NativeLowering
 from numba.core.types.containers import BaseNamedTuple
 
 from pymantaray.fewer_instructions import remove_unused, variables_without_memory
+from pymantaray.messages import announce_compilation
 from pymantaray.shortcuts import QuickPassManager, shortcuts
 
 # Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array expressions.
@@ -256,8 +257,6 @@ class EntryCompiler(KernelCompiler):
 
     def compile_extra(self, function: Any) -> Any:
         """Compile a function and log it."""
-        from pymantaray.compile import announce_compilation
-
         announce_compilation()
         with shortcuts(), _arrays_by_data_and_shape():
             return super().compile_extra(function)

@@ -1,6 +1,8 @@
-"""Text from outside in messages, logs and manifests: one printable line, without passwords and tokens."""
+"""Messages: text from outside in one printable line without passwords and tokens, and warnings about the compilation of kernels."""
 
+import logging
 import re
+from functools import cache
 
 # account in a URL, up to the last @: passwords may contain spaces, / and @
 _ACCOUNT = re.compile(r"(?<=:/)(?:(?!:/).)*@")
@@ -19,3 +21,24 @@ def one_line(text: object, longest: int = 160) -> str:
     """Convert text of unknown origin to one short printable line."""
     words = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
     return words if len(words) <= longest else words[: longest - 3] + "..."
+
+
+def announce_compilation() -> None:
+    """Log that kernels are compiled, unless a warning already said that each process compiles them."""
+    if not warn_not_cached.cache_info().currsize:
+        warn_once("compiling kernels: takes up to a minute, only the first time")
+
+
+@cache
+def warn_once(line: str) -> None:
+    """Log a line once per process."""
+    logging.getLogger("pymantaray").warning(line)
+
+
+@cache
+def warn_not_cached(cause: str) -> None:
+    """Log once that compiled kernels cannot be stored."""
+    warn_once(
+        f"compiled kernels cannot be cached: {cause}; "
+        "each process will compile them again; set NUMBA_CACHE_DIR to a writable folder"
+    )

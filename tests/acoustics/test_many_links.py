@@ -16,9 +16,9 @@ from factories import DUCT_DEPTH as Z
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pymantaray.acoustics import Medium, eigenrays, find_eigenrays, paths, trace_fan, trace_paths
+from pymantaray.acoustics import Medium, find_eigenrays, paths, solving, trace_fan, trace_paths
 from pymantaray.acoustics._kernels.link import solve_links
-from pymantaray.acoustics.eigenrays import in_blocks
+from pymantaray.acoustics.solving import in_blocks
 
 INTERRUPTED = """
 import os, signal, threading
@@ -64,7 +64,7 @@ def test_blocks_hold_every_row_once_and_in_order(n, threads, each):
 @pytest.fixture
 def single_rows(monkeypatch):
     """Blocks of one row, in threads however little work they are."""
-    monkeypatch.setattr(eigenrays, "_BLOCK_SECONDS", 0.0)
+    monkeypatch.setattr(solving, "_BLOCK_SECONDS", 0.0)
 
 
 def test_a_slow_reader_holds_up_the_work(single_rows):
@@ -89,7 +89,7 @@ def test_what_waits_is_dropped_when_the_reader_stops(single_rows, monkeypatch):
         begun.append(start)
         assert start < 2 or stopped.wait(600.0)
 
-    monkeypatch.setattr(eigenrays, "ThreadPoolExecutor", Pool)
+    monkeypatch.setattr(solving, "ThreadPoolExecutor", Pool)
     running = in_blocks(work, 10_000, threads=2)
     next(running), next(running)
     wait_for(lambda: len(begun) == 4)
@@ -118,7 +118,7 @@ def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces):
     for threads in (2, 5):
         assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=threads), one)
     for seconds in (0.0, 1e-3, 10.0):  # single links, blocks of a few, blocks of most
-        monkeypatch.setattr(eigenrays, "_BLOCK_SECONDS", seconds)
+        monkeypatch.setattr(solving, "_BLOCK_SECONDS", seconds)
         assert_same(find_eigenrays(medium, *ends, bounces, bounces, threads=2), one)
 
 
@@ -134,7 +134,7 @@ def test_progress_rises_to_the_number_of_links():
 def test_memory_grows_by_the_results_only(monkeypatch):
     """Room for 64 arrivals a link would be 6.7 kB; what is kept is two copies of about 0.2 kB."""
     clock = SimpleNamespace(perf_counter=partial(next, count(0.0, 1e-3)))
-    monkeypatch.setattr(eigenrays, "time", clock)  # blocks of the same sizes, whatever else the machine does
+    monkeypatch.setattr(solving, "time", clock)  # blocks of the same sizes, whatever else the machine does
     medium = uniform(np.full(Z.size, 1500.0))
 
     def most(n):
@@ -236,11 +236,11 @@ def test_a_medium_made_in_parts_is_the_same_and_takes_little_more_memory_than_it
 
 def test_a_thread_keeps_its_workspace_until_the_number_of_levels_changes():
     """New arrays cause page faults, which take as long as a few links."""
-    first = eigenrays._workspace(11)
-    assert eigenrays._workspace(11)[1] is first[1]
+    first = solving._workspace(11)
+    assert solving._workspace(11)[1] is first[1]
     with ThreadPoolExecutor(1) as pool:
-        assert pool.submit(eigenrays._workspace, 11).result()[1] is not first[1]
-    assert eigenrays._workspace(12)[1].work.extremes.shape == (2, 12)
+        assert pool.submit(solving._workspace, 11).result()[1] is not first[1]
+    assert solving._workspace(12)[1].work.extremes.shape == (2, 12)
     ends, other = scattered(30), Medium.from_profile(Z[::2], DUCT[::2], bottom_depth=3500.0)
     fresh = find_eigenrays(uniform(), *ends, threads=1)
     find_eigenrays(other, *ends, threads=1)

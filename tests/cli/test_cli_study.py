@@ -191,7 +191,7 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pymantaray.report.folder.write_files", interrupt)
+        patch.setattr("pymantaray.report.process.write_files", interrupt)
         patch.setattr(Watch, "report", lambda watch, stage, *_: stages.update({stage: watch.stages}))
         done = mantaray("study", "run", small, "--out", "run", "--workers", 1)
     run = small.parent / "run"

@@ -21,7 +21,7 @@ from pymantaray.jobs.folder import staged_parts
 from pymantaray.report import write, write_report
 from pymantaray.report.explore import _fleet
 from pymantaray.report.figures import RunResults
-from pymantaray.report.folder import ReportProcess
+from pymantaray.report.process import ReportProcess
 from pymantaray.report.run_page import headlines, run_page
 from pymantaray.study import open_run
 from pymantaray.study.settings import key_heading

@@ -336,7 +336,7 @@ def test_what_every_required_key_means_is_said_where_it_is_missing():
         ):  # kind, which says what may stand there
             continue
         with pytest.raises(StudyError) as caught:
-            checks.parse(model, {}, "it", None)
+            checks.checked(model, {}, "it", None)
         line = next(line for line in str(caught.value).splitlines() if line.startswith(f"it: {name}:"))
         assert re.fullmatch(rf"it: {name}: missing; add it \([^`]+\)", line), (model, line)
 

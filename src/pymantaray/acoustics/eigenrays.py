@@ -3,13 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
-import threading
-import time
 import warnings
-from collections import deque
-from collections.abc import Callable, Generator
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -20,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.rough import Ends, realized, with_rough_rays
+from pymantaray.acoustics.solving import as_positions, solve_on_cuda, solve_on_processor
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.installation import gpu
@@ -27,17 +22,11 @@ from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals
 
 if TYPE_CHECKING:
-    from pymantaray.acoustics._kernels.layout import Domain, Results, Room, Settings
+    from pymantaray.acoustics._kernels.layout import Results
 
 Array = NDArray[np.float64]
 Device = Literal["cpu", "cuda"]
 T = TypeVar("T")
-MAX_ARRIVALS = 64  # stored per link
-_LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
-_MAX_BLOCK_ROWS = 512  # rows of a block, at most
-_BLOCK_SECONDS = 0.05  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
-_BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
-_OWN = threading.local()  # arrays of `_workspace`
 
 
 def find_eigenrays(
@@ -132,7 +121,7 @@ def find_eigenrays(
     from pymantaray.acoustics._kernels.layout import Settings
 
     bounces, settings = most if any(most) else None, Settings(cutoff, float(tolerance), canonical)
-    solve = _solve_on_cuda if _on_cuda(device) else partial(_solve_on_processor, threads=threads)
+    solve = solve_on_cuda if _on_cuda(device) else partial(solve_on_processor, threads=threads)
     ends = (a, b) if medium.earth is None else medium.earth.flattened_ends(a, b)
     blocks: list[Results] = []
     done = 0
@@ -207,69 +196,6 @@ def _arrivals(results: Results) -> Arrivals:
     )
 
 
-def _empty_results(n_links: int) -> Results:
-    """Allocate the arrays that the kernels fill for n_links links."""
-    from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, Results
-
-    rows = np.empty((n_links, MAX_ARRIVALS, N_ARRIVAL))
-    status = np.zeros(n_links, dtype=np.int8)
-    return Results(rows, np.zeros(n_links, dtype=np.int64), status, np.empty((n_links, N_INFO)))
-
-
-def _compact(room: Results, n: int) -> Results:
-    """Copy the results of the first n links."""
-    counts = room.counts[:n].copy()
-    used = np.arange(MAX_ARRIVALS) < counts[:, None]
-    return type(room)(room.rows[:n][used], counts, room.status[:n].copy(), room.info[:n].copy())
-
-
-def _solve_on_processor(
-    domain: Domain,
-    bounces: tuple[int, int] | None,
-    settings: Settings,
-    source: Array,
-    receiver: Array,
-    *,
-    threads: int | None = None,
-) -> Generator[Results, None, None]:
-    """Solve links in threads, block by block; memory does not grow with the number of blocks."""
-    from pymantaray.acoustics._kernels.link import solve_links
-
-    def solve(start: int, stop: int) -> Results:
-        (results, room), n = _workspace(domain.depth.size), stop - start
-        part = type(results)(*(x[:n] for x in results))
-        if n:  # no compilation without a link
-            ends = source[start:stop], receiver[start:stop]
-            solve_links(domain, bounces, settings, *ends, (0, 1), room, part)
-        return _compact(results, n)
-
-    return in_blocks(solve, len(source), threads=threads)
-
-
-def _workspace(n_depth: int) -> tuple[Results, Room]:
-    """Results of a block and workspace of this thread, from its last block if the number of levels is the same; new arrays cause page faults."""
-    if getattr(_OWN, "n_depth", None) != n_depth:
-        from pymantaray.acoustics._kernels.layout import solver_room
-
-        _OWN.n_depth, _OWN.arrays = n_depth, (_empty_results(_MAX_BLOCK_ROWS), solver_room(n_depth))
-    arrays: tuple[Results, Room] = _OWN.arrays
-    return arrays
-
-
-def _solve_on_cuda(
-    domain: Domain, bounces: tuple[int, int] | None, settings: Settings, source: Array, receiver: Array
-) -> Generator[Results, None, None]:
-    """Solve links on the current CUDA device, one launch at a time."""
-    from pymantaray.acoustics._kernels.cuda import CudaSolver
-
-    solver = CudaSolver(domain, bounces, settings, source, receiver)
-    for start in range(0, max(len(source), 1), _LINKS_PER_LAUNCH):
-        part = slice(start, start + _LINKS_PER_LAUNCH)
-        room = _empty_results(len(source[part]))
-        solver.solve(source[part], receiver[part], room)
-        yield _compact(room, len(room.counts))
-
-
 def _on_cuda(device: str) -> bool:
     """True if links are solved on a CUDA device; raise if the device does not exist."""
     if device not in ("cpu", "cuda"):
@@ -282,64 +208,7 @@ def _on_cuda(device: str) -> bool:
     return True
 
 
-def in_blocks(
-    work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None
-) -> Generator[T, None, None]:
-    """Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
-
-    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first block is one row, so kernels
-    are compiled once before the threads start. Without rows there is one empty block. The result of a row must not depend on the
-    block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
-    """
-    pace = 0.0  # s per row
-
-    def timed(start: int, stop: int) -> tuple[T, float]:
-        begin = time.perf_counter()
-        done = work(start, stop)
-        return done, (time.perf_counter() - begin) / max(stop - start, 1)
-
-    def after(start: int) -> int:
-        return min(start + min(max(int(_BLOCK_SECONDS / max(pace, 1e-9)), 1), _MAX_BLOCK_ROWS), n_rows)
-
-    start = min(n_rows, 1)
-    done, pace = timed(0, start)
-    yield done
-    workers = min(threads or os.cpu_count() or 1, n_rows - start)
-    if workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS:  # starting threads would take longer
-        while start < n_rows:
-            stop = after(start)
-            done, pace = timed(start, stop)
-            yield done
-            start = stop
-        return
-    with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[tuple[T, float]]] = deque()
-        try:
-            while start < n_rows or waiting:
-                while start < n_rows and len(waiting) < _BLOCKS_AHEAD * workers:
-                    stop = after(start)
-                    waiting.append(pool.submit(timed, start, stop))
-                    start = stop
-                done, pace = waiting.popleft().result()
-                yield done
-        finally:
-            for future in waiting:
-                future.cancel()
-
-
 def solved_backwards(source: Array, receiver: Array) -> NDArray[np.bool_]:
     """True for each link that the solver starts from the receiver: the deeper end (ties: north, east)."""
     down, north, east = (source[:, k] - receiver[:, k] for k in (2, 0, 1))
     return np.where(down != 0.0, down < 0.0, np.where(north != 0.0, north < 0.0, east < 0.0))
-
-
-def as_positions(name: str, values: ArrayLike) -> Array:
-    """Return positions as an array (n_links, 3) of finite floats; the name appears in messages. [m]"""
-    points = np.atleast_2d(np.array(values, dtype=float, order="C"))  # kernels are compiled for that order
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise AcousticsError(
-            f"{name} has shape {points.shape}; it must be (n_links, 3): north, east, down in metres"
-        )
-    if not np.all(np.isfinite(points)):
-        raise AcousticsError(f"{name}: {np.count_nonzero(~np.isfinite(points))} coordinates are not finite")
-    return points

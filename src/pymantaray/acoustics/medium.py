@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.solving import as_positions, solve_on_processor
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, as_boundary
 from pymantaray.geometry.checks import checked_array
@@ -424,10 +425,13 @@ class Medium:
         ndarray, shape (n,)
             Sound speed; NaN outside the water. [m/s]
         """
-        from pymantaray.acoustics.eigenrays import find_eigenrays
+        from pymantaray.acoustics._kernels.layout import SOURCE_SPEED, Settings
 
-        speed: Array = find_eigenrays(self, position, position).source_sound_speed
-        return speed
+        points = as_positions("position", position)
+        ends = (points, points) if self.earth is None else self.earth.flattened_ends(points, points)
+        blocks = solve_on_processor(self.domain(), None, Settings(math.inf, 1e-3, True), *ends)
+        speed: Array = np.concatenate([block.info[:, SOURCE_SPEED] for block in blocks])
+        return speed if self.earth is None else speed / self.earth.stretch(points[:, 2])
 
     def domain(self) -> Domain:
         """Medium in the form of the kernels, with columns of a section every eighth of a cell."""

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.eigenrays import as_positions, find_eigenrays, in_blocks, solved_backwards
+from pymantaray.acoustics.eigenrays import find_eigenrays, solved_backwards
 from pymantaray.acoustics.medium import Medium
+from pymantaray.acoustics.solving import as_positions, in_blocks
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.checks import distinct_digits

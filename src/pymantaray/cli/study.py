@@ -200,7 +200,7 @@ def run_and_report(
     quiet: bool,
 ) -> Path:
     """Run a study, draw figures of its mission meanwhile, print a summary, and return the folder."""
-    from pymantaray.report.folder import ReportProcess
+    from pymantaray.report.process import ReportProcess
 
     # the process starts after the file is read, and imports its modules while this process imports others
     with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:

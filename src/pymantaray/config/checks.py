@@ -9,12 +9,13 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from pymantaray.config.common import NAME, NAMED, PARTICIPANT, Section
-from pymantaray.config.conditions import CONDITIONS, with_conditions
-from pymantaray.config.renamed import with_new_names
 from pymantaray.errors import StudyError
 
 Model = TypeVar("Model", bound=BaseModel)
+NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
+NAMED = r"^\s*\w[\w.-]*\s*=\s*\w+\s*(\[.*\])?\s*$"
+"""A variable and its CF standard name, with a unit in brackets if the variable lacks one."""
 _MAX_KEY_LENGTH = 100  # characters; a message shortens longer keys
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = 100
@@ -48,12 +49,8 @@ _PATTERNS = {
 }
 
 
-def parse(model: type[Model], tree: dict[str, Any], label: str, folder: Path | None) -> Model:
+def checked(model: type[Model], tree: dict[str, Any], label: str, folder: Path | None) -> Model:
     """Check nested dictionaries by a model; input files are relative to the folder. Default: the working folder."""
-    if issubclass(model, Section) and model.in_toml:
-        tree = with_new_names(tree, label)
-        if CONDITIONS in model.model_fields:
-            tree = with_conditions(tree, label)
     try:
         return model.model_validate(tree, context={"folder": folder or Path()})
     except ValidationError as error:
@@ -101,7 +98,7 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
         return f"{where}.kind: found {_REPR.repr(context['tag'])}; allowed: {allowed}"
     if kind == "string_pattern_mismatch":
         allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
-    if kind == "tuple_type" and isinstance(value, dict) and issubclass(root, Section) and root.in_toml:
+    if kind == "tuple_type" and isinstance(value, dict) and getattr(root, "in_toml", False):
         allowed = f"tables in a list, each under [[{where}]]"
     shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _REPR.repr(value)
     return f"{where}: found {shown}; allowed: {allowed}"

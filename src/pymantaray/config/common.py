@@ -10,15 +10,12 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
+from pymantaray.config.checks import PARTICIPANT, checked
 from pymantaray.geometry.units import quantity_of
 from pymantaray.ocean.names import SYNTHETIC
 
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
-NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
-PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
-NAMED = r"^\s*\w[\w.-]*\s*=\s*\w+\s*(\[.*\])?\s*$"
-"""A variable and its CF standard name, with a unit in brackets if the variable lacks one."""
 ParticipantName = Annotated[str, Field(pattern=PARTICIPANT)]
 NONE = "none"
 """Word for no value, for every key that may have none."""
@@ -177,10 +174,13 @@ class Section(BaseModel):
         copy = super().model_copy(deep=deep)
         if not update:
             return copy
-        from pymantaray.config.checks import parse  # it imports this module
-
         own = {key: getattr(copy, key) for key in copy.model_fields_set}
-        return parse(type(self), {**own, **update}, type(self).__name__, None)
+        return self._checked({**own, **update})
+
+    @classmethod
+    def _checked(cls, tree: dict[str, Any]) -> Self:
+        """Section from keys that are checked like those of a file."""
+        return checked(cls, tree, cls.__name__, None)
 
 
 def _is_none(value: object) -> bool:

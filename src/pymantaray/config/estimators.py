@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from pymantaray.config.checks import NAME
 from pymantaray.config.common import (
-    NAME,
     Days,
     Depth,
     Hours,

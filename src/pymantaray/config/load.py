@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
-from pymantaray.config.checks import parse
-from pymantaray.config.common import NAME, NONE, located
+from pymantaray.config.checks import NAME
+from pymantaray.config.common import NONE, located
 from pymantaray.config.conditions import CONDITIONS, with_conditions
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
+from pymantaray.config.parse import parse
 from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from pymantaray.acoustics.reflection import Sediment
-from pymantaray.config.checks import parse
+from pymantaray.config.checks import NAME, NAMED
 from pymantaray.config.common import (
-    NAME,
-    NAMED,
     Degrees,
     Hertz,
     Hours,
@@ -35,6 +33,7 @@ from pymantaray.config.fleet import FleetSection, LandmarkSection
 from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
+from pymantaray.config.parse import parse
 from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.sensing import ClockModel
@@ -512,6 +511,10 @@ class SoundConfig(Section):
             label = str(tree["study"]["name"])
             tree = described(tree, label, words)
         return parse(type(self), tree, label, None)
+
+    @classmethod
+    def _checked(cls, tree: dict[str, Any]) -> Self:
+        return parse(cls, tree, cls.__name__, None)
 
     @model_validator(mode="after")
     def _mistakes_need_a_rule(self) -> Self:

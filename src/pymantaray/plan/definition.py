@@ -11,10 +11,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveInt
 
-from pymantaray.config.checks import parse
 from pymantaray.config.common import Hours, Section
 from pymantaray.config.estimators import PerturbedBelief
 from pymantaray.config.load import PLAN, plan_tree
+from pymantaray.config.parse import parse
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.jobs.keys import digest
 from pymantaray.records.digits import counted

@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Currents, Medium
-from pymantaray.acoustics.eigenrays import as_positions
+from pymantaray.acoustics.solving import as_positions
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
 from pymantaray.errors import ServiceError

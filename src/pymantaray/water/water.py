@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.profiles import Profile, only_one
 from pymantaray.config import SoundConfig
-from pymantaray.config.checks import parse
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
+from pymantaray.config.parse import parse
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing import OneWay, ReceptionOptions, Timing

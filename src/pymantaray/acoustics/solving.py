@@ -1,0 +1,148 @@
+"""Run the two-point kernel on many links, block by block: in threads on the processor, or on a CUDA device."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pymantaray.arrays import Array
+from pymantaray.errors import AcousticsError
+
+if TYPE_CHECKING:
+    from pymantaray.acoustics._kernels.layout import Domain, Results, Room, Settings
+
+T = TypeVar("T")
+MAX_ARRIVALS = 64  # stored per link
+_LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
+_MAX_BLOCK_ROWS = 512  # rows of a block, at most
+_BLOCK_SECONDS = 0.05  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
+_BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
+_OWN = threading.local()  # arrays of `_workspace`
+
+
+def as_positions(name: str, values: ArrayLike) -> Array:
+    """Return positions as an array (n_links, 3) of finite floats; the name appears in messages. [m]"""
+    points = np.atleast_2d(np.array(values, dtype=float, order="C"))  # kernels are compiled for that order
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise AcousticsError(
+            f"{name} has shape {points.shape}; it must be (n_links, 3): north, east, down in metres"
+        )
+    if not np.all(np.isfinite(points)):
+        raise AcousticsError(f"{name}: {np.count_nonzero(~np.isfinite(points))} coordinates are not finite")
+    return points
+
+
+def _empty_results(n_links: int) -> Results:
+    """Allocate the arrays that the kernels fill for n_links links."""
+    from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, Results
+
+    rows = np.empty((n_links, MAX_ARRIVALS, N_ARRIVAL))
+    status = np.zeros(n_links, dtype=np.int8)
+    return Results(rows, np.zeros(n_links, dtype=np.int64), status, np.empty((n_links, N_INFO)))
+
+
+def _compact(room: Results, n: int) -> Results:
+    """Copy the results of the first n links."""
+    counts = room.counts[:n].copy()
+    used = np.arange(MAX_ARRIVALS) < counts[:, None]
+    return type(room)(room.rows[:n][used], counts, room.status[:n].copy(), room.info[:n].copy())
+
+
+def solve_on_processor(
+    domain: Domain,
+    bounces: tuple[int, int] | None,
+    settings: Settings,
+    source: Array,
+    receiver: Array,
+    *,
+    threads: int | None = None,
+) -> Generator[Results, None, None]:
+    """Solve links in threads, block by block; memory does not grow with the number of blocks."""
+    from pymantaray.acoustics._kernels.link import solve_links
+
+    def solve(start: int, stop: int) -> Results:
+        (results, room), n = _workspace(domain.depth.size), stop - start
+        part = type(results)(*(x[:n] for x in results))
+        if n:  # no compilation without a link
+            ends = source[start:stop], receiver[start:stop]
+            solve_links(domain, bounces, settings, *ends, (0, 1), room, part)
+        return _compact(results, n)
+
+    return in_blocks(solve, len(source), threads=threads)
+
+
+def _workspace(n_depth: int) -> tuple[Results, Room]:
+    """Results of a block and workspace of this thread, from its last block if the number of levels is the same; new arrays cause page faults."""
+    if getattr(_OWN, "n_depth", None) != n_depth:
+        from pymantaray.acoustics._kernels.layout import solver_room
+
+        _OWN.n_depth, _OWN.arrays = n_depth, (_empty_results(_MAX_BLOCK_ROWS), solver_room(n_depth))
+    arrays: tuple[Results, Room] = _OWN.arrays
+    return arrays
+
+
+def solve_on_cuda(
+    domain: Domain, bounces: tuple[int, int] | None, settings: Settings, source: Array, receiver: Array
+) -> Generator[Results, None, None]:
+    """Solve links on the current CUDA device, one launch at a time."""
+    from pymantaray.acoustics._kernels.cuda import CudaSolver
+
+    solver = CudaSolver(domain, bounces, settings, source, receiver)
+    for start in range(0, max(len(source), 1), _LINKS_PER_LAUNCH):
+        part = slice(start, start + _LINKS_PER_LAUNCH)
+        room = _empty_results(len(source[part]))
+        solver.solve(source[part], receiver[part], room)
+        yield _compact(room, len(room.counts))
+
+
+def in_blocks(
+    work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None
+) -> Generator[T, None, None]:
+    """Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
+
+    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first block is one row, so kernels
+    are compiled once before the threads start. Without rows there is one empty block. The result of a row must not depend on the
+    block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
+    """
+    pace = 0.0  # s per row
+
+    def timed(start: int, stop: int) -> tuple[T, float]:
+        begin = time.perf_counter()
+        done = work(start, stop)
+        return done, (time.perf_counter() - begin) / max(stop - start, 1)
+
+    def after(start: int) -> int:
+        return min(start + min(max(int(_BLOCK_SECONDS / max(pace, 1e-9)), 1), _MAX_BLOCK_ROWS), n_rows)
+
+    start = min(n_rows, 1)
+    done, pace = timed(0, start)
+    yield done
+    workers = min(threads or os.cpu_count() or 1, n_rows - start)
+    if workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS:  # starting threads would take longer
+        while start < n_rows:
+            stop = after(start)
+            done, pace = timed(start, stop)
+            yield done
+            start = stop
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        waiting: deque[Future[tuple[T, float]]] = deque()
+        try:
+            while start < n_rows or waiting:
+                while start < n_rows and len(waiting) < _BLOCKS_AHEAD * workers:
+                    stop = after(start)
+                    waiting.append(pool.submit(timed, start, stop))
+                    start = stop
+                done, pace = waiting.popleft().result()
+                yield done
+        finally:
+            for future in waiting:
+                future.cancel()
