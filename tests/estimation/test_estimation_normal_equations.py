@@ -53,6 +53,19 @@ def test_solutions_and_blocks_of_the_inverse_are_those_of_the_dense_matrix(seed)
         np.testing.assert_allclose(block, inverse[np.ix_(at, at)], rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.parametrize("count", [1, 5, 16])
+def test_several_right_hand_sides_have_the_digits_of_each_alone(count):
+    rng = np.random.default_rng(count)
+    equations, dense, _ = random_equations(rng)
+    row, factor = equations.structure.row, equations.factorize()
+    right = rng.normal(size=(row.size, SIZE, count))
+    found = factor.solve(right)
+    for k in range(count):
+        np.testing.assert_array_equal(found[..., k], factor.solve(right[..., k]))
+    expected = np.linalg.solve(dense, right[row].reshape(-1, count))
+    np.testing.assert_allclose(found[row].reshape(-1, count), expected, rtol=1e-8, atol=1e-10)
+
+
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_equations_over_others_are_those_in_new_arrays(order):
     fleet = make_fleet(seed=3, gnss_every=10, n_landmarks=1)

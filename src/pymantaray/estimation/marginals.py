@@ -72,23 +72,28 @@ class PoseCovariance:
         self._rotation = state.rotation[: self._n_poses]
         self._last = check_convergence(problem, state).last
 
-    def positions(self, vector: Array) -> Array:
-        """Product of the positions' part with a vector in the world's axes, (n_poses, 3); NaN if some direction is not determined. [m2]"""
-        return self._product(vector, slice(3, SIZE))
+    def positions(self, vectors: Array) -> Array:
+        """
+        Products of the positions' part with vectors in the world's axes, (count, n_poses, 3). [m2]
 
-    def rotations(self, vector: Array) -> Array:
-        """Product of the rotations' part with a vector in the world's axes, (n_poses, 3); NaN as for positions. [rad2]"""
+        NaN if some direction is not determined.
+        """
+        return self._product(vectors, slice(3, SIZE))
+
+    def rotations(self, vectors: Array) -> Array:
+        """Products of the rotations' part with vectors in the world's axes, (count, n_poses, 3); NaN as for positions. [rad2]"""
         # the solver's rotations are about the body's axes
-        body = np.einsum("pji,pj->pi", self._rotation, vector)
-        world: Array = np.einsum("pij,pj->pi", self._rotation, self._product(body, slice(0, 3)))
+        body = np.einsum("pji,kpj->kpi", self._rotation, vectors)
+        world: Array = np.einsum("pij,kpj->kpi", self._rotation, self._product(body, slice(0, 3)))
         return world
 
-    def _product(self, vector: Array, part: slice) -> Array:
+    def _product(self, vectors: Array, part: slice) -> Array:
         if self._last is None:
-            return np.full(vector.shape, np.nan)
-        z, rows = np.zeros((self._row.size, SIZE)), self._row[: self._n_poses]
-        z[rows, part] = vector
-        return self._last.factor.solve(z)[rows, part]
+            return np.full(vectors.shape, np.nan)
+        z, rows = np.zeros((self._row.size, SIZE, len(vectors))), self._row[: self._n_poses]
+        z[rows, part] = np.ascontiguousarray(np.moveaxis(vectors, 0, 2))
+        solution = self._last.factor.solve(z, overwrite=True)[rows, part]
+        return np.ascontiguousarray(np.moveaxis(solution, 2, 0))
 
 
 def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:

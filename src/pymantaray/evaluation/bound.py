@@ -21,6 +21,7 @@ from pymantaray.records.status import ARRIVES
 
 # random vectors; with these numbers a standard error is accurate to 5 and 8 %
 _FLEET_PROBES, _VEHICLE_PROBES = 48, 16
+_AT_ONCE = 16  # of them in memory
 _RANK = 1e-9  # of the largest singular value; directions with smaller ones are not determined
 
 
@@ -218,10 +219,12 @@ def _effective(covariance: Callable[[Array], Array], mask: NDArray[np.bool_], pr
     """Degrees of freedom of the errors of a mask, (..., 3), from random products with their covariance."""
     rng, own = stream(0, 0, "evaluation", "degrees of freedom"), mask.reshape(-1, 3)
     trace, square = np.empty((2, probes))
-    for k in range(probes):
-        z = own * rng.choice([-1.0, 1.0], own.shape)
+    for first in range(0, probes, _AT_ONCE):
+        count = min(_AT_ONCE, probes - first)
+        z = own * rng.choice([-1.0, 1.0], (count, *own.shape))
         product = own * covariance(z)
-        trace[k], square[k] = np.sum(z * product), np.sum(product**2)
+        for k in range(count):
+            trace[first + k], square[first + k] = np.sum(z[k] * product[k]), np.sum(product[k] ** 2)
     return float(trace.mean() ** 2 / square.mean()) if mask.any() else np.nan
 
 

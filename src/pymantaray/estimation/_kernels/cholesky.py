@@ -109,6 +109,52 @@ def substitute(start, column, diagonal, above, x):  # type: ignore[no-untyped-de
 
 
 @entry
+def substitute_all(start, column, diagonal, above, x):  # type: ignore[no-untyped-def]
+    """
+    Solve for several right-hand sides (n, 6, count) at once, with the digits of `substitute`.
+
+    Sixteen take the time of four: a block of the factor is read once for all, and vectors of the machine hold several of them.
+    """
+    n, count = diagonal.shape[0], x.shape[2]
+    for k in range(n):
+        for r in range(6):
+            for i in range(r):
+                for s in range(count):
+                    x[k, r, s] -= diagonal[k, i, r] * x[k, i, s]
+            for s in range(count):
+                x[k, r, s] /= diagonal[k, r, r]
+        for p in range(start[k], start[k + 1]):
+            for c in range(6):
+                _subtract_sum(x, column[p], c, above[p, :, c], k)
+    for k in range(n - 1, -1, -1):
+        for p in range(start[k], start[k + 1]):
+            for r in range(6):
+                _subtract_sum(x, k, r, above[p, r], column[p])
+        for r in range(5, -1, -1):
+            for c in range(r + 1, 6):
+                for s in range(count):
+                    x[k, r, s] -= diagonal[k, r, c] * x[k, c, s]
+            for s in range(count):
+                x[k, r, s] /= diagonal[k, r, r]
+
+
+@inlined
+def _subtract_sum(x, i, r, share, k):  # type: ignore[no-untyped-def]
+    """Subtract six numbers times the rows of ``x[k]`` from ``x[i, r]``, one after another; i is not k."""
+    a, b, c, d, e, f = share[0], share[1], share[2], share[3], share[4], share[5]
+    for s in range(x.shape[2]):
+        x[i, r, s] = (
+            x[i, r, s]
+            - a * x[k, 0, s]
+            - b * x[k, 1, s]
+            - c * x[k, 2, s]
+            - d * x[k, 3, s]
+            - e * x[k, 4, s]
+            - f * x[k, 5, s]
+        )
+
+
+@entry
 def invert(start, column, diagonal, above, rows, inverse_diagonal, inverse_above, work):  # type: ignore[no-untyped-def]
     """
     Blocks of the inverse in those rows that are marked and in all that their elimination joined them to, which are marked then.
