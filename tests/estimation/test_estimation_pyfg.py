@@ -8,7 +8,7 @@ from factories import without
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import GraphSolver, build_graph, read_pyfg, write_pyfg
+from pymantaray.estimation import GraphSolver, build_graph, read_pyfg, write_pyfg, write_pyfgs
 from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.pyfg import load_pyfg
 from pymantaray.records import SolveStatus
@@ -51,6 +51,20 @@ def test_round_trip_keeps_every_bit(tmp_path, make_fleet, n_landmarks):
     for name in ("position", "quaternion", "landmark_position"):
         np.testing.assert_array_equal(getattr(values, name), getattr(fleet.truth, name))
     assert [p.name for p in tmp_path.iterdir()] == ["graph.pyfg"]
+
+
+def test_graphs_written_together_have_the_files_of_each_alone(tmp_path, make_fleet):
+    fleet = make_fleet(seed=3, n_landmarks=2, gnss_every=7, dropouts=0.3, range_error=5.0)
+    straight, refracted = (build_graph(fleet.noisy, ranges) for ranges in ("straight", "refracted"))
+    wider = replace(straight["depth"], covariance=4.0 * straight["depth"].covariance)
+    graphs = [straight, refracted, straight.with_factors(depth=wider), without(straight, "fix")]
+    write_pyfgs({tmp_path / f"{k}": graph for k, graph in enumerate(graphs)}, initial=fleet.truth)
+    texts = []
+    for k, graph in enumerate(graphs):
+        write_pyfg(graph, tmp_path / "alone", initial=fleet.truth)
+        texts.append((tmp_path / "alone").read_bytes())
+        assert (tmp_path / f"{k}").read_bytes() == texts[k]
+    assert len(set(texts)) == len(graphs)
 
 
 def test_hand_written_file_means_what_it_says(tmp_path):

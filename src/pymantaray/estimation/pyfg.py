@@ -122,7 +122,22 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     .. [1] PyFactorGraph, ``py_factor_graph/io/pyfg_text.py`` and ``utils/matrix_utils.py``,
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
-    path = Path(path)
+    _write(graph, Path(path), initial, None)
+
+
+def write_pyfgs(graphs: Mapping[Path, FactorGraph], *, initial: GraphValues) -> None:
+    """Write graphs of the same variables by their files, each as `write_pyfg` does; factors that they share become text once."""
+    known = dict[str, tuple[Factors, str]]()
+    for path, graph in graphs.items():
+        _write(graph, path, initial, known)
+
+
+_Known = dict[str, tuple[Factors, str]] | None
+"""Tables of factors with their text, by kind, of a graph of the same variables; None if no graph follows."""
+
+
+def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) -> None:
+    """Write a graph; its tables replace others in ``known``."""
     check_values(graph, initial)
     vehicles, landmarks = _symbols(graph)
     full = graph.vehicle_name.tolist() + graph.landmark_name.tolist()
@@ -133,7 +148,7 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
             what = "a name twice" if odd is None else f"the name {odd!r}"
             raise EstimationError(f"{path}: {what}; needs different names of letters, digits, _ and -")
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(_lines(graph, initial, vehicles, landmarks))
+        file.writelines(_texts(graph, initial, (vehicles, landmarks), known))
         if vehicles + landmarks == full:
             table.unlink(missing_ok=True)  # from a replaced file
         else:
@@ -419,9 +434,14 @@ def _symbols(graph: FactorGraph) -> tuple[list[str], list[str]]:
     return vehicles, landmarks
 
 
-def _lines(
-    graph: FactorGraph, initial: GraphValues, vehicles: list[str], landmarks: list[str]
+def _texts(
+    graph: FactorGraph,
+    initial: GraphValues,
+    symbols: tuple[list[str], list[str]],
+    known: _Known,
 ) -> Iterator[str]:
+    """Lines of the poses, of the landmarks and of each kind of factors, or the text of a kind from ``known``."""
+    vehicles, landmarks = symbols
     numbers = zip(graph.pose_vehicle.tolist(), graph.pose_number.tolist(), strict=True)
     names = [f"{vehicles[a]}{k}" for a, k in numbers] + landmarks
     time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
@@ -432,12 +452,27 @@ def _lines(
     yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, planar=planar)
     for table, kind in KINDS.items():
         factors = graph[table]
+        if known is not None and table in known and _same(known[table][0], factors):
+            yield known[table][1]
+            continue
         # a factor has the time of the variable that messages name; landmarks have no time
         heads = [
             f"{time[after]} {' '.join(names[v] for v in ends)}"
             for after, ends in zip(factors.subject.tolist(), factors.variables.tolist(), strict=True)
         ]
-        yield from write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), planar=planar)
+        rows = write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), planar=planar)
+        if known is None:
+            yield from rows
+        else:
+            known[table] = factors, "".join(rows)
+            yield known[table][1]
+
+
+def _same(a: Factors, b: Factors) -> bool:
+    """True if two tables of factors of a kind have the same numbers."""
+    return all(
+        np.array_equal(getattr(a, of), getattr(b, of)) for of in ("variables", "measured", "covariance")
+    )
 
 
 def _words(word: str) -> tuple[str, str | None]:

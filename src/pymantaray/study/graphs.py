@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph, write_pyfg
+from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph, write_pyfgs
 from pymantaray.records import Measurements
 from pymantaray.study.store import Run
 
@@ -23,5 +23,5 @@ def write_graphs(run: Run, realization: int, folder: Path, before: str = "") -> 
         quaternion=run.truth.quaternion.reshape(-1, 4),
         landmark_position=noisy.landmark_position,
     )
-    for name, graph in noisy_graphs(run, noisy).items():
-        write_pyfg(graph, folder / f"{before}{name}.pyfg", initial=truth)
+    graphs = noisy_graphs(run, noisy).items()
+    write_pyfgs({folder / f"{before}{name}.pyfg": graph for name, graph in graphs}, initial=truth)
