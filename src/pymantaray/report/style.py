@@ -277,7 +277,7 @@ def freeze_layout(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine("none")
+        figure.set_layout_engine(None)  # with "none", each file is drawn once more before it is drawn
 
 
 @styled
