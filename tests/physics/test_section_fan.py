@@ -97,21 +97,39 @@ def test_rays_in_a_duct_beyond_a_crest_are_found():
     assert lost_rays(fan, links) == []
 
 
-def test_a_ray_that_horizontal_refraction_moves_past_a_crest_is_found():
-    """Its launch angle changes by 1.7e-4 rad out of the plane, and in the plane it is 5e-5 rad from the angle of the crest."""
+@pytest.mark.parametrize(
+    ("source", "receiver", "angle", "number"),
+    [
+        pytest.param(
+            [49821.543288630244, 26064.982854520356, 89.66851972644768],
+            [47284.78094194165, 36502.273530692604, 85.45893625771431],
+            0.0170151,
+            1,
+            id="moved",
+        ),
+        pytest.param(
+            [42209.788845901836, 56347.65732484137, 208.08994724186832],
+            [36234.8739175217, 47635.5669890449, 79.19226908935822],
+            -0.0303585,
+            2,
+            id="pair",
+        ),
+    ],
+)
+def test_rays_beside_a_crest_are_found(source, receiver, angle, number):
+    """One whose angle changes by 1.7e-4 rad out of the plane, 5e-5 rad from the crest's, and a strong pair in a narrow bracket of weak rays."""
     if not FRONT_AND_EDDY.is_file():
         pytest.skip(f"no reference medium at {FRONT_AND_EDDY}")
     grid = np.load(FRONT_AND_EDDY)
     axes = (grid[name] for name in ("north", "east", "depth", "sound_speed"))
     fan = SectionFan(Medium.from_grid(*axes, bathymetry=grid["bathymetry"]))
-    source = np.array([49821.543288630244, 26064.982854520356, 89.66851972644768])
-    receiver = np.array([47284.78094194165, 36502.273530692604, 85.45893625771431])
+    source, receiver = np.array(source), np.array(receiver)
     away = receiver[:2] - source[:2]
     place, azimuth = np.array([np.hypot(*away), receiver[2]]), np.arctan2(away[1], away[0])
-    rays = fan.near(source, azimuth, place, 0.0170151)
+    rays = fan.near(source, azimuth, place, angle)
     found = find_eigenrays(fan.medium, source, receiver)
     strong = rays.spreading < 15.0
-    assert strong.sum() == 1
+    assert strong.sum() == number
     alone = without_partner(
         rays.time[strong], rays.spreading[strong], found.travel_time, found.spreading_db, TIME, LEVEL
     )
