@@ -314,7 +314,8 @@ def _significant(numbers: NDArray[np.float64], column: str) -> NDArray[np.float6
     sizes = np.abs(numbers)
     if not column.endswith("_m") or not (sizes >= _SMALLEST_LENGTH).any():
         return numbers
-    return numbers[(sizes >= _SMALLEST_LENGTH) | (sizes == 0.0)]
+    shown: NDArray[np.float64] = numbers[(sizes >= _SMALLEST_LENGTH) | (sizes == 0.0)]
+    return shown
 
 
 def _latex_head(head: Head) -> str:
