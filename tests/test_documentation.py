@@ -7,12 +7,15 @@ import runpy
 import sys
 import tomllib
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, get_args, get_origin
 
+import numpy as np
 import pytest
 from pages import DOCS, blocks_of
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 
+from pymantaray.config.checks import finding_lines
+from pymantaray.config.common import Section
 from pymantaray.ocean.fetch.catalogue import Catalogue
 from pymantaray.plan.definition import PlanFile
 from pymantaray.study import StudyConfig
@@ -129,6 +132,95 @@ def accepts(key, value):
     except ValidationError:
         return False
     return True
+
+
+UNITS = {
+    "m": ("1500 mm", 1.5),
+    "m/s": ("9 km/h", 2.5),
+    "s": ("2 min", 120.0),
+    "h": ("90 min", 1.5),
+    "days": ("36 h", 1.5),
+    "degrees": ("0.1 rad", 5.729577951308232),
+    "rad": ("90 deg", 1.5707963267948966),
+    "degrees/s": ("360 deg/min", 6.0),
+    "rad/s": ("180 deg/s", 3.141592653589793),
+    "Hz": ("25 kHz", 25_000.0),
+}  # by the unit of the page: text in another unit, and its number
+OF_ANOTHER_KIND = ("3 kg", "25 kHz", "10 min", "2 km")
+QUANTITIES = [
+    (model, name, unit[1])
+    for model in MODELS
+    for name, field in model.model_fields.items()
+    if (unit := re.search(r"\[([^][]+)\]$", field.description or "")) and unit[1] in UNITS
+]
+
+
+def lists_of(annotation):
+    """Values per list, from the outermost list inwards: none for a number."""
+    if get_origin(annotation) is tuple:
+        inner = get_args(annotation)
+        return [1 if inner[-1] is ... else len(inner), *lists_of(inner[0])]
+    return next((lists for argument in get_args(annotation) if (lists := lists_of(argument))), [])
+
+
+def in_lists(value, lists):
+    for length in reversed(lists):
+        value = (value,) * length
+    return value
+
+
+def findings_of(model, name, value):
+    try:
+        model.model_validate({name: value}, context={"folder": Path("/nowhere")})
+    except ValidationError as error:
+        lines = finding_lines(error, model)
+        return [line for line in lines if re.match(rf"`?{name}[`:.[]", line)]
+    return []
+
+
+def test_all_quantities_are_walked_over():
+    assert {unit for _, _, unit in QUANTITIES} == set(UNITS)
+    assert len(QUANTITIES) > 100
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "unit"), QUANTITIES, ids=lambda value: getattr(value, "__name__", value)
+)
+def test_a_quantity_takes_text_with_its_unit_and_no_other(model, name, unit):
+    field = model.model_fields[name]
+    if field.annotation is int:
+        pytest.skip("a whole number of hours of a year")
+    text, number = UNITS[unit]
+    lists = lists_of(field.annotation)
+    conversions = [part for part in field.metadata if isinstance(part, BeforeValidator)]  # not the limits
+    key = TypeAdapter(
+        Annotated[field.annotation, *conversions, "as the field"], config=ConfigDict(strict=True)
+    )
+    accepted = key.validate_python(in_lists(text, lists))
+    assert np.allclose(np.array(accepted, dtype=float), number, rtol=1e-15, atol=0.0)
+    own = {re.split(r"[\s\d.]+", text)[-1], unit}
+    for wrong in OF_ANOTHER_KIND:
+        kinds = {"25 kHz": {"Hz"}, "10 min": {"s", "h", "days"}, "2 km": {"m"}}.get(wrong, set())
+        if own & kinds:
+            continue
+        lines = findings_of(model, name, in_lists(wrong, lists))
+        assert len(lines) == np.prod(lists, dtype=int), (wrong, lines)
+        assert all(f"found {wrong!r}; allowed: a number of " in line for line in lines), lines
+
+
+@pytest.mark.parametrize("model", [m for m in MODELS if issubclass(m, Section)], ids=lambda m: m.__name__)
+def test_every_key_that_may_have_no_value_takes_the_word_none(model):
+    for name, field in model.model_fields.items():
+        if models_within(field.annotation):
+            may_lack = field.default in (None, ())
+        else:
+            key = TypeAdapter(
+                Annotated[field.annotation, *field.metadata, "as the field"], config=ConfigDict(strict=True)
+            )
+            may_lack = accepts(key, None)
+        if may_lack and not field.is_required():
+            assert findings_of(model, name, "none") == [], name
+            assert field.default in (None, ()), f"{name}: without a value is not the default"
 
 
 def test_every_key_that_is_a_duration_takes_text(quick_tree):

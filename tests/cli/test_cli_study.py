@@ -302,6 +302,8 @@ def test_runs_with_reports_are_compared(mantaray, told, small):
     compared = told("study", "compare", "small", "other", "--out", "json")
     assert compared["ate_pooled"][0].keys() >= {"condition"}
     assert compared["page"] == str(Path("json").resolve() / "index.html")
+    same = mantaray("study", "compare", "small", "small", "--out", "same")
+    assert "The configurations have the same values." in same.out
     refused = mantaray("study", "compare", "small", "other", "--out", "both")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
 
@@ -347,6 +349,24 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
 ])  # fmt: skip
 def test_known_errors_are_one_line(mantaray, small, words, expected):
     check_refusal(mantaray("study", *words), expected)
+
+
+def test_a_run_folder_is_not_a_study_but_contains_one(mantaray, small):
+    Path("done").mkdir()
+    Path("done/config.toml").write_text(small.read_text())
+    check_refusal(
+        mantaray("study", "show", "./done"),
+        "done: not a preset, and not a study file, whose name ends in .toml; use done/config.toml",
+        ("done", "small.toml"),
+    )
+
+
+@pytest.mark.parametrize("key", ["bathymetry", "ice"])
+def test_a_length_in_another_unit_is_no_file(mantaray, small, key):
+    check_refusal(
+        mantaray("study", "run", small, "--set", f"ocean.{key}=40 kg"),
+        f"ocean.{key}: found '40 kg'; allowed: a number of metres, or text such as \"2 km\"",
+    )
 
 
 def test_unknown_errors_keep_their_traceback(monkeypatch):

@@ -13,7 +13,8 @@ from refusals import refused
 import pymantaray.acoustics.bellhop.output
 import pymantaray.acoustics.loss
 import pymantaray.sensing  # noqa: F401  whose records are among the kinds
-from pymantaray.errors import RecordError
+from pymantaray.acoustics.caustics import waves_of
+from pymantaray.errors import AcousticsError, RecordError
 from pymantaray.estimation import FactorGraph
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import (
@@ -180,6 +181,23 @@ def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():
     assert np.isnan(RangingTruth.from_dataset(older.drop_vars("departure_angle")).departure_angle).all()
     marked = RangingTruth([1.0], [2.0], [3.0], [4.0], [1])
     assert RangingTruth.from_dataset(marked.to_dataset()).near_cutoff.tolist() == [1]
+
+
+def test_arrivals_of_older_run_folders_have_an_unknown_number_of_caustics(tmp_path):
+    """Run folders of formats 2 and 3 have no caustics; rays can be drawn, and pressures are refused."""
+    record = make_arrivals([0, 0, 1], status=(0, 0), travel_time=[1.0, 2.0, 1.5])
+    record.to_dataset().drop_vars("caustics").to_netcdf(tmp_path / "old.nc")
+    old = Arrivals.load(tmp_path / "old.nc")
+    assert old.caustics.tolist() == [-1, -1, -1]
+    assert_equal(replace(old, caustics=record.caustics), record)
+    refused(AcousticsError, "number of caustics unknown", waves_of, old, None)
+
+
+def test_a_short_representation_counts_in_words():
+    assert repr(filled(Measurements)) == (
+        "<Measurements: 3 vehicles, 4 times, 2 edges, 3 fixes, 4 landmarks, 2 ranges, 3 attitudes, 4 DVL samples>"
+    )
+    assert repr(make_arrivals([0], status=(0, 1))) == "<Arrivals: 1 arrival, 2 links>"
 
 
 def test_times_in_another_unit_are_refused(tmp_path):

@@ -116,6 +116,15 @@ def test_a_table_for_print_has_short_lines():
     )
 
 
+def test_a_rounding_error_among_lengths_is_zero_and_needs_no_exponent():
+    frame = pd.DataFrame({"median_m": [12.3456, 1e-8, -3e-8, 0.0], "tiny_m": [1e-8, 2e-8, 0.0, 3e-8]})
+    cells = [list(column) for column in zip(*ResultTable("t", frame[["median_m"]]).rows, strict=True)]
+    assert cells == [["12.35", "0.00", "0.00", "0.00"]]
+    alone = [row[0] for row in ResultTable("t", frame[["tiny_m"]]).rows]
+    assert [float(text) for text in alone] == [1e-8, 2e-8, 0.0, 3e-8], "the column has no longer lengths"
+    assert [row[0] for row in ResultTable("t", frame).rows] == cells[0], "another column changes nothing"
+
+
 def test_every_form_has_the_same_cells():
     frame = pd.DataFrame({"condition": ["a_b", "50 %"], "rmse_m": [-1.25, 12.3456], "n": [1200, 3]})
     table = ResultTable("errors", frame, "Errors & more", brief=("condition", "rmse_m"))

@@ -95,7 +95,7 @@ def test_arrivals_are_a_data_frame_with_units_in_names_and_a_short_representatio
     assert frame[["link", "arrival"]].to_numpy().tolist() == [[0, 0], [0, 1], [2, 0]]
     np.testing.assert_array_equal(frame["travel_time_s"], arrivals.travel_time)
     np.testing.assert_allclose(frame["launch_angle_deg"], np.degrees(arrivals.launch_angle))
-    assert repr(arrivals) == "<Arrivals: arrival 3, n_links 3>"
+    assert repr(arrivals) == "<Arrivals: 3 arrivals, 3 links>"
 
 
 def test_a_run_and_its_plots_are_shown_in_one_line(run):

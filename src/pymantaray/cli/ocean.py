@@ -23,7 +23,7 @@ from pymantaray.cli.options import (
 )
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import printer
-from pymantaray.errors import OceanError
+from pymantaray.errors import MantaRayError, OceanError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from pymantaray.config import SoundConfig
     from pymantaray.config.sections import OceanSection
     from pymantaray.ocean.check import Findings
+    from pymantaray.ocean.schema import Finding
 
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
@@ -114,6 +115,8 @@ def check(
         raise OceanError("no ocean; name one, or give a study with --study")
     if study is None:
         findings = _checked(_configured(files or [], water))
+        if findings.ok and water.own_keys:
+            findings = Findings([*_refusals(files or [], water), *findings])
     else:
         from pymantaray.config.options import dotted_keys
         from pymantaray.study import load_study
@@ -148,6 +151,18 @@ def _configured(words: list[str], options: GridOptions) -> "SoundConfig":
     from pymantaray.water.water import configuration_of
 
     return configuration_of(words, {"currents": "required"} | options.keys)
+
+
+def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
+    """Findings of options of ice, rays and profiles, which only the water itself has."""
+    from pymantaray.ocean.schema import Finding
+    from pymantaray.water import open_water
+
+    try:
+        open_water(words, **{"currents": "required"} | options.keys)
+    except MantaRayError as error:
+        return [Finding("wrong", "water", str(error))]
+    return []
 
 
 def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":

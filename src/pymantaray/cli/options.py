@@ -2,7 +2,6 @@
 
 import functools
 import inspect
-import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from pymantaray.cli.groups import number_in, quantity
 from pymantaray.cli.printing import Printer, log_to_stderr, printer
 from pymantaray.errors import AcousticsError, MantaRayError, WaterError
 from pymantaray.geometry.checks import check_number
+from pymantaray.geometry.units import is_like_quantity
 from pymantaray.report.folder import FORMATS
 
 if TYPE_CHECKING:
@@ -413,6 +413,11 @@ class WaterOptions(GridOptions):
     @property
     def keys(self) -> dict[str, Any]:
         """Options of `pymantaray.open_water`."""
+        return super().keys | self.own_keys
+
+    @property
+    def own_keys(self) -> dict[str, Any]:
+        """Options of ice, rays and profiles, which an ocean on its grid does not have."""
         keys = {
             "ice": _metres_or_file("--ice", self.ice),
             "ice_slope_deg": self.ice_slope,
@@ -422,7 +427,7 @@ class WaterOptions(GridOptions):
             "thin": self.thin,
             "smooth": self.smooth,
         }
-        return super().keys | {key: value for key, value in keys.items() if value is not None}
+        return {key: value for key, value in keys.items() if value is not None}
 
     @property
     def files(self) -> list[Path]:
@@ -456,7 +461,7 @@ def _metres_or_file(option: str, text: str | None) -> float | str | None:
     try:
         return None if text is None else number_in(text, "m")
     except ValueError as error:
-        if re.fullmatch(r"\s*[+-]?[\d.]+\s*[^\W\d_/.]+\s*", str(text)) and not Path(str(text)).exists():
+        if is_like_quantity(str(text)):
             raise WaterError(f"{option}: {error}") from None
         return text
 

@@ -378,7 +378,9 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
     for name, number in numbers.items():
         out.line(f"{number}: {name}")
     for name in SUMMARY:
-        if name in tables:  # runs of ranges alone have no position errors
+        if name == "configuration" and tables[name].frame.empty:
+            out.line("The configurations have the same values.\n")
+        elif name in tables:  # runs of ranges alone have no position errors
             frame = tables[name].frame.rename(columns=numbers)
             out.table(replace(tables[name], frame=frame))
 

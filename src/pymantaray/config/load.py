@@ -277,9 +277,7 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
     path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
     if not is_file and name not in preset_names() and path.exists():
-        raise StudyError(
-            f"{name}: not a preset, and not a study file, whose name ends in .toml; correct the name"
-        )
+        raise _no_study(path)
     if not is_file:
         _check_preset(name)
     folder = path.parent if is_file else Path()
@@ -366,7 +364,16 @@ def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None 
     return parse(StudyConfig, tree, label, folder)
 
 
+def _no_study(path: Path) -> StudyError:
+    """Error about a file or folder that is no study; a run folder contains one."""
+    inside = path / "config.toml"
+    remedy = f"use {inside}" if inside.is_file() else "correct the name"
+    return StudyError(f"{path}: not a preset, and not a study file, whose name ends in .toml; {remedy}")
+
+
 def _read(path: Path) -> str:
+    if path.is_dir():
+        raise _no_study(path)
     try:
         with path.open(encoding="utf-8") as file:
             text = file.read(_MAX_CHARACTERS + 1)

@@ -35,6 +35,7 @@ from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.config.parse import parse
 from pymantaray.geometry.sphere import Earth
+from pymantaray.geometry.units import is_like_quantity, quantity_of
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
@@ -254,6 +255,11 @@ def _as_texts(value: object) -> object:
     return (value,) if isinstance(value, str) else value
 
 
+def _metres_or_file(value: Any) -> Any:
+    """Return the value, unless its text is a number with a unit that is no length."""
+    return quantity_of(value, "m") if isinstance(value, str) and is_like_quantity(value) else value
+
+
 StandardNames = Annotated[
     tuple[Annotated[str, Field(pattern=NAMED)], ...],
     BeforeValidator(_as_texts, json_schema_input_type=str | tuple[str, ...]),
@@ -280,11 +286,19 @@ class OceanSection(Section):
     """If the ocean has no currents: ``"required"`` is an error, ``"rest"`` sets them to zero."""
     equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
     """Equation of sound speed from temperature, salinity and pressure."""
-    bathymetry: Metres[PositiveFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
+    bathymetry: Annotated[
+        Metres[PositiveFloat] | InputFile | None,
+        Field(union_mode="left_to_right"),
+        BeforeValidator(_metres_or_file),
+    ] = None
     """Depth of a flat sea floor, or a file with a finer sea floor than the ocean has; required for a profile. [m]"""
     bathymetry_crs: str | None = None
     """Projection of a sea floor's file that does not name it, such as ``"EPSG:3996"`` of IBCAO."""
-    ice: Metres[NonNegativeFloat] | InputFile | None = Field(default=None, union_mode="left_to_right")
+    ice: Annotated[
+        Metres[NonNegativeFloat] | InputFile | None,
+        Field(union_mode="left_to_right"),
+        BeforeValidator(_metres_or_file),
+    ] = None
     """Draft of a uniform ice cover, or a file with drafts. [m]"""
     ice_slope_deg: Degrees[NonNegativeFloat] | None = Field(default=None, lt=25.0)
     """Standard deviation of the slope of the ice's underside along any line, for rays. Default: smooth ice. [degrees]"""

@@ -40,13 +40,15 @@ def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:
     """
     if not (longest > _FLAT_LIMIT or farthest > _FLAT_LIMIT):
         return None
+    error = _FLAT_ERROR * longest**3
+    amount = f"up to about {error:,.1f}" if error >= 0.1 else "less than 0.1"
     links = f"links are up to {1e-3 * longest:.1f} km long"
     begin = links.capitalize()
     if farthest > _FLAT_LIMIT:
         begin = f"Trajectories extend to {1e-3 * farthest:.1f} km from the centre of the frame, and {links}"
     return (
-        f"{begin}: on a flat Earth, their ranges are too long by up to about"
-        f' {_FLAT_ERROR * longest**3:.1f} m; use --earth sphere (in Python: earth="sphere"; in TOML: acoustics.earth).'
+        f"{begin}: on a flat Earth, their ranges are too long by"
+        f' {amount} m; use --earth sphere (in Python: earth="sphere"; in TOML: acoustics.earth).'
     )
 
 

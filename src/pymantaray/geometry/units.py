@@ -34,6 +34,11 @@ def has_units(unit: str) -> bool:
     return any(unit in units for units in _UNITS.values())
 
 
+def is_like_quantity(text: str) -> bool:
+    """True for a number and a word, such as ``10 m`` and ``3 kg``, which is not meant as a file name."""
+    return re.fullmatch(r"\s*[+-]?[\d.]+\s*[^\W\d_/.]+(/[^\W\d_/.]+)?\s*", text) is not None
+
+
 def quantity_of(text: str, unit: str) -> float:
     """
     Convert text with units of a quantity to a number in one unit of that quantity.

@@ -121,7 +121,7 @@ class Cast:
                 )
         if not (-90.0 <= self.lat <= 90.0 and -360.0 <= self.lon <= 360.0):
             raise OceanError(
-                f"cast {self.name}: place is {self.lat:g} N {self.lon:g} E; latitude must be in -90 to 90 degrees, longitude"
+                f"cast {self.name}: latitude {self.lat:g} and longitude {self.lon:g} are not a place; latitude must be in -90 to 90 degrees, longitude"
                 " in -360 to 360"
             )
 

@@ -24,7 +24,7 @@ from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.rsk import is_rsk, read_rsk
-from pymantaray.ocean.schema import assemble_ocean, with_history
+from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle
 from pymantaray.records.text_table import MONTHS
@@ -403,7 +403,7 @@ def cast_ocean(
         instant,
         {name: np.broadcast_to(c[:, None, None], shape).copy() for name, c in columns.items()},
         title=f"Cast {cast.name}",
-        source=f"one cast at {cast.lat:g} N {cast.lon:g} E, horizontally uniform",
+        source=f"one cast at {place_text(cast.lat, cast.lon)}, horizontally uniform",
         synthetic=False,
     )
     t, s = (np.interp(cast.depth, z, column) for column in (temperature, salinity))
@@ -492,7 +492,7 @@ def _axes(cast: Cast, half_extent: tuple[float, float]) -> tuple[Array, Array]:
     half_lon = _MARGIN * float(np.abs(lon - frame.longitude_deg).max())
     if abs(cast.lat) + half_lat > 90.0 or half_lon >= 179.0:
         raise OceanError(
-            f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km around {cast.lat:g} N extends over the"
+            f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km around {latitude(cast.lat)} extends over the"
             " pole; give a smaller --half-extent (in Python: half_extent)"
         )
     s = np.linspace(-1.0, 1.0, _POINTS)

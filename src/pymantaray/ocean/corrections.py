@@ -8,7 +8,7 @@ import xarray as xr
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast
-from pymantaray.ocean.schema import validate_ocean, with_history
+from pymantaray.ocean.schema import place_text, validate_ocean, with_history
 from pymantaray.ocean.seawater import density_fall
 from pymantaray.ocean.window import Window, counted_place
 
@@ -168,7 +168,7 @@ def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     column = np.full(around.shape[::3], np.nan)
     np.divide(np.nansum(weight * around, axis=(1, 2)), total, out=column, where=total > 0.0)
     if not np.all(np.isfinite(column[0])):
-        raise OceanError(f"cast {name}: {lat:g} N {lon:g} E is on land in the ocean; remove the cast")
+        raise OceanError(f"cast {name}: {place_text(lat, lon)} is on land in the ocean; remove the cast")
     return column
 
 

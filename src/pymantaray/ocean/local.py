@@ -16,6 +16,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.grid_points import GridPoints
+from pymantaray.ocean.schema import place_text
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window, half_sides_within
@@ -268,7 +269,7 @@ def _checked(half_extent: tuple[float, float], window: Window) -> tuple[float, f
         largest = window.largest_rectangle()
         raise OceanError(
             f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east around"
-            f" {window.frame.latitude_deg:g} N {window.frame.longitude_deg:g} E does not fit into the data;"
+            f" {place_text(window.frame.latitude_deg, window.frame.longitude_deg)} does not fit into the data;"
             f" set half_extent to at most {half_sides_within(largest)}"
         )
     return north, east

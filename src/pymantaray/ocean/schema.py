@@ -314,7 +314,12 @@ def place_of(ocean: xr.Dataset, index: Sequence[Any] | NDArray[np.intp]) -> str:
     if any(name not in ocean.coords or ocean[name].ndim != 1 for name in DIMS):
         return f"index {', '.join(str(int(n)) for n in index)}"
     depth, lat, lon = (float(ocean[name].values[n]) for name, n in zip(DIMS, index, strict=True))
-    return f"{latitude(lat)}, {longitude(lon)}, {depth:g} m"
+    return f"{place_text(lat, lon)}, {depth:g} m"
+
+
+def place_text(lat: float, lon: float) -> str:
+    """Latitude and longitude as text, such as ``74.5 N, 140 W``."""
+    return f"{latitude(lat)}, {longitude(lon)}"
 
 
 def latitude(value: float) -> str:

@@ -13,7 +13,7 @@ from scipy import optimize
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import contiguous, whole_turns, wrapped
-from pymantaray.ocean.schema import latitude, longitude
+from pymantaray.ocean.schema import place_text
 
 Array = NDArray[np.float64]
 GeographicWindow = tuple[float, float, float, float]
@@ -98,8 +98,8 @@ def select(
         )
         if rows.size == 0 or columns.size == 0:
             raise OceanError(
-                f"{where}: no grid point in the window {south:g} to {north:g} N, {west:g} to {east:g} E; the data"
-                f" cover {lat.min():g} to {lat.max():g} N and {lon.min():g} to {lon.max():g} E; change the window"
+                f"{where}: no grid point in the window, latitude {south:g} to {north:g} and longitude {west:g} to {east:g}; the data"
+                f" cover latitude {lat.min():g} to {lat.max():g} and longitude {lon.min():g} to {lon.max():g}; change the window"
             )
     stored = np.sort(columns)
     runs = np.split(stored, np.flatnonzero(np.diff(stored) != 1) + 1)
@@ -210,7 +210,7 @@ def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> t
     lat, lon = place[0], wrapped(place[1], about=0.5 * (west + east))
     if not (south <= lat <= north and west <= lon <= east):
         raise OceanError(
-            f"{name}: {latitude(place[0])}, {longitude(place[1])} is outside the ocean; allowed: latitude {south:g} to {north:g},"
+            f"{name}: {place_text(*place)} is outside the ocean; allowed: latitude {south:g} to {north:g},"
             f" longitude {west:g} to {east:g}"
         )
     return lat, lon
@@ -292,7 +292,7 @@ def _largest_rectangle(
     tallest = _reach(lambda north: window.holds(north, 0.0))
     if tallest <= 0.0:
         raise OceanError(
-            f"centre {centre[0]:g} N {centre[1]:g} E is not inside the data:"
+            f"centre {place_text(*centre)} is not inside the data:"
             f" latitude {lat[0]:g} to {lat[1]:g}, longitude {lon[0]:g} to {lon[1]:g}"
         )
 

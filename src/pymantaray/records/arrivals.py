@@ -34,7 +34,7 @@ class FirstArrivals(Record):
     receiver_slowness: Column = column("link axis", "s m-1", "slowness vector at the receiver, along the ray")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Arrivals(Record):
     """
     All admitted arrivals, one row per eigenray, sorted by link and travel time, and outcomes per link.
@@ -49,7 +49,13 @@ class Arrivals(Record):
     surface_bounces: Column = column("arrival", "1", "reflections at the surface", "i2")
     bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i2")
     turning_points: Column = column("arrival", "1", "vertical turning points, without reflections", "i2")
-    caustics: Column = column("arrival", "1", "caustics on the way, in the vertical plane of the ray", "i2")
+    caustics: Column = column(
+        "arrival",
+        "1",
+        "caustics on the way, in the vertical plane of the ray; -1 in files of older versions",
+        "i2",
+        default=-1,
+    )
     launch_angle: Column = column("arrival", "rad", "angle from the horizontal at the source, positive down")
     arrival_angle: Column = column(
         "arrival", "rad", "angle from the horizontal at the receiver, positive down"

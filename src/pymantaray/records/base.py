@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError
+from pymantaray.records.digits import counted
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.writing import read_netcdf, write_netcdf
@@ -33,6 +34,8 @@ LABELS = {
 }
 """Dimensions of fixed length and their labels; the name of the second dimension of a matrix ends in ``_column``."""
 _COLUMN = "_column"
+_NOUNS = {"dvl": "DVL sample"}
+"""Nouns of dimensions whose names are none."""
 _SINCE = "seconds since "
 _TIME = {
     "standard_name": "time",
@@ -83,12 +86,14 @@ class Record:
         cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """Kind and sizes, such as ``<Estimates: condition 3, realization 2, vehicle 11, time 433>``."""
+        """Kind and sizes, such as ``<Estimates: 3 conditions, 2 realizations, 433 epochs, 11 vehicles>``."""
         sizes = dict[str, int]()
         for f in self._columns():
             sizes |= zip(f.metadata["dims"], getattr(self, f.name).shape, strict=True)
         shown = (
-            f"{name} {n}" for name, n in sizes.items() if name.removesuffix(_COLUMN) == name not in LABELS
+            _counted_rows(name, n)
+            for name, n in sizes.items()
+            if name.removesuffix(_COLUMN) == name not in LABELS
         )
         return f"<{type(self).__name__}: {', '.join(shown)}>"
 
@@ -331,6 +336,13 @@ def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
 def _variable(f: Field[Any]) -> str:
     """Name of a column in a data set: its dimension if the column labels it."""
     return str(f.metadata["dims"][0] if f.metadata["labels"] else f.name)
+
+
+def _counted_rows(dimension: str, size: int) -> str:
+    """Size of a dimension in words, such as ``2 links``."""
+    noun = dimension.removeprefix("n_").removesuffix("s") if dimension.startswith("n_") else dimension
+    noun = _NOUNS.get(noun, noun.replace("_", " "))
+    return f"{size:,} fixes" if noun == "fix" and size != 1 else counted(size, noun)
 
 
 def _today(dataset: "xr.Dataset") -> "xr.Dataset":

@@ -38,7 +38,7 @@ def show_alike(values: Sequence[Any], form: str | None = None) -> list[str]:
     """Text of each value of one quantity: measured numbers have one format, by default that of `number_format`."""
     form = number_format(measured_numbers(values)) if form is None else form
     return [
-        f"{value:{form}}".replace("-", _MINUS)
+        f"{value:z{form}}".replace("-", _MINUS)
         if form and isinstance(value, float | np.floating) and np.isfinite(value)
         else show(value)
         for value in values

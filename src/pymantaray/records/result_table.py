@@ -9,6 +9,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pymantaray.records.csv_text import csv_text
 from pymantaray.records.digits import (
@@ -54,6 +55,7 @@ _HEADS = {
     "percent": "share [%]",
     "percent_beyond_3_sigma": "> 3 sigma [%]",
 }
+_SMALLEST_LENGTH = 1e-6  # m; shorter ones in a column of longer ones are rounding errors
 _FORMATS = dict.fromkeys(("lat", "lon", "latitude", "longitude"), ".6f")  # a metre is 1e-5 degrees
 _KEY, _MEANING = "key", "meaning"  # columns of settings
 _QUANTITY = "quantity"  # a column with names of columns of other tables
@@ -288,7 +290,9 @@ def _formats(table: "pd.DataFrame") -> list[str]:
         f"sigma {unit}" if column.startswith("sigma_") else unit
         for column, unit in zip(columns, units, strict=True)
     ]
-    numbers = [measured_numbers(table.iloc[:, k].tolist()) for k in range(len(columns))]
+    numbers = [
+        _significant(measured_numbers(table.iloc[:, k].tolist()), column) for k, column in enumerate(columns)
+    ]
     units = [
         column if (own == np.round(own)).all() else unit
         for column, unit, own in zip(columns, units, numbers, strict=True)
@@ -303,6 +307,15 @@ def _formats(table: "pd.DataFrame") -> list[str]:
         _FORMATS.get(column) or shared[unit] or number_format(own)
         for column, unit, own in zip(columns, units, numbers, strict=True)
     ]
+
+
+def _significant(numbers: NDArray[np.float64], column: str) -> NDArray[np.float64]:
+    """Numbers that determine a format: lengths below a micrometre are zeros, unless the column has no others."""
+    sizes = np.abs(numbers)
+    if not column.endswith("_m") or not (sizes >= _SMALLEST_LENGTH).any():
+        return numbers
+    shown: NDArray[np.float64] = numbers[(sizes >= _SMALLEST_LENGTH) | (sizes == 0.0)]
+    return shown
 
 
 def _latex_head(head: Head) -> str:

@@ -153,7 +153,7 @@ def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
     ({"lat": (73.0, 95.0)}, "lat is 73,95; it must be two numbers from -90 to 90"),
     ({"lat": (float("nan"), 1.0)}, "lat is nan,1; it must be"),
     ({"lon": (-130.0, -150.0)}, "lon is -130,-150; it spans 340 degrees eastwards; the limit is 180; write west,east"),
-    ({"lat": (-85.0, -82.0)}, "the data, which cover -80 to 90 N"),
+    ({"lat": (-85.0, -82.0)}, "the data, which cover latitude -80 to 90 and longitude"),
     ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; the limit is 20,000,000; use a smaller window"),
     ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
     ({"out": "nowhere/ocean.nc"}, "no such folder; create it first"),

@@ -65,7 +65,7 @@ class Region:
         )
         if min(sides) < -_SIDE_TOLERANCE:
             raise OceanError(
-                f"{where}: {self.text} is not inside the data, which cover {lat.min():g} to {lat.max():g} N and"
-                f" {lon.min():g} to {lon.max():g} E; change the window"
+                f"{where}: {self.text} is not inside the data, which cover latitude {lat.min():g} to {lat.max():g} and"
+                f" longitude {lon.min():g} to {lon.max():g}; change the window"
             )
         return grid
