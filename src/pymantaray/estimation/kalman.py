@@ -6,8 +6,8 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky
 from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotrf
 
 from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
@@ -237,9 +237,8 @@ def corrected(
     None if the covariance of the innovations is not positive definite.
     """
     weight = by_errors @ covariance
-    try:
-        root = cholesky(weight @ by_errors.T + variance, lower=True)
-    except (np.linalg.LinAlgError, ValueError):
+    root, failed = dpotrf(weight @ by_errors.T + variance, lower=1)
+    if failed or not np.isfinite(root[-1, -1]):
         return None
     # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a busy machine
     white, gain = dtrsm(1.0, root, residual[:, None], lower=1)[:, 0], dtrsm(1.0, root, weight, lower=1)
