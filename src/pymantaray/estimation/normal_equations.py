@@ -59,6 +59,7 @@ class Structure:
         self.start = np.concatenate([[0], np.cumsum(count)])
         self.column = np.empty(self.start[-1], dtype=np.intp)
         cholesky.join_rows(*walk, np.empty(size, dtype=np.intp), count, self.start, self.column)
+        self._between: dict[bytes, tuple[Indices, Indices, Blocks]] = {}
 
     @cached_property
     def _keys(self) -> Indices:
@@ -70,6 +71,14 @@ class Structure:
         first, second = self.row[pairs.reshape(-1, 2)].T
         keys = np.minimum(first, second) * self.row.size + np.maximum(first, second)
         return Blocks(np.searchsorted(self._keys, keys), first > second)
+
+    def between(self, variables: Indices) -> tuple[Indices, Indices, Blocks]:
+        """Pairs of some mutually connected variables, as two arrays of indices, and their blocks; computed once."""
+        key = variables.tobytes()
+        if key not in self._between:
+            a, b = np.triu_indices(len(variables), 1)
+            self._between[key] = a, b, self.blocks(np.stack([variables[a], variables[b]], axis=1))
+        return self._between[key]
 
 
 class Factor:
@@ -105,8 +114,7 @@ class Factor:
         out = np.empty((n, n, SIZE, SIZE))
         i = np.arange(n)
         out[i, i] = diagonal[s.row[group]]
-        a, b = np.triu_indices(n, 1)
-        block, turned = s.blocks(np.stack([group[a], group[b]], axis=1))
+        a, b, (block, turned) = s.between(group)
         between = above[block]
         between[turned] = np.swapaxes(between[turned], 1, 2)
         out[a, b], out[b, a] = between, np.swapaxes(between, 1, 2)
@@ -186,8 +194,7 @@ class NormalEquations:
         rows, i = s.row[variables], np.arange(n)
         self.gradient[rows] += gradient.reshape(n, SIZE)
         self.diagonal[rows] += blocks[i, i]
-        a, b = np.triu_indices(n, 1)
-        block, turned = s.blocks(np.stack([variables[a], variables[b]], axis=1))
+        a, b, (block, turned) = s.between(variables)
         between = blocks[a, b]
         between[turned] = np.swapaxes(between[turned], 1, 2)
         self.above[block] += between

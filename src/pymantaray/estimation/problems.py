@@ -347,8 +347,14 @@ class ExpandedRanges:
 
     def add(self, state: GraphState, _blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, weighted under a loss."""
-        out.cost += self.cost(state, loss)
-        for term in self.linear(state, loss):
+        terms = self.linear(state, loss)
+        if loss is None:
+            out.cost += sum(_cost(term.residual, None) for term in terms) + 0.5 * float(
+                state.shared @ state.shared
+            )
+        else:
+            out.cost += self.cost(state, loss)
+        for term in terms:
             jacobian = term.jacobian
             out.add(term.variables, jacobian.T @ jacobian, jacobian.T @ term.residual)
         if state.shared.size:
@@ -375,8 +381,8 @@ class ExpandedRanges:
     ) -> LinearTerm:
         m, row = t.rows.size, np.arange(t.rows.size)
         by = np.zeros((m, len(t.variables), SIZE))
-        np.add.at(by[..., 3:], (row, t.transmitter), by_transmitter[t.rows])
-        np.add.at(by[..., 3:], (row, t.receiver), by_receiver[t.rows])
+        by[row, t.transmitter, 3:] = by_transmitter[t.rows]  # the ends of a range differ
+        by[row, t.receiver, 3:] = by_receiver[t.rows]
         flat = by.reshape(m, -1)
         by_unknowns = self._expansion.by_unknowns[t.rows]
         first = SIZE * (int(max(t.transmitter.max(), t.receiver.max())) + 1)
