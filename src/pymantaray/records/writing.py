@@ -127,11 +127,10 @@ def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
 
     with deferred_stops(), NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         path = Path(folder, "groups.nc")
-        with Dataset(
-            path, "w", format="NETCDF4"
-        ) as file:  # opened once: HDF5 opens a file more slowly the more groups it has
+        # opened once, because HDF5 opens a file more slowly the more groups it has
+        with Dataset(path, "w", format="NETCDF4") as file:
             for name, dataset in groups.items():
-                dataset.drop_encoding().dump_to_store(NetCDF4DataStore(file.createGroup(name)))
+                dataset.drop_encoding().dump_to_store(NetCDF4DataStore(file.createGroup(name)))  # type: ignore[no-untyped-call]
         content = path.read_bytes()
     return content + hashlib.sha256(content).digest()
 
