@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self, get_args
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import link_loss_db
@@ -14,6 +13,9 @@ from pymantaray.acoustics.sonar import Sonar
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.sensing import Receptions
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Rows = NDArray[np.int64]
 Kind = Literal["first", "strongest", "within", "threshold", "persist"]
@@ -147,7 +149,7 @@ def first_picks(link: Rows, keys: Sequence[Array], allowed: NDArray[np.bool_], l
 
 
 def predicted_columns(
-    candidates: pd.DataFrame, first: Rows, after: Rows, sonar: Sonar | None, *, rays: Rows | None = None
+    candidates: "pd.DataFrame", first: Rows, after: Rows, sonar: Sonar | None, *, rays: Rows | None = None
 ) -> dict[str, Array | float]:
     """
     Columns of the picked rows of candidates and of their successors; NaN for rows of -1.
