@@ -30,6 +30,7 @@ from pymantaray.acoustics._kernels.refine import (
     finish,
     jumps,
     miss_noise,
+    narrow,
     polish,
     put_off,
     refine,
@@ -450,7 +451,8 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     launch = Launch(False, 0.0, 0.0, 0, 0)
     if first:
         launch = polish(s, walls, course, bracket, accuracy, work)
-    if not launch.ok:
+    polished = launch.ok
+    if not polished:
         wide = widened(s, walls, course, bracket, accuracy.fine, work) if first else taken_up(bracket)
         if first and jumps(wide, cutoff[1]):
             put_off(wide, bracket)
@@ -464,6 +466,8 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     row, slope = work.rows[count], work.y[at.XI]
     finish(row, work.y, launch, course, link, 0.0)
     row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
+    if not polished:  # the slope at one ray may be an error of the ray beside a crest
+        narrow(s, walls, course, bracket, launch, accuracy.fine, work)
     row[at.SPREADING_DB] += unresolved_db(bracket, miss_noise(accuracy.fine, slope, link.length), slope)
     return _WEAK if row[at.SPREADING_DB] > cutoff[0] else _CLEAR
 

@@ -216,6 +216,19 @@ def unresolved_db(bracket, noise, slope):
 
 
 @kernel
+def narrow(s, walls, course, bracket, launch, tol, work):
+    """Move the ends of a bracket to rays beside a ray, closer to each other than the resolution; if one does not reach the end, without a jump."""
+    reach = True
+    for i in range(2):
+        angle = launch.angle + (i - 0.5) * 0.9 * RESOLUTION
+        ok, _, _, _ = trace(s, walls, course, angle, launch.q, tol, full_ray(work))
+        bracket[i, at.ANGLE], bracket[i, at.MISS] = angle, work.y[at.W] - course.target
+        reach = reach and ok
+    if not reach:
+        bracket[1, at.MISS] = bracket[0, at.MISS]
+
+
+@kernel
 def _in_plane(s, walls, course, bracket, accuracy, work):
     """Launch angle of the root of the miss in a bracket, in the plane of the link, and False if it cannot be found."""
     lo, hi, fa, code = bracket[0, at.ANGLE], bracket[1, at.ANGLE], bracket[0, at.MISS], bracket[0, at.CODE]
