@@ -90,5 +90,7 @@ def squares_in(out):
 
 
 if __name__ == "__main__":
+    import stub_tasks  # workers import the functions of a module, not those of a script
+
     count, seconds, out = int(sys.argv[1]), float(sys.argv[2]), sys.argv[3]
-    run_squares([Square(n, seconds) for n in range(count)], out, workers=2)
+    stub_tasks.run_squares([stub_tasks.Square(n, seconds) for n in range(count)], out, workers=2)

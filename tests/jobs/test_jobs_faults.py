@@ -50,7 +50,7 @@ def test_a_worker_of_other_code_is_refused_in_one_line(tmp_path):
 def test_kill_minus_nine_at_any_moment_loses_nothing(tmp_path):
     out, rng, finished = tmp_path / "out", np.random.default_rng(7), {}
     for _ in range(4):
-        process = begin(40, 0.02, out)
+        process = begin(200, 0.02, out)
         while process.poll() is None and len(squares_in(out)) <= len(finished):
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.2))
@@ -61,10 +61,10 @@ def test_kill_minus_nine_at_any_moment_loses_nothing(tmp_path):
         assert all(json.loads(content) for content in there.values())
         assert {name: there[name] for name in finished} == finished  # none lost, none done again
         finished = there
-    assert begin(40, 0.0, out).communicate()[1] == b""
-    begin(40, 0.0, tmp_path / "undisturbed").communicate()
+    assert begin(200, 0.0, out).communicate()[1] == b""
+    begin(200, 0.0, tmp_path / "undisturbed").communicate()
     assert squares_in(out) == squares_in(tmp_path / "undisturbed")
-    assert len(squares_in(out)) == 40
+    assert len(squares_in(out)) == 200
 
 
 @pytest.mark.slow

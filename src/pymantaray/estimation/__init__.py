@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from pymantaray.estimation.marginals import covariances_at as covariances_at
     from pymantaray.estimation.pyfg import read_pyfg as read_pyfg
     from pymantaray.estimation.pyfg import write_pyfg as write_pyfg
-    from pymantaray.estimation.pyfg import write_pyfgs as write_pyfgs
     from pymantaray.estimation.range_models import AdjustableModel as AdjustableModel
     from pymantaray.estimation.range_models import ClockPrior as ClockPrior
     from pymantaray.estimation.range_models import ConstantSpeed as ConstantSpeed

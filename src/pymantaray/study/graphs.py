@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph, write_pyfgs
+from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph
+from pymantaray.estimation.pyfg import write_pyfgs
 from pymantaray.records import Measurements
 from pymantaray.study.store import Run
 
