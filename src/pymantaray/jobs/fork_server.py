@@ -220,28 +220,29 @@ def serve_forks(work: Callable[[BinaryIO], NoReturn], program: Sequence[str]) ->
     collect_garbage_rarely()
     connection = socket.socket(fileno=os.dup(0))
     started: dict[int, subprocess.Popen[bytes]] = {}  # in new interpreters
-    while True:
-        message, files, _, _ = socket.recv_fds(connection, _MAX_MESSAGE, _FILES)
-        if not message:
-            return
-        request = json.loads(message)
-        if isinstance(request, int):
-            code = started.pop(request).wait() if request in started else _forked_code(request)
-            connection.send(str(code).encode())
-            continue
-        for name in request:
-            with suppress(Exception):  # the worker raises it again
-                import_module(name)
-        if _has_one_thread():
-            pid = _fork(work, connection, files)
-        else:
-            process = _start(program, files)
-            pid = process.pid
-            started[pid] = process
-        reference = os.pidfd_open(pid)
-        socket.send_fds(connection, [str(pid).encode()], [reference])
-        for file in (*files, reference):
-            os.close(file)
+    with suppress(ConnectionError):  # the parent was killed
+        while True:
+            message, files, _, _ = socket.recv_fds(connection, _MAX_MESSAGE, _FILES)
+            if not message:
+                return
+            request = json.loads(message)
+            if isinstance(request, int):
+                code = started.pop(request).wait() if request in started else _forked_code(request)
+                connection.send(str(code).encode())
+                continue
+            for name in request:
+                with suppress(Exception):  # the worker raises it again
+                    import_module(name)
+            if _has_one_thread():
+                pid = _fork(work, connection, files)
+            else:
+                process = _start(program, files)
+                pid = process.pid
+                started[pid] = process
+            reference = os.pidfd_open(pid)
+            socket.send_fds(connection, [str(pid).encode()], [reference])
+            for file in (*files, reference):
+                os.close(file)
 
 
 def _has_one_thread() -> bool:
