@@ -27,7 +27,7 @@ from pymantaray.estimation import (
     dead_reckon,
 )
 from pymantaray.estimation.incremental import solve_incrementally
-from pymantaray.estimation.losses import range_weights
+from pymantaray.estimation.losses import whitened_ranges
 from pymantaray.sensing import perturb
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
@@ -97,7 +97,7 @@ def main() -> None:
                 seconds = time.perf_counter() - begin
                 note = ""
                 if name != "least squares" and found.usable:
-                    low = range_weights(dirty, found.values, LOSSES[name]) < 0.1
+                    low = LOSSES[name].weight(whitened_ranges(dirty, found.values)) < 0.1
                     note = f"{np.count_nonzero(low & late)} of {np.count_nonzero(late)} late, {np.count_nonzero(low & ~late)} good"
                 print(
                     f"{rate:5.0%} {name:14} {start:14} {found.status.name:13} {found.iterations:5d} {found.final_cost:10.1f}"

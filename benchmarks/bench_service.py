@@ -28,7 +28,7 @@ import numpy as np
 from all_rows import machine
 from bench_links import GRID, TARGETS
 
-from pymantaray.config.checks import parse
+from pymantaray.config.parse import parse
 from pymantaray.service import RangingService
 from pymantaray.service.server import MAX_BYTES
 from pymantaray.study import SoundConfig
