@@ -4,7 +4,10 @@ import ast
 from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
+from importlib import import_module
 from pathlib import Path
+
+import pytest
 
 import pymantaray
 
@@ -58,6 +61,29 @@ def test_no_module_imports_itself_through_others():
         TopologicalSorter({name: _needed(name) for name in MODULES}).prepare()
     except CycleError as error:
         raise AssertionError(" -> ".join(error.args[1])) from None
+
+
+SCRIPTS = [
+    path
+    for folder in ("benchmarks", "examples", "docs")
+    for path in (Path(__file__).parents[1] / folder).rglob("*.py")
+]
+
+
+@pytest.mark.skipif(not SCRIPTS, reason="the scripts are not beside the tests")
+def test_scripts_import_names_that_exist():
+    """No other test runs every benchmark."""
+    missing = []
+    for path in SCRIPTS:
+        for line in _imports(ast.parse(path.read_text()), of_package=False):
+            if isinstance(line, ast.ImportFrom) and str(line.module).startswith("pymantaray"):
+                module = import_module(str(line.module))
+                missing += [
+                    f"{path.name}: {line.module}.{alias.name}"
+                    for alias in line.names
+                    if not hasattr(module, alias.name) and f"{line.module}.{alias.name}" not in MODULES
+                ]
+    assert missing == []
 
 
 def _functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
