@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.rough import Ends, realized, with_rough_rays
 from pymantaray.acoustics.solving import as_positions, solve_on_cuda, solve_on_processor
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.installation import gpu
@@ -24,7 +25,6 @@ from pymantaray.records import Arrivals
 if TYPE_CHECKING:
     from pymantaray.acoustics._kernels.layout import Results
 
-Array = NDArray[np.float64]
 Device = Literal["cpu", "cuda"]
 T = TypeVar("T")
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.acoustics.solving import as_positions, solve_on_processor
+from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, as_boundary
 from pymantaray.geometry.checks import checked_array
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from pymantaray.acoustics._kernels.layout import Domain
     from pymantaray.ocean.local import LocalGrid
 
-Array = NDArray[np.float64]
 Interpolation = Literal["smooth", "linear"]
 _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; other values have a wrong unit
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time

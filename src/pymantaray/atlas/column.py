@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, select
 from pymantaray.acoustics.currents import carried
+from pymantaray.arrays import Array
 from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.estimation.range_models import ConstantSpeed, TransmitterSpeed
 from pymantaray.evaluation.ranging_error import range_errors
@@ -18,7 +19,6 @@ from pymantaray.ocean.local import LocalGrid
 from pymantaray.ocean.window import Window, rectangle
 from pymantaray.records import Arrivals, FirstArrivals, RangingTruth, RayStatus
 
-Array = NDArray[np.float64]
 SPLINE = 8  # grid points beyond the domain for interpolation
 WATER, LAND, EDGE = 0, 1, 2
 """Status of a column; `EDGE`: its links do not fit into the data."""

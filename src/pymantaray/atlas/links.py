@@ -6,13 +6,12 @@ from functools import lru_cache
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics.medium import Interpolation
+from pymantaray.arrays import Array
 from pymantaray.errors import AtlasError
 from pymantaray.geometry.checks import check_fields, checked_array
 
-Array = NDArray[np.float64]
 CONVENTIONS = ("transmitter", "receiver", "mean", "chord", "nominal")
 """Sound speeds that convert a travel time to a range: at the transmitter, at the receiver, the mean of both, the harmonic mean
 along the chord, and one nominal value."""

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
@@ -20,7 +21,6 @@ from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair_salinity, sound_speed
 from pymantaray.records.text_table import read_text, read_text_table
 
-Array = NDArray[np.float64]
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
 DEEPEST = 12_000.0
 """Upper limit of ocean depth. [m]"""

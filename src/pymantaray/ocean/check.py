@@ -9,6 +9,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean.local import floor_in_domain
@@ -27,7 +28,6 @@ from pymantaray.ocean.window import Window, half_sides_within
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 
-Array = NDArray[np.float64]
 _MIN_SPEED, _MAX_SPEED = 1_400.0, 1_600.0  # m/s; sound speed of sea water
 _DENSITY_NOISE = (
     2e-3  # kg/m3; tolerated decrease of density with depth: twice the rounding of HYCOM's packing

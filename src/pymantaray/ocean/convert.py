@@ -10,11 +10,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.files import file_name, numbers, text
 
-Array = NDArray[np.float64]
 Instants = NDArray[np.datetime64]
 
 IN_SITU, POTENTIAL, CONSERVATIVE = "in situ", "potential", "conservative"

@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import MantaRayError, OceanError, optional_package
 from pymantaray.messages import one_line
 from pymantaray.ocean.zarr_metadata import check_zarr
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.records.writing import NETCDF_LOCK
 
-Array = NDArray[np.float64]
 MEMORY_SHARE = 1 / 12
 """Maximum fraction of the machine's memory for one of four variables; conversion needs up to three copies of each."""
 IN_MEMORY = "data set in memory"

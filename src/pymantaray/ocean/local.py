@@ -8,10 +8,11 @@ from typing import Any, Self
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
 from scipy.sparse.linalg import splu
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
@@ -21,7 +22,6 @@ from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
 from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window, half_sides_within
 
-Array = NDArray[np.float64]
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean import cf
 from pymantaray.ocean.assemble import ocean_of
@@ -34,7 +35,6 @@ from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
 
-Array = NDArray[np.float64]
 FileSource = str | Path | Sequence[str | Path]
 Source = FileSource | xr.Dataset | Sequence[str | Path | xr.Dataset]
 Names = Mapping[str, str]

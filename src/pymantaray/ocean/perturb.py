@@ -7,9 +7,10 @@ from typing import NamedTuple
 import gsw
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import RectBivariateSpline
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.modes import VerticalModes, vertical_modes
@@ -17,7 +18,6 @@ from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude,
 from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
 from pymantaray.ocean.window import counted_place
 
-Array = NDArray[np.float64]
 _NODES_PER_SCALE = 4.0  # of a random field; the cubic spline then loses 0.1 % of the standard deviation
 _MARGIN = 3  # nodes beyond the window
 _MAX_NODES = 1500  # along one axis

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import RegularGridInterpolator
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.longitude import eastward, whole_turns
@@ -19,7 +20,6 @@ from pymantaray.ocean.files import file_name, numbers, open_file, text
 from pymantaray.ocean.schema import layer_edges
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
-Array = NDArray[np.float64]
 MAX_FLOOR_NODES = 1_000_000
 """Maximum number of nodes of a finer sea floor in the local frame; a larger spacing replaces that of a larger file."""
 _SAME_SPACING = 1.01  # ratio of spacings up to which a file is not coarser than the ocean's grid

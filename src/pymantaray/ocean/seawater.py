@@ -21,11 +21,11 @@ import gsw
 import numpy as np
 import xarray as xr
 from numpy.polynomial import polynomial
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 
-Array = NDArray[np.float64]
 Equation = Literal["teos-10", "del-grosso", "unesco"]
 _DBAR_PER_KGF_CM2 = 9.80665
 SUPERCOOLED = 0.05

@@ -3,14 +3,12 @@
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import Equation, ocean_sound_speed
-
-Array = NDArray[np.float64]
 
 
 def region_table(

@@ -10,12 +10,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import optimize
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import contiguous, whole_turns, wrapped
 from pymantaray.ocean.schema import place_text
 
-Array = NDArray[np.float64]
 GeographicWindow = tuple[float, float, float, float]
 """South, north, west, east. [degrees]"""
 SAME_DEGREES = 1e-3

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.online.cells import LEAF, CellStatus, Tree
 from pymantaray.online.interpolation import REFERENCE_SLOWNESS, interpolate
 from pymantaray.online.samples import NO_ARRIVAL, OUTSIDE, Sampler, Samples
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 _FIRST_HALVINGS = (2, 3, 3)  # of every cell along each axis before any cell is accepted
 _MARGIN = 0.5  # share of the bound that the error at the tested points may have

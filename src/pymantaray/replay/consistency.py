@@ -4,13 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.replay.clocks import gross_of
 from pymantaray.replay.switching import fit_clocks
 
-Array = NDArray[np.float64]
 _MIN_PAIRS = 3  # of a node whose offset, two numbers, leaves something to check
 _SUSPECT_OFFSET = 2.0  # m, of a suspect node
 _SUSPECT_SHARE = 0.5  # of the squared residuals of its pairs, which its offset must explain

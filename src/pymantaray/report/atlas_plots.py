@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.jobs.progress import Progress
@@ -241,17 +242,17 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     return figure
 
 
-def worst_error(atlas: xr.Dataset, convention: int, distance: int) -> style.Array:
+def worst_error(atlas: xr.Dataset, convention: int, distance: int) -> Array:
     """Largest error (lat, lon) of all pairs, bearings and instants; NaN without any direct path. [m]"""
     return np.asarray(np.fmax.reduce(_over_pairs(atlas, convention, distance), axis=0))
 
 
-def _over_pairs(atlas: xr.Dataset, convention: int, distance: int) -> style.Array:
+def _over_pairs(atlas: xr.Dataset, convention: int, distance: int) -> Array:
     errors = atlas["worst_range_error"].isel(convention=convention, distance=distance).values
     return np.asarray(np.fmax.reduce(errors, axis=-1))
 
 
-def _lost(atlas: xr.Dataset, distance: int) -> style.Array:
+def _lost(atlas: xr.Dataset, distance: int) -> Array:
     """Share (lat, lon) of the links of a distance without a direct path; NaN if no link is in the water."""
     return np.asarray(atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values)
 
@@ -291,7 +292,7 @@ def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int
     style.panel_title(axes, "abcdefghij"[title[0] % 10], title[1])
 
 
-def _others(atlas: xr.Dataset, distance: int) -> style.Array:
+def _others(atlas: xr.Dataset, distance: int) -> Array:
     """Index into `_OTHERS` of each column; NaN for columns with links of a distance in the water."""
     status = atlas["column_status"].isel(time=0).values
     shallow = np.isnan(_lost(atlas, distance))

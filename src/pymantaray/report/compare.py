@@ -10,6 +10,7 @@ import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.folder import staged_folder
@@ -24,7 +25,7 @@ from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Explorer, Page, Picture, entries
 from pymantaray.report.run_page import SYNTHETIC_NOTE
-from pymantaray.report.style import Array, condition_label, shortened
+from pymantaray.report.style import condition_label, shortened
 from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import TABLES as TABLES_FOLDER

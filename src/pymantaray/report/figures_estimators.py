@@ -10,10 +10,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
+from pymantaray.arrays import Array
 from pymantaray.evaluation.ping_error import BASELINE
 from pymantaray.report import style
 from pymantaray.report.figures import register
-from pymantaray.report.style import Array
 
 _ROW = 0.17  # height of a line [in]
 

@@ -12,6 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
+from pymantaray.arrays import Array
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.records.status import ARRIVES
 from pymantaray.report import style
@@ -154,13 +155,13 @@ def draw_depths(axes: Axes, truth: Trajectories, colours: list[str]) -> None:
     axes.set_ylabel("Depth [m]")
 
 
-def _line(axes: Axes3D, path: style.Array, **look: object) -> None:
+def _line(axes: Axes3D, path: Array, **look: object) -> None:
     step = max(1, -(-len(path) // _MAX_VERTICES))
     vertices = path[np.unique(np.append(np.arange(0, len(path), step), len(path) - 1))]
     axes.plot(*vertices[:, _ENU].T, **look)
 
 
-def _marks(names: style.Array, letter: str = "") -> list[str]:
+def _marks(names: Array, letter: str = "") -> list[str]:
     """Labels at the markers: names, without their common prefix if they are long, or numbers if they are still too long."""
     marks: list[str] = names.tolist()
     if max(map(len, marks), default=0) > _MAX_NAME_LETTERS and len(marks) > 1:
@@ -176,7 +177,7 @@ def _all_marks(truth: Trajectories, measurements: Measurements) -> list[str]:
     return [*_marks(truth.name), *_marks(measurements.landmark_name, "L")]
 
 
-def _write_names(axes: Axes, places: style.Array, names: list[str]) -> None:
+def _write_names(axes: Axes, places: Array, names: list[str]) -> None:
     """Write names next to points (n, 2) in data coordinates, each on the side with the smallest overlap."""
     figure = axes.figure
     assert isinstance(figure, Figure)
@@ -197,7 +198,7 @@ def _write_names(axes: Axes, places: style.Array, names: list[str]) -> None:
         covered = np.concatenate([covered, [[best, best + size]]])
 
 
-def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks: style.Array) -> None:
+def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks: Array) -> None:
     """Draw landmarks and names, and set axes with depth downward and equal scales of north and east."""
     places = measurements.landmark_position / 1e3
     for place in places:

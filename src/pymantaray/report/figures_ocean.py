@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.report import style
 from pymantaray.report.figures import RunResults, register
 from pymantaray.study.store import RAY_PICTURE
@@ -117,7 +118,7 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
     return figure
 
 
-def _water_shown(picture: xr.Dataset) -> tuple[float, style.Array, style.Array]:
+def _water_shown(picture: xr.Dataset) -> tuple[float, Array, Array]:
     """Lower edge and depths of a picture, and sound speed (depth, range); NaN outside the water."""
     depth, floor = picture["depth"].values, picture["sea_floor_depth"].values
     lowest = _lowest_shown(picture)
@@ -127,7 +128,7 @@ def _water_shown(picture: xr.Dataset) -> tuple[float, style.Array, style.Array]:
     return lowest, rows, np.where(wet, speed, np.nan)
 
 
-def _ice_of(picture: xr.Dataset) -> style.Array:
+def _ice_of(picture: xr.Dataset) -> Array:
     if "sea_ice_draft" not in picture:
         return np.zeros(picture.sizes["range"])
     return np.asarray(picture["sea_ice_draft"].values)

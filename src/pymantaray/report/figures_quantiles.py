@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
+from pymantaray.arrays import Array
 from pymantaray.report import style
 
 _COLUMNS = 3
@@ -13,7 +14,7 @@ _ROW = 0.19  # height of a line [in]
 
 @style.styled
 def quantiles_by_run(
-    values: Mapping[str, Mapping[str, style.Array]], header: str, label: str, *, log: bool
+    values: Mapping[str, Mapping[str, Array]], header: str, label: str, *, log: bool
 ) -> Figure:
     """Quantiles of several kinds of values, one panel per kind and one line per run."""
     runs = list(next(iter(values.values())))

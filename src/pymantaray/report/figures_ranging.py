@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.report import style
@@ -29,7 +30,7 @@ _STATUS_LOOK = {
 
 
 @style.styled
-def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str) -> Figure:
+def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> Figure:
     """Signed range error, refracted minus straight, with its mean, zero and the fitted normal."""
     figure = style.new_figure(style.DOUBLE, 0.55 + 2.05 * len(errors), header)
     rows = figure.subplots(len(errors), 2, squeeze=False, sharex=True)
@@ -49,9 +50,7 @@ def range_error_histogram(errors: Sequence[tuple[str, style.Array]], header: str
 
 
 @style.styled
-def range_error_split(
-    distance: style.Array, reference_speed: style.Array, bending: style.Array, header: str
-) -> Figure:
+def range_error_split(distance: Array, reference_speed: Array, bending: Array, header: str) -> Figure:
     """The two parts of the range error, against distance and as distributions."""
     figure = style.new_figure(style.DOUBLE, 2.7, header)
     both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
@@ -98,9 +97,7 @@ def range_error_split(
 
 
 @style.styled
-def dropout_map(
-    transmitter: style.Array, receiver: style.Array, status: NDArray[np.int8], header: str
-) -> Figure:
+def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], header: str) -> Figure:
     """Dropouts by cause: attempts by distance, depth difference and the depths of both ends."""
     figure = style.new_figure(style.DOUBLE, 3.0, header)
     places = figure.subplots(1, 2)
@@ -140,19 +137,19 @@ def dropout_map(
     return figure
 
 
-def _moments(errors: style.Array) -> str:
+def _moments(errors: Array) -> str:
     if not errors.size:
         return "no range was received"
     text = f"N = {errors.size:,}, mean {errors.mean():+.2f} m, sd {_spread(errors):.2f} m"
     return text.replace("-", "−")
 
 
-def _spread(errors: style.Array) -> float:
+def _spread(errors: Array) -> float:
     """Standard deviation as in the table, 0 for a single value."""
     return float(errors.std(ddof=1)) if errors.size > 1 else 0.0
 
 
-def _edges(values: style.Array) -> style.Array:
+def _edges(values: Array) -> Array:
     """Edges of bins of equal width that contain all values, with zero in the middle of one bin."""
     reach = max(float(np.abs(values).max(initial=0.0)), 1e-6)
     count = int(np.clip(4.0 * np.sqrt(values.size), 11, 121)) // 2
@@ -160,7 +157,7 @@ def _edges(values: style.Array) -> style.Array:
     return np.asarray(width * (np.arange(2 * count + 2) - count - 0.5), dtype=float)
 
 
-def draw_range_errors(axes: Axes, values: style.Array, *, log: bool = False) -> style.Array:
+def draw_range_errors(axes: Axes, values: Array, *, log: bool = False) -> Array:
     """Draw the histogram of range errors, with zero, mean and the fitted normal; return the finite errors."""
     errors = values[np.isfinite(values)]
     axes.set_xlabel("Range error, refracted − straight [m]")
@@ -172,7 +169,7 @@ def draw_range_errors(axes: Axes, values: style.Array, *, log: bool = False) -> 
     return errors
 
 
-def _draw_histogram(axes: Axes, errors: style.Array) -> None:
+def _draw_histogram(axes: Axes, errors: Array) -> None:
     axes.axvline(0.0, color=style.INK, linewidth=0.8, linestyle="--", label="zero")
     if not errors.size:
         axes.set_xlim(-1.0, 1.0)

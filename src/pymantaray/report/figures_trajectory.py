@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.report import style
 from pymantaray.report.figures import RunResults, register
 
@@ -24,11 +25,11 @@ class ApePanel:
     """One column of `pooled_ape`."""
 
     title: str
-    errors: Mapping[str, style.Array]
+    errors: Mapping[str, Array]
     log: bool
 
 
-def _shown_over_time(results: RunResults) -> Mapping[str, style.Array]:
+def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
     """Errors of all conditions, or of the study's conditions if there are too many estimators for one panel."""
     conditions = {c.name for c in results.run.config.conditions if c.standard}
     if len(results.errors) - len(conditions) <= style.DISTINCT:
@@ -78,9 +79,9 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
 
 @style.styled
 def error_over_time(
-    time: style.Array,
+    time: Array,
     names: Sequence[str],
-    errors: Mapping[str, style.Array],
+    errors: Mapping[str, Array],
     fixes: NDArray[np.bool_],
     header: str,
 ) -> Figure:
@@ -143,9 +144,7 @@ def error_over_time(
     return figure
 
 
-def draw_error_distribution(
-    axes: Axes, errors: Mapping[str, style.Array], condition: str, *, log: bool
-) -> None:
+def draw_error_distribution(axes: Axes, errors: Mapping[str, Array], condition: str, *, log: bool) -> None:
     """Draw the distribution of the position errors of a condition, with mean and quartiles, on the common axis of all conditions."""
     finite = {name: values[np.isfinite(values)] for name, values in errors.items()}
     colour = style.condition_looks(list(errors))[condition][0]
@@ -154,7 +153,7 @@ def draw_error_distribution(
     axes.set_ylabel("Share of poses in a bin [%]")
 
 
-def _ape_edges(pools: Sequence[Mapping[str, style.Array]], *, log: bool) -> style.Array:
+def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
     """
     Common edges of bins for all panels of one scale.
 
@@ -173,9 +172,7 @@ def _ape_edges(pools: Sequence[Mapping[str, style.Array]], *, log: bool) -> styl
     return np.linspace(0.0, max(1.05 * reach, _SMALLEST_ERROR), _LINEAR_BINS + 1)
 
 
-def _ridge(
-    axes: Axes, values: style.Array, edges: style.Array, condition: tuple[str, str], *, log: bool
-) -> None:
+def _ridge(axes: Axes, values: Array, edges: Array, condition: tuple[str, str], *, log: bool) -> None:
     """Draw the distribution of one condition; ``condition`` is its name and colour."""
     name, colour = condition
     label = style.plain(style.condition_label(name))

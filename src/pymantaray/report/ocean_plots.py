@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import whole_turns, wrapped
 from pymantaray.jobs.progress import Progress
@@ -164,12 +165,12 @@ def _map(
     return figure
 
 
-def map_shape(lat: style.Array, lon: style.Array) -> float:
+def map_shape(lat: Array, lon: Array) -> float:
     """Ratio of height to width of a map with equal scales northward and eastward at its middle."""
     return _stretch(lat) * float((lat[-1] - lat[0]) / (lon[-1] - lon[0]))
 
 
-def lay_out_map(axes: Axes, lat: style.Array, lon: style.Array, *, ticks: int) -> None:
+def lay_out_map(axes: Axes, lat: Array, lon: Array, *, ticks: int) -> None:
     """Limits, proportions, ticks and a frame of a map of these latitudes and longitudes. [degrees]"""
     axes.grid(visible=False)
     axes.set_aspect(_stretch(lat))
@@ -183,7 +184,7 @@ def lay_out_map(axes: Axes, lat: style.Array, lon: style.Array, *, ticks: int) -
         spine.set_visible(True)
 
 
-def _stretch(lat: style.Array) -> float:
+def _stretch(lat: Array) -> float:
     """Number of degrees of longitude with the length of one degree of latitude, at the middle."""
     return 1.0 / max(float(np.cos(np.radians(0.5 * (lat[0] + lat[-1])))), 0.02)
 
@@ -220,14 +221,14 @@ def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
 class _Cut(NamedTuple):
     """One vertical section."""
 
-    along: style.Array
+    along: Array
     """Latitude or longitude. [degrees]"""
-    speed: style.Array
+    speed: Array
     """Shape (depth, along), NaN below the sea bed. [m/s]"""
-    filled: style.Array
+    filled: Array
     """Sound speed extended below the sea bed as in `to_local`. [m/s]"""
-    bed_along: style.Array
-    bed: style.Array
+    bed_along: Array
+    bed: Array
     """Axis and depth of the sea floor. [degrees, m]"""
     crossing: float
     """Position of the other section. [degrees]"""
@@ -288,7 +289,7 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
     )
 
 
-def _draw_section(axes: Axes, depth: style.Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
+def _draw_section(axes: Axes, depth: Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
     """Draw sound speed as filled contours, extended below the sea bed so that the bed covers their edge, then the bed."""
     axes.grid(visible=False)
     along, bed = cut.along, cut.bed
@@ -311,14 +312,14 @@ def _draw_section(axes: Axes, depth: style.Array, cut: _Cut, span: tuple[float, 
     return mesh
 
 
-def _along(floor: xr.DataArray, axis: str, at: float) -> tuple[style.Array, style.Array]:
+def _along(floor: xr.DataArray, axis: str, at: float) -> tuple[Array, Array]:
     """Axis and depth of the sea floor along a grid line."""
     other = "lat" if axis == "lon" else "lon"
     line = floor.interp({other: at}, kwargs={"fill_value": "extrapolate"})
     return np.asarray(line[axis].values, dtype=float), np.maximum(line.values, 0.0)
 
 
-def _widths(lat: style.Array, lon: style.Array) -> list[float]:
+def _widths(lat: Array, lon: Array) -> list[float]:
     """Ratio of the panels' widths: that of their lengths in kilometres, with limits."""
     east = (lon[-1] - lon[0]) * float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
     return [float(np.clip(east / (lat[-1] - lat[0]), 0.7, 1.5)), 1.0]
@@ -333,7 +334,7 @@ def _floor_of(ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.DataArray
     return sea_floor.assign_coords(lon=lon - whole_turns(0.5 * float(lon[0] + lon[-1]), about=middle))
 
 
-def _nearest(axis: style.Array, value: float) -> int:
+def _nearest(axis: Array, value: float) -> int:
     """Index of the point of an axis that is nearest to a value."""
     return int(np.argmin(np.abs(np.asarray(axis, dtype=float) - value)))
 
@@ -341,7 +342,7 @@ def _nearest(axis: style.Array, value: float) -> int:
 def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
     """Write values on contour lines, readable on light and dark colours, away from the frame and each other."""
     to_axes = axes.transData + axes.transAxes.inverted()
-    places: list[style.Array] = []
+    places: list[Array] = []
     for path in lines.get_paths():
         for line in path.to_polygons(closed_only=False):
             corners = to_axes.transform(line)

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pymantaray.arrays import Array
 from pymantaray.plan import PlanResults
 from pymantaray.plan.detail import DesignDetail, Pair
 from pymantaray.plan.ensemble import pareto_front
@@ -150,7 +151,7 @@ def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
     return figure
 
 
-def _moved(best: DesignDetail, others: Sequence[DesignDetail]) -> list[style.Array]:
+def _moved(best: DesignDetail, others: Sequence[DesignDetail]) -> list[Array]:
     """Start positions of participants of other designs that the best design has not, shape (n, 3) for each design."""
     known = _places(best)
     moved = []
@@ -162,7 +163,7 @@ def _moved(best: DesignDetail, others: Sequence[DesignDetail]) -> list[style.Arr
     return moved
 
 
-def _places(detail: DesignDetail) -> dict[str, style.Array]:
+def _places(detail: DesignDetail) -> dict[str, Array]:
     landmarks = detail.measurements
     starts = dict(zip(detail.truth.name.tolist(), detail.truth.position[:, 0], strict=True))
     return starts | dict(zip(landmarks.landmark_name.tolist(), landmarks.landmark_position, strict=True))

@@ -22,7 +22,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
-from numpy.typing import NDArray
 
 from pymantaray.errors import WriteError
 from pymantaray.jobs.progress import Progress
@@ -33,7 +32,6 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     import cmocean
 
-Array = NDArray[np.float64]
 COLUMN, DOUBLE = 84.0 / 25.4, 174.0 / 25.4
 """Widths of one column and of both in journals: 84 and 174 mm. [in]"""
 HEADER_LINE = 4

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.config.fleet import FleetSection
 from pymantaray.config.mission import SlotsSection
 from pymantaray.config.sections import StudyConfig
@@ -18,8 +18,6 @@ from pymantaray.exchange.tracks import union_of_times
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.schema import latitude, longitude
 from pymantaray.records import Trajectories
-
-Array = NDArray[np.float64]
 
 
 def read_fleet(fleet: FleetSection) -> Tracks:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import smooth_profile, thin_profile
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.profiles import Profile, is_raw_cast, only_one, read_profiles
+from pymantaray.arrays import Array
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
@@ -23,7 +23,6 @@ from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import Window
 from pymantaray.water.instants import utc_instant
 
-Array = NDArray[np.float64]
 UNBOUNDED = 1e6
 """Default half side of the domain of a profile. [m]"""
 _MAX_GAP = 100.0  # m; a larger distance between the end of a profile and the sea bed causes a note

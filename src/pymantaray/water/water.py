@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.profiles import Profile, only_one
+from pymantaray.arrays import Array
 from pymantaray.config import SoundConfig
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.load import load_sound
@@ -32,7 +32,6 @@ from pymantaray.water.ocean import (
 )
 from pymantaray.water.uniform import label, read_section_profiles
 
-Array = NDArray[np.float64]
 Source = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
 """Source of `open_water`: files, a profile or cast, name of a synthetic ocean, a preset, a TOML file, a data set or a medium."""
 

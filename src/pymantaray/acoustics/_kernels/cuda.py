@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numba import cuda, float64
 from numba.core.errors import NumbaPerformanceWarning
-from numpy.typing import NDArray
 
 from pymantaray.acoustics._kernels.layout import (
     N_FAN,
@@ -26,9 +25,9 @@ from pymantaray.acoustics._kernels.layout import (
     least_shapes,
 )
 from pymantaray.acoustics._kernels.link import solve_links
+from pymantaray.arrays import Array
 from pymantaray.compile import cached_on_disk
 
-Array = NDArray[np.float64]
 _BLOCK = 64  # threads
 _THREADS = 32_768  # number of threads with 255 registers that the largest devices run at once; smaller devices queue them
 _SHARE = 0.7  # share of the device's free memory for workspaces
