@@ -318,8 +318,15 @@ class ModelsOfArguments:
 def _arrays_by_data_and_shape() -> Iterator[None]:
     """Pass two to four numbers per array of a workspace instead of seven to eleven; saves a tenth of the time."""
     context: Any = BaseContext
-    pack = context.get_arg_packer
-    context.get_arg_packer = lambda _context, args: ArgPacker(ModelsOfArguments, args)
+    pack, packers = context.get_arg_packer, dict[Any, Any]()
+
+    def packer(_context: Any, args: Any) -> Any:
+        kinds = tuple(args)
+        if kinds not in packers:
+            packers[kinds] = ArgPacker(ModelsOfArguments, kinds)
+        return packers[kinds]
+
+    context.get_arg_packer = packer
     try:
         yield
     finally:
