@@ -25,6 +25,7 @@ _SHARED_SOURCES = tuple(
         "linking.py",
         "fewer_instructions.py",
         "shortcuts.py",
+        "unreachable.py",
         "records/status.py",
         "geometry/boundary_kernels.py",
     )

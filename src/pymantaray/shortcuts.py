@@ -13,10 +13,12 @@ from typing import Any
 
 from llvmlite.ir import _utils  # type: ignore[import-untyped]
 from llvmlite.ir.builder import IRBuilder  # type: ignore[import-untyped]
-from numba.core import base, errors, event, ir, postproc, transforms
+from numba.core import base, byteflow, errors, event, interpreter, ir, postproc, ssa, transforms
 from numba.core.base import BaseContext
 from numba.core.compiler_machinery import PassManager
 from numba.core.types import functions
+from numba.core.types.abstract import Type
+from numba.core.types.containers import BaseTuple
 from numba.core.typing.context import BaseContext as TypingContext
 from numba.np import arrayobj
 
@@ -121,6 +123,52 @@ def _lifetimes() -> Callable[..., Any]:
     return run_if_needed
 
 
+def _without_try() -> Callable[..., Any]:
+    """Numba's search for the exception handler of an instruction, only in functions that have handlers."""
+    search = byteflow.Flow._run_handle_exception
+
+    def search_if_there(self: Any, runner: Any, state: Any) -> Any:
+        if (
+            getattr(self._bytecode, "exception_entries", None) != ()
+        ):  # handlers, or a Python without this table
+            return search(self, runner, state)
+        return state.advance_pc()
+
+    return search_if_there
+
+
+def _without_with() -> Callable[..., Any]:
+    """Numba's removal of the variables of ``with`` blocks, only from functions that have such blocks."""
+    remove = interpreter.peep_hole_delete_with_exit
+
+    def remove_if_there(code: Any) -> Any:
+        there = any(isinstance(one, ir.EnterWith) for block in code.blocks.values() for one in block.body)
+        return remove(code) if there else code
+
+    return remove_if_there
+
+
+def _hash() -> Callable[..., Any]:
+    """Numba's hash of a type; that of a tuple's type is stored by object, because it needs those of all its parts."""
+    known = dict[int, Any]()
+
+    def stored(self: Any) -> int:
+        if not isinstance(self, BaseTuple):
+            return hash(self.key)
+        if id(self) not in known:
+            known[id(self)] = self, hash(self.key)  # with the type, which therefore keeps its id
+        value: int = known[id(self)][1]
+        return value
+
+    return stored
+
+
+def _single_assignments(states: Any, block: Any, handler: Any) -> list[Any]:
+    """As Numba's _run_ssa_block_pass, which is a generator and logs each instruction."""
+    on_assign, on_other = handler.on_assign, handler.on_other
+    return [on_assign(states, x) if isinstance(x, ir.Assign) else on_other(states, x) for x in block.body]
+
+
 def _variables(self: Any, value: Any) -> list[Any]:
     """As Numba's Inst._rec_list_vars, in fewer calls."""
     if isinstance(value, dict):
@@ -172,7 +220,11 @@ def _replacements() -> list[tuple[Any, str, Any]]:
         (_utils.NameScope, "register", _unique_name),
         (IRBuilder, "extract_value", fewer_instructions.extract_value),
         (arrayobj, "make_array", fewer_instructions.make_array),
-        *[(event, name, _no_event) for name in ("start_event", "end_event") if silent],
+        (byteflow.Flow, "_run_handle_exception", _without_try()),
+        (interpreter, "peep_hole_delete_with_exit", _without_with()),
+        (Type, "__hash__", _hash()),
+        (ssa, "_run_ssa_block_pass", _single_assignments),
+        *[(event, name, _no_event) for name in ("start_event", "end_event", "broadcast") if silent],
     ]
 
 

@@ -1,5 +1,6 @@
 """How kernels are compiled: linked into entries, cached on disk only as long as no source changes, in memory where no disk can be written."""
 
+import itertools
 from collections import namedtuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from pymantaray import compile as compilation
+from pymantaray.acoustics._kernels import layout as at
 from pymantaray.compile import entry, kernel
 
 LINKED = bool(compilation._KERNEL)
@@ -177,6 +179,61 @@ def untypable(x):
 @entry
 def call_untypable(x):
     return untypable(x)
+
+
+TWO = (2,)
+Part = namedtuple("Part", "kind size")
+Whole = namedtuple("Whole", "part pair")
+
+
+@kernel
+def by_kind(whole, pair, maybe):
+    """Comparisons in all forms of code: of fields, of parts of tuples, in conditions with others, as values, of changed variables."""
+    part, total = whole.part, 0
+    first, second = pair
+    total += 1 if part.kind == at.SMOOTH else 2
+    if first.kind != at.SMOOTH and first.size > 0.0:
+        total += 10 if first.kind == TWO else 20
+    one = second.kind == at.LINEAR and part.size > 1.0
+    if one or second.kind == TWO:
+        total += 100
+    changed = part
+    for i in range(3):
+        total += 1000 if changed.kind == at.LINEAR else 3000
+        changed = Part(changed.kind, changed.size - i)
+    if maybe is not None and maybe[0] > 0.5:
+        total += 10000
+    return total, one, maybe is None
+
+
+@entry
+def call_by_kind(whole, pair, maybe):
+    return by_kind(whole, pair, maybe)
+
+
+def test_comparisons_that_types_decide_have_the_values_of_plain_python():
+    parts = [Part(kind, size) for kind in (at.DIRECT, at.ANY, (2,)) for size in (0.0, 2.0)]
+    body, seen = getattr(by_kind, "py_func", by_kind), set()
+    for a, b in itertools.product(parts, parts):
+        for maybe in (None, (0.0,), (1.0,)):
+            expected = body(Whole(a, (b, a)), (b, a), maybe)
+            assert call_by_kind(Whole(a, (b, a)), (b, a), maybe) == expected, (a, b, maybe)
+            seen.add(expected[0])
+    assert len(seen) > 20
+
+
+@entry
+def call_unless_empty(part):
+    if part.kind == at.SMOOTH:
+        return part.size
+    return untypable(part.size)
+
+
+@pytest.mark.skipif(not LINKED, reason="this Numba compiles all branches")
+def test_branch_that_types_make_unreachable_is_not_compiled():
+    assert call_unless_empty(Part((), 3.0)) == 3.0
+    with pytest.raises(TypingError, match="nothing"):
+        call_unless_empty(Part((1,), 3.0))
 
 
 @pytest.mark.skipif(not LINKED, reason="this Numba compiles each kernel by itself")

@@ -105,7 +105,9 @@ def _on_device(value: Any) -> Any:
     """Copy an array, or all arrays of a tuple, to the device."""
     if isinstance(value, np.ndarray):
         return cuda.to_device(value)
-    return type(value)(*map(_on_device, value)) if isinstance(value, tuple) else value
+    if isinstance(value, tuple):
+        return getattr(type(value), "_make", tuple)(map(_on_device, value))
+    return value
 
 
 def thread_count(n_links: int, sizes: Work) -> int:

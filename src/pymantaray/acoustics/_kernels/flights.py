@@ -95,7 +95,7 @@ def section_of(domain, row, work):
     """Section, boundaries and ends of the link in a row of the queue."""
     line, ends = row[at.FLIGHT_LINE :], row[at.FLIGHT_ENDS :]
     s = FieldSection(
-        at.SMOOTH,
+        domain.kind,
         int(row[at.FLIGHT_COLUMNS]),
         0.0,
         row[at.FLIGHT_STEP],

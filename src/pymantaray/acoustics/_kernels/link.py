@@ -57,7 +57,7 @@ from pymantaray.acoustics._kernels.search import (
     turning_limits,
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
-from pymantaray.acoustics._kernels.trace import course_to_levels, direct_course, full_ray, trace
+from pymantaray.acoustics._kernels.trace import any_course, course_to_levels, direct_course, full_ray, trace
 from pymantaray.compile import entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
@@ -280,13 +280,12 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
         return False
     s, walls, link = section
     search = _direct_search(s, link, settings)
-    together = n_nodes > 0 and s.kind == at.SMOOTH
-    if flights is not None and together:  # for None, Numba omits this branch
-        put_flight(section, place, put_fan(n_nodes, search.coarse, work), work, flights)
-        return True
     course = direct_course(link, n_nodes == 0)
     if n_nodes == 0:
         found = _chord_bracket(s, walls, course, search.coarse, work)
+    elif flights is not None and domain.kind == at.SMOOTH:  # otherwise, Numba omits this branch
+        put_flight(section, place, put_fan(n_nodes, search.coarse, work), work, flights)
+        return True
     else:
         found = find_brackets(s, walls, course, n_nodes, search, work)
     _end(section, course, found, bounces, settings, i, work, results)
@@ -302,7 +301,7 @@ def _continue(domain, bounces, settings, row, work, results):
     levels = course_to_levels(s, course)
     first, last = int(row[at.FLIGHT_FIRST]), int(row[at.FLIGHT_LAST])
     shoot_waiting(s, walls, levels if row[at.FLIGHT_LEVELS] > 0.0 else course, first, last, work)
-    progress = advance(s.n_range > 1, course, search, progress, work)
+    progress = advance(s.n_range > 1, any_course(course), search, progress, work)
     if progress.asked > 0.0:
         row[at.FLIGHT_LEVELS] = 1.0
         put_progress(row, 0, 2 * int(progress.asked), progress, work)
@@ -545,7 +544,7 @@ def _solve(domain, bounces, settings, ends, share, work, flights, results):
     """As `solve_links`; with flights, the rays of several links are traced together."""
     source, receiver = ends
     following, every = share
-    if flights is None:
+    if flights is None or domain.kind == at.LINEAR:
         for i in range(following, source.shape[0], every):
             _start(domain, bounces, settings, _ends(settings, ends, i), (i, 0), work, flights, results)
             _finish(settings, source, receiver, i, results)

@@ -36,10 +36,20 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
     down = slowness[2] * link.c0
     if axis == at.VERTICAL:
         course = legs_course(link, bounces, down > 0.0, link.z1, (bounces[0] + bounces[1] + 1) * _LEG)
+        ok, steps = _trace_course(s, walls, link, course, (forward, side, down), tol, work)
     elif bounces[0] + bounces[1] > 0:
         course = forward_course(link, bounces, 0, 0, link.z1)
+        ok, steps = _trace_course(s, walls, link, course, (forward, side, down), tol, work)
     else:
-        course = direct_course(link, axis == at.CHORD)
+        direct = direct_course(link, axis == at.CHORD)
+        ok, steps = _trace_course(s, walls, link, direct, (forward, side, down), tol, work)
+    return ok, steps, link.c0
+
+
+@kernel
+def _trace_course(s, walls, link, course, slowness, tol, work):
+    """Trace an eigenray with a given slowness (forward, side, down) along its course; return True if it reaches the end, and the number of steps."""
+    forward, side, down = slowness
     _, cb, sb, _ = course.axis
     angle = math.asin(min(max(down * cb - forward * sb, -1.0), 1.0))
     ok, steps, _, _ = trace(s, walls, course, angle, side, tol, full_ray(work))
@@ -53,7 +63,7 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
         if gap < _NEAR_END * link.length:
             last[at.BOUNDARY] = at.IN_WATER
             ok = True
-    return ok, steps, link.c0
+    return ok, steps
 
 
 @entry
@@ -126,7 +136,7 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
     s, walls = baseline(domain, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
-    course = Course(rule, at.Axis(source[2], 1.0, 0.0, c), distance, 0.0, False)
+    course = Course(rule, at.Axis(source[2], 1.0, 0.0, c), distance, 0.0, False, at.ANY)
     n = 0
     for i in range(angles.size):
         if n + work.path.shape[0] > nodes.shape[0]:

@@ -17,7 +17,7 @@ from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.layout import Course, Progress
 from pymantaray.acoustics._kernels.march import ERRING, WAITING, again, allowed
-from pymantaray.acoustics._kernels.trace import course_to_levels, fan_ray, trace
+from pymantaray.acoustics._kernels.trace import any_course, course_to_levels, fan_ray, trace
 from pymantaray.compile import inlined, kernel, shared
 
 STEEP = 0.08  # rad; a link steeper than the Snell limit by this has one ray
@@ -55,7 +55,7 @@ overhang [rad] beyond the change is a bracket without width.
 @kernel
 def aimed_at(course, target):
     """Return the course with another target."""
-    return Course(course.rule, course.axis, course.length, target, course.to_levels)
+    return Course(course.rule, course.axis, course.length, target, course.to_levels, course.rays)
 
 
 @kernel
@@ -255,7 +255,7 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     course = course_to_levels(s, course)
     while True:
-        progress = advance(s.n_range > 1, course, search, progress, work)
+        progress = advance(s.n_range > 1, any_course(course), search, progress, work)
         if progress.asked == 0.0:
             return int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
         shoot_waiting(s, walls, course, 0, 2 * int(progress.asked), work)

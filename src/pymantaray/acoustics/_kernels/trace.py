@@ -46,7 +46,12 @@ def direct_course(link, along_chord):
         slope = math.atan2(target, link.horizontal)
         cb, sb, length, target = math.cos(slope), math.sin(slope), link.length, 0.0
     return Course(
-        BoundaryRule(at.OPEN, 0, 0, 0, 0, 0.0, 0), at.Axis(link.z0, cb, sb, link.c0), length, target, False
+        BoundaryRule(at.OPEN, 0, 0, 0, 0, 0.0, 0),
+        at.Axis(link.z0, cb, sb, link.c0),
+        length,
+        target,
+        False,
+        at.DIRECT,
     )
 
 
@@ -54,7 +59,7 @@ def direct_course(link, along_chord):
 def forward_course(link, bounces, spare, fold, z_end):
     """Course of rays along the horizontal to a depth, with at most these reflections at the surface and at the sea bed."""
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
-    return Course(rule, at.Axis(link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0, False)
+    return Course(rule, at.Axis(link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0, False, at.ANY)
 
 
 @kernel
@@ -64,7 +69,7 @@ def legs_course(link, bounces, down, z_end, length):
     sb = 1.0 if down else -1.0
     sb_end = sb if legs % 2 == 1 else -sb
     rule = BoundaryRule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
-    return Course(rule, at.Axis(link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end, False)
+    return Course(rule, at.Axis(link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end, False, at.ANY)
 
 
 @kernel
@@ -79,7 +84,13 @@ def ray_axis(course):
 def course_to_levels(s, course):
     """Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a SMOOTH section."""
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
-    return Course(course.rule, course.axis, course.length, course.target, able)
+    return Course(course.rule, course.axis, course.length, course.target, able, course.rays)
+
+
+@inlined
+def any_course(course):
+    """Return the course for a kernel that is compiled once for all kinds of rays."""
+    return Course(course.rule, course.axis, course.length, course.target, course.to_levels, at.ANY)
 
 
 @inlined
@@ -120,12 +131,13 @@ def trace(s, walls, course, angle, q0, tol, ray):
         Code of the reflections, their order and the cells of the boundaries; 32 surface + bottom modulo 1024.
     """
     out_of_line()
-    if fits(s, walls, course, q0):
+    if s.kind == at.LINEAR and fits(s, walls, course, q0):
         return trace_arcs(s, walls, course, angle, ray)
     rule, axis, length = course.rule, course.axis, course.length
+    direct = course.rays == at.DIRECT
     y, K, path = ray.y, ray.K, ray.path
     n_eq = K.shape[1]
-    ok, cell, down = _launch(s, walls, rule, axis, angle, q0, ray)
+    ok, cell, down = _launch(s, walls, course, angle, q0, ray)
     if not ok:
         return False, 0, 0, 0
     record = n_eq == at.N_FULL and path.shape[0] > 0
@@ -137,8 +149,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     span = _ENDLESS_LEG if rule.kind == at.LEGS else length
     turns, code, surface, bottom = 0, 0, 0, 0
     count, leg, next_break, stuck = 0, 1, 0, 0
-    pos, gone = 0.0, 0.0
-    h = min(length, 60.0)
+    pos, gone, h = 0.0, 0.0, min(length, 60.0)
     if at_levels:
         h = min(h, _to_level(s, cell.layer, axis.z_source, down))
     lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # offset of the surface
@@ -146,7 +157,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     near = max(ON_FACE, 1e-3 * tol)
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
     for _ in range(MAX_STEPS):
-        if hit != at.IN_WATER:
+        if not direct and hit != at.IN_WATER:
             surface += 1 if hit == at.AT_SURFACE else 0
             bottom += 1 if hit == at.AT_BOTTOM else 0
             reflections = at.Reflections(surface, bottom, code)
@@ -206,7 +217,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 return False, count, turns, code
         h_next = h * (min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0)
         face = -1
-        if faces[1] > faces[0]:
+        if (s.kind == at.LINEAR or not direct) and faces[1] > faces[0]:
             face, h_hit = crossing(s, walls, cell, faces, pos, h, ray, axis)
             if face >= 0:
                 h_hit = land(s, walls, cell, face, pos, at.StepLengths(h_hit, h, near), ray, axis)
@@ -221,11 +232,11 @@ def trace(s, walls, course, angle, q0, tol, ray):
         for i in range(n_eq):
             y[i] = ray.ynew[i]
             K[0, i] = K[6, i]
-        if face >= SURFACE:
+        if not direct and face >= SURFACE:
             hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
             if pos >= span:  # in the receiver's plane: the end, not a reflection
                 hit = at.IN_WATER
-        elif face >= 0:
+        elif s.kind == at.LINEAR and face >= 0:
             ok, cell = _next_cell(s, walls, cell, face, pos, ray, axis)
             if not ok:
                 return False, count, turns, code
@@ -262,9 +273,9 @@ def _depth(axis, pos, y):
 
 
 @inlined
-def _launch(s, walls, rule, axis, angle, q0, ray):
+def _launch(s, walls, course, angle, q0, ray):
     """Start a ray; return True if it enters the water, its cell, and its downward rate along the axis."""
-    y, K = ray.y, ray.K
+    y, K, axis = ray.y, ray.K, course.axis
     z_source, cb, sb, _ = axis
     for i in range(at.N_STATE):
         y[i] = 0.0
@@ -277,7 +288,7 @@ def _launch(s, walls, rule, axis, angle, q0, ray):
     if not derivative(s, cell, 0.0, y, K[0], K.shape[1], axis):
         return False, cell, 0.0
     down = sb + K[0, at.W] * cb
-    if rule.kind != at.OPEN:
+    if course.rays != at.DIRECT and course.rule.kind != at.OPEN:
         point = at.Point(0.0, 0.0, K[0, at.W], 0.0, 0.0)
         gap, rate = face_distance(s, walls, cell, SURFACE, point, axis, 0.0)
         if gap <= 0.0 and rate < 0.0:
