@@ -107,7 +107,7 @@ def run_study(
                 reading = () if mission_ready is None else mission_ready(stage)
                 if config.solves:
                     with watch.stage("realizations"):
-                        _solve(Run(stage), pool, solved, keep, report)
+                        _solve(known, stage, pool, solved, keep, report)
         report("files", 0, 1)
         estimates = None
         with watch.stage("files"):
@@ -145,11 +145,16 @@ def _job_key(config: StudyConfig, inputs: Mapping[str, str]) -> str:
 
 
 def _solve(
-    run: Run, pool: Pool, solved: dict[int, RealizationResult], keep: Callable[[], None], report: Progress
+    run: Run,
+    folder: Path,
+    pool: Pool,
+    solved: dict[int, RealizationResult],
+    keep: Callable[[], None],
+    report: Progress,
 ) -> None:
-    """Solve the unsolved realizations, and write the graphs of the first."""
+    """Solve the unsolved realizations, and write the graphs of the first into a folder."""
     count = run.config.study.realizations
-    graphs = run.path / store.PYFG
+    graphs = folder / store.PYFG
     graphs.mkdir()
 
     def ended(number: int, one: RealizationResult) -> None:
