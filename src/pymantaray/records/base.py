@@ -326,7 +326,7 @@ class DatedRecord(Record):
 
 def _is_constant(values: NDArray[Any]) -> bool:
     """True if nobody can write an array, nor the array of which it is a view."""
-    base = values.base
+    base: object = values.base  # or another object with a buffer
     return not values.flags.writeable and (
         base is None or (isinstance(base, np.ndarray) and _is_constant(base))
     )

@@ -25,14 +25,14 @@ def use_all() -> None:
         covariance = np.tile(np.eye(kind.rows), (count, 1, 1))
         factors[name] = Factors(kind, np.array(variables), np.tile(measured, (count, 1)), covariance)
     graph = FactorGraph(
-        vehicle_name=["A", "B"],
-        landmark_name=[],
-        pose_vehicle=[0, 0, 1, 1],
-        pose_number=[0, 1, 0, 1],
-        pose_time=[0.0, 1.0, 0.0, 1.0],
+        vehicle_name=np.array(["A", "B"]),
+        landmark_name=np.empty(0, dtype=str),
+        pose_vehicle=np.array([0, 0, 1, 1]),
+        pose_number=np.array([0, 1, 0, 1]),
+        pose_time=np.array([0.0, 1.0, 0.0, 1.0]),
         factors=factors,
     )
-    position = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    position = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     values = GraphValues(position, np.tile(pose[3:], (4, 1)), np.empty((0, 3)))
     GraphSolver().solve(graph, values, covariance_poses=np.array([[1, 3]]))
     PoseCovariance(graph, values).positions(np.ones((2, 4, 3)))
