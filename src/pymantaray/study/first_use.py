@@ -1,4 +1,4 @@
-"""What every process of a study does at its first use, in advance: a server that forks the processes does it once for all."""
+"""First use of kernels and array libraries, in advance: a server that forks processes does it once for all of them."""
 
 import numpy as np
 import xarray as xr
