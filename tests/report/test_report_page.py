@@ -264,6 +264,16 @@ def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
     assert mission == FIGURES - {"ape_pooled", "error_by_vehicle", "error_over_time", "consistency"}
 
 
+def test_figures_of_errors_compute_no_table(tiny_run_folder):
+    """Another process computes the tables at the same time."""
+    run = open_run(tiny_run_folder)
+    specs = write.run_figure_specs(RunResults(run), of_errors=True)
+    assert {spec.name for spec in specs} == {"ape_pooled", "error_over_time"}
+    for spec in specs:
+        spec.draw()
+    assert not run.tables._made
+
+
 @pytest.mark.parametrize("before", [False, True])
 def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(tmp_path, monkeypatch, before):
     parts = ("tables", "figures", "index.html")
