@@ -28,11 +28,12 @@ COMMAND = """
 import sys
 from contextlib import nullcontext
 import pymantaray.cli.study as study
-from pymantaray.cli.main import main
+from pymantaray.__main__ import main
 def told(stage, done, total):
     print("stage", stage, flush=True, file=sys.stderr)
 study.progress_bars = lambda **_: nullcontext(told)
-main(["study", "run", *sys.argv[1:]])
+sys.argv = ["mantaray", "study", "run", *sys.argv[1:]]
+main()
 """
 
 

@@ -1,5 +1,6 @@
 """State of the installation: packages, extras, output folders, kernels, processors and GPU."""
 
+import atexit
 import gc
 import hashlib
 import os
@@ -56,6 +57,9 @@ def collect_garbage_rarely() -> None:
     For processes of this package only, not for a library's user: memory in reference cycles is freed later.
     """
     gc.set_threshold(*_COLLECTIONS)
+    atexit.register(
+        gc.freeze
+    )  # otherwise Python looks for cycles among all objects at exit, which takes half a second
 
 
 def peak_memory_mib() -> float:

@@ -223,6 +223,33 @@ def test_workers_end_at_once_while_their_server_still_imports():
     assert gone(server)
 
 
+BUSY = """
+import os, sys
+from pathlib import Path
+sys.path[:0] = [{here!r}, str(Path(__file__).parent)]
+from pymantaray.jobs import fork_server
+from pymantaray.jobs.processes import Workers
+from test_jobs_processes import die
+fork_server._PACKAGE = ""  # the function is not of the package
+with Workers(die, 1, imports=["busy:wait"]) as workers:
+    workers.submit(0).result()
+"""
+
+
+@FORKS
+def test_a_server_that_calls_a_function_ends_after_its_parent_is_killed(tmp_path):
+    (tmp_path / "script.py").write_text(BUSY.format(here=str(Path(__file__).parent)))
+    (tmp_path / "busy.py").write_text(
+        f"import os, pathlib, time\n\ndef wait():\n    pathlib.Path({str(tmp_path / 'pid')!r}).write_text(f'{{os.getpid()}}.')\n"
+        "    time.sleep(600.0)\n"
+    )
+    process = subprocess.Popen([sys.executable, tmp_path / "script.py"])
+    wait_for(lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text().endswith("."))
+    process.kill()
+    process.wait()
+    wait_for(lambda: gone(int((tmp_path / "pid").read_text()[:-1])))
+
+
 def hold(mebibytes):
     return np.ones(mebibytes * 2**17).size
 

@@ -225,6 +225,26 @@ def test_fields_are_converted_copied_and_frozen():
         record.size = size
 
 
+def test_records_share_an_array_only_if_nobody_can_write_it(tmp_path):
+    record = pair(size=np.array([1.0, 2.0]))
+    assert np.shares_memory(replace(record, name=["a", "b"]).size, record.size)
+    owner = np.array([0.0, 1.0, 2.0])
+    view = owner[1:]
+    view.setflags(write=False)  # the owner can still write it
+    later = pair(size=view)
+    owner[1:] = 99.0
+    np.testing.assert_array_equal(later.size, [1.0, 2.0])
+    buffer = bytearray(record.size.tobytes())
+    view = np.frombuffer(buffer)
+    view.setflags(write=False)
+    later = pair(size=view)
+    buffer[:] = bytes(len(buffer))
+    np.testing.assert_array_equal(later.size, [1.0, 2.0])
+    record.save(tmp_path / "pair.nc")
+    with pytest.raises(ValueError, match="read-only"):
+        Pair.load(tmp_path / "pair.nc").size[0] = 5.0
+
+
 @pytest.mark.parametrize(("changed", "message"), [
     ({"size": ["one", "two"]}, "pair: size is not an array of type f8"),
     ({"size": [[1], [1, 2]]}, "pair: size is not an array of type f8"),

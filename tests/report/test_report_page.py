@@ -21,7 +21,7 @@ from pymantaray.jobs.folder import staged_parts
 from pymantaray.report import write, write_report
 from pymantaray.report.explore import _fleet
 from pymantaray.report.figures import RunResults
-from pymantaray.report.process import ReportProcess
+from pymantaray.report.process import ReportProcesses
 from pymantaray.report.run_page import headlines, run_page
 from pymantaray.study import open_run
 from pymantaray.study.settings import key_heading
@@ -242,8 +242,9 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
     later = {p.name: p.read_bytes() for p in map(stage.joinpath, LATER)}
     for name in later:
         (stage / name).unlink()
-    with ReportProcess(formats=()) as report:
-        report.begin(stage).result()
+    with ReportProcesses(formats=()) as report:
+        for part in report.begin(stage):
+            part.result()
         for name, content in later.items():
             (stage / name).write_bytes(content)
         stage.rename(folder)
@@ -261,6 +262,16 @@ def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
     """Drawn while realizations are solved: all that are not of them must be, or they are seconds later on the page."""
     mission = {p.name for p in write.run_figure_specs(RunResults(run), of_mission=True)}
     assert mission == FIGURES - {"ape_pooled", "error_by_vehicle", "error_over_time", "consistency"}
+
+
+def test_figures_of_errors_compute_no_table(tiny_run_folder):
+    """Another process computes the tables at the same time."""
+    run = open_run(tiny_run_folder)
+    specs = write.run_figure_specs(RunResults(run), of_errors=True)
+    assert {spec.name for spec in specs} == {"ape_pooled", "error_over_time"}
+    for spec in specs:
+        spec.draw()
+    assert not run.tables._made
 
 
 @pytest.mark.parametrize("before", [False, True])

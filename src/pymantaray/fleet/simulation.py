@@ -4,6 +4,7 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import xarray as xr
@@ -100,7 +101,14 @@ def simulate(
         position[row] = [*vehicle.position[:2], max(vehicle.position[2], top)]
         half = 0.5 * math.remainder(vehicle.heading, 2.0 * math.pi)
         quaternion[row] = math.cos(half), 0.0, 0.0, math.sin(half)
-        _run(vehicle, water, float(physics_step), steps, position[row], quaternion[row], status[row])
+
+    def run(row: int) -> None:
+        _run(vehicles[row], water, float(physics_step), steps, position[row], quaternion[row], status[row])
+
+    with ThreadPoolExecutor(
+        os.cpu_count()
+    ) as pool:  # kernels release the GIL, and vehicles do not affect each other
+        _ = list(pool.map(run, range(len(vehicles))))
     return Trajectories(
         name=np.array(names),
         role=np.array([vehicle.behaviour.role for vehicle in vehicles]),

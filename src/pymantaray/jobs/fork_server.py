@@ -2,8 +2,8 @@
 Fork server: a process with one thread that imports the package's modules once and forks workers, which start in milliseconds.
 
 It exists on Linux only, while workers of this process exist, and imports modules of this package only: modules of users may
-start threads, and may change between two calls. A fork of a process with several threads may never return. So the server
-counts its threads, and starts a new interpreter if there is more than one.
+start threads, and may change between two calls. It can also call functions of the package, which do once for all workers
+what each would do at its first use. A fork of a process with several threads may never return. So the server counts its threads, and starts a new interpreter if there is more than one.
 """
 
 import gc
@@ -17,8 +17,8 @@ import subprocess
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
@@ -142,7 +142,7 @@ class ForkServer:
         self._connection.close()
 
     def start(self, modules: Iterable[str]) -> ForkedProcess | None:
-        """Start a worker after the import of modules of this package, without waiting for it; None if the server has ended."""
+        """Start a worker after imports and calls, see `Workers`, without waiting for it; None if the server has ended."""
         (child_in, stdin), (stdout, child_out) = os.pipe(), os.pipe()
         folder = os.open(".", os.O_PATH)
         process = ForkedProcess(self, os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb"))
@@ -230,9 +230,10 @@ def serve_forks(work: Callable[[BinaryIO], NoReturn], program: Sequence[str]) ->
                 code = started.pop(request).wait() if request in started else _forked_code(request)
                 connection.send(str(code).encode())
                 continue
-            for name in request:
-                with suppress(Exception):  # the worker raises it again
-                    import_module(name)
+            with _ending_with_parent():
+                for name in request:
+                    with suppress(Exception):  # the worker raises it again
+                        _import_or_call(name)
             if _has_one_thread():
                 pid = _fork(work, connection, files)
             else:
@@ -243,6 +244,32 @@ def serve_forks(work: Callable[[BinaryIO], NoReturn], program: Sequence[str]) ->
             socket.send_fds(connection, [str(pid).encode()], [reference])
             for file in (*files, reference):
                 os.close(file)
+
+
+def _import_or_call(name: str) -> None:
+    """Import a module, or call a function that is given as ``module:function``."""
+    module, _, function = name.partition(":")
+    imported = import_module(module)
+    if function:
+        getattr(imported, function)()
+
+
+@contextmanager
+def _ending_with_parent() -> Iterator[None]:
+    """Let this process end within a second after its parent, while it does not listen to the parent; forks do not inherit the timer."""
+    parent = os.getppid()
+
+    def end(*_: object) -> None:
+        if os.getppid() != parent:
+            os._exit(0)
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, 1.0, 1.0)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _has_one_thread() -> bool:

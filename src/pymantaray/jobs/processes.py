@@ -66,7 +66,8 @@ class Workers:
     count : int
         Number of processes.
     imports : sequence of str
-        Modules of this package that later `Workers` of this process need, too; they are imported once for all.
+        Modules of this package that later `Workers` of this process need, too; they are imported once for all. Functions
+        ``module:function`` are called, too.
     """
 
     largest_mib: ClassVar[float] = 0.0

@@ -12,7 +12,11 @@ from pymantaray.ocean.seawater import Equation, ocean_sound_speed
 
 
 def region_table(
-    ocean: xr.Dataset, *, equation: Equation = "teos-10", sea_floor: xr.DataArray | None = None
+    ocean: xr.Dataset,
+    *,
+    equation: Equation = "teos-10",
+    sea_floor: xr.DataArray | None = None,
+    profile: xr.Dataset | None = None,
 ) -> pd.DataFrame:
     """
     Table of place, size, grid and values of a region, as in the paper's Table I.
@@ -25,6 +29,8 @@ def region_table(
         Equation of sound speed.
     sea_floor : xarray.DataArray, optional
         Sea floor from `pymantaray.ocean.open_sea_floor`. Default: half-way below the last level with water. [m]
+    profile : xarray.Dataset, optional
+        Result of `sound_speed_profile_spread` for this ocean and equation. By default it is computed.
 
     Returns
     -------
@@ -35,7 +41,7 @@ def region_table(
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = 0.5 * (lat[0] + lat[-1])
-    speed = ocean_sound_speed(ocean, equation=equation)
+    profile = sound_speed_profile_spread(ocean, equation=equation) if profile is None else profile
     current = np.hypot(ocean["water_u"].values, ocean["water_v"].values)
     floor = (sea_floor_depth(ocean) if sea_floor is None else sea_floor).values
     rows: dict[str, object] = {
@@ -51,8 +57,8 @@ def region_table(
         "time [UTC]": str(np.datetime_as_string(ocean["time"].values, unit="m")),
         "shallowest sea floor [m]": float(floor.min()),
         "deepest sea floor [m]": float(floor.max()),
-        "lowest sound speed [m/s]": float(np.nanmin(speed)),
-        "highest sound speed [m/s]": float(np.nanmax(speed)),
+        "lowest sound speed [m/s]": float(profile["min"].min()),
+        "highest sound speed [m/s]": float(profile["max"].max()),
         "median current speed [m/s]": float(np.nanmedian(current)),
         "highest current speed [m/s]": float(np.nanmax(current)),
         "synthetic": "yes" if ocean.attrs["synthetic"] else "no",

@@ -258,7 +258,9 @@ class Window:
 
     def holds(self, half_north: float, half_east: float) -> bool:
         """Return True if a rectangle with these half sides [m] around the frame's centre is inside the data set."""
-        return self.contains(self.geographic(*rectangle(half_north, half_east)))
+        north, east = rectangle(half_north, half_east)
+        some = slice(None, None, _SIDE_POINTS // 4)  # are outside of most rectangles that are outside
+        return all(self.contains(self.geographic(north[of], east[of])) for of in (some, slice(None)))
 
     def contains(self, places: tuple[Array, Array]) -> bool:
         """Return True if latitudes and longitudes from `geographic` are all inside the data set."""

@@ -108,7 +108,10 @@ class Record:
                 content = np.full([sizes[name] for name in f.metadata["dims"]], default)
             try:
                 values = np.asarray(content)
-                array = np.array(values, dtype=str if dtype == "U" else dtype)
+                wanted = np.dtype(str if dtype == "U" else dtype)
+                array = (
+                    values if values.dtype == wanted and _is_constant(values) else np.array(values, wanted)
+                )
             except (TypeError, ValueError) as error:
                 raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
             if array.dtype.kind == "i" and array.dtype != values.dtype and not np.array_equal(array, values):
@@ -270,7 +273,10 @@ class Record:
             If the file is missing, not readable, or of another kind of record.
         """
         try:
-            return cls.from_dataset(read_netcdf(path, decode_times=False))
+            dataset = read_netcdf(path, decode_times=False)
+            for variable in dataset.variables.values():
+                _freeze(variable.values)  # nobody else has it, so the record needs no copy
+            return cls.from_dataset(dataset)
         except RecordError as error:
             raise RecordError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
@@ -316,6 +322,21 @@ class DatedRecord(Record):
     def _time(cls) -> str:
         """Variable with the times in a data set."""
         return next(_variable(f) for f in cls._columns() if f.name == "time")
+
+
+def _is_constant(values: NDArray[Any]) -> bool:
+    """True if nobody can write an array, nor the array of which it is a view."""
+    base: object = values.base  # or another object with a buffer
+    return not values.flags.writeable and (
+        base is None or (isinstance(base, np.ndarray) and _is_constant(base))
+    )
+
+
+def _freeze(values: Any) -> None:
+    """Let nobody write an array, nor the array of which it is a view."""
+    while isinstance(values, np.ndarray):
+        values.setflags(write=False)
+        values = values.base
 
 
 def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:

@@ -213,6 +213,7 @@ register(
         r.header,
     ),
     needs=lambda r: r.run.config.solves,
+    of_errors=True,
 )
 register(
     "error_over_time",
@@ -222,4 +223,5 @@ register(
         r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
     ),
     needs=lambda r: r.run.config.solves,
+    of_errors=True,
 )

@@ -1,4 +1,4 @@
-"""Process that makes the report of a study while the study is still running."""
+"""Processes that make the report of a study while the study is still running."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -14,17 +14,22 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.report.folder import PARTS, write_files
 
 if TYPE_CHECKING:
-    from pymantaray.report.write import ReportMaker
+    from pymantaray.report.write import Drawing, ReportMaker
     from pymantaray.study.store import Run
 
-_IMPORTS = ["pymantaray.study.realization"]  # processes that solve realizations start next
+_IMPORTS = [
+    "pymantaray.study.realization",  # processes that solve realizations start next
+    "pymantaray.report.write",
+    "pymantaray.report.figures:find_figures",
+    "pymantaray.study.first_use:use_all",
+]
 
 
-class ReportProcess(ExitStack):
+class ReportProcesses(ExitStack):
     """
-    Process that makes the report of a study: figures of the mission while the realizations are solved, the rest afterwards.
+    Two processes that make the report of a study: figures and numbers of the mission while the realizations are solved, the rest afterwards.
 
-    The process starts and ends with the block. It writes no files; the process of the study does.
+    The processes start and end with the block. They write no files; the process of the study does.
     """
 
     def __init__(self, *, formats: Sequence[str]) -> None:
@@ -32,24 +37,32 @@ class ReportProcess(ExitStack):
         self._formats = formats
 
     def __enter__(self) -> Self:
-        self._process = self.enter_context(Workers(partial(_start, self._formats), 1, imports=_IMPORTS))
-        self._process.submit(methodcaller("import_all"))
+        start = partial(_start, self._formats)
+        self._figures, self._tables = (
+            self.enter_context(Workers(start, 1, imports=_IMPORTS)) for _ in range(2)
+        )
         return self
 
-    def begin(self, stage: Path) -> Future[None]:
-        """Start to draw the figures of the mission in a folder."""
-        self._drawn = self._process.submit(methodcaller("draw_mission", stage))
-        return self._drawn
+    def begin(self, stage: Path) -> Sequence[Future[Any]]:
+        """Start to draw the figures and to compute the numbers of the mission in a folder; both are done with the futures."""
+        self._drawn: Future[Drawing] = self._figures.submit(methodcaller("draw_mission", stage))
+        self._computed = self._tables.submit(methodcaller("compute_mission", stage))
+        return self._drawn, self._computed
 
     def write(self, run: "Run", progress: Progress | None = None) -> None:
         """Write the report of the finished run, as `write_report` does; the run gets the tables of its summary."""
         if progress is not None:
             progress("report", 0, 1)
-        self._drawn.result()
-        files = self._process.submit(methodcaller("make", run.path)).result()
+        drawing = self._drawn.result()
+        self._computed.result()
+        errors = self._figures.submit(methodcaller("draw_errors", run.path))
+        rest = self._tables.submit(methodcaller("draw_rest", run.path))
+        drawing = drawing._replace(pictures={**drawing.pictures, **errors.result()})
+        rest.result()
+        files, tables = self._tables.submit(methodcaller("make", run.path, drawing=drawing)).result()
         with staged_parts(run.path, PARTS) as stage:
             write_files(stage, files)
-        run.tables.use(self._process.submit(methodcaller("summary")).result())
+        run.tables.use(tables)
         if progress is not None:
             progress("report", 1, 1)
 

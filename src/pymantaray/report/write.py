@@ -3,20 +3,20 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report.explore import mission_rays
-from pymantaray.report.figures import FigureSpec, RunResults, find_figures, run_figure_specs
+from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
 from pymantaray.report.page import Picture
 from pymantaray.report.run_page import run_page
 from pymantaray.report.style import legend_entries, rendered
 from pymantaray.study.store import Run, open_run
-from pymantaray.study.tables import SUMMARY
+from pymantaray.study.tables import OF_MISSION, SUMMARY
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
 _PRINTED = 300.0  # dots per inch of a paper
@@ -51,7 +51,7 @@ def write_report(
     maker = ReportMaker(formats=formats)
     run = open_run(run_dir)
     with staged_parts(run.path, PARTS) as stage:
-        write_files(stage, maker.make(run.path, progress))
+        write_files(stage, maker.make(run.path, progress)[0])
     return run.path / PAGE
 
 
@@ -63,44 +63,77 @@ def checked_formats(formats: Sequence[str]) -> Sequence[str]:
     return formats
 
 
+class Drawing(NamedTuple):
+    """Figures of a run by name, and its rays as JSON; empty if they are not drawn yet."""
+
+    pictures: Mapping[str, Picture] = MappingProxyType({})
+    rays: str = ""
+
+
 class ReportMaker:
-    """Maker of a run's report in two parts: figures of the mission from the run's working folder, then the rest."""
+    """
+    Maker of a run's report.
+
+    `make` does everything. The other methods do parts of it earlier, which two processes can share: the first draws figures of the
+    mission, then of position errors; the second computes tables, draws the other figures and makes the files.
+    """
 
     def __init__(self, *, formats: Sequence[str]) -> None:
-        self._formats, self._drawn = checked_formats(formats), dict[str, Picture]()
-        self._rays: str | None = None
-        self._mission, self._summary = dict[str, Any](), dict[str, ResultTable]()
+        self._formats = checked_formats(formats)
+        self._mission, self._tables = dict[str, Any](), dict[str, ResultTable]()
+        self._results: RunResults | None = None
+        self._rest = dict[str, Picture]()
 
-    def import_all(self) -> None:
-        """Import all modules with figures and their dependencies."""
-        find_figures()
+    def draw_mission(self, folder: Path) -> Drawing:
+        """Figures and rays that do not depend on the realizations, of a run's working folder."""
+        results = RunResults(Run(folder))
+        pictures = self._drawn(run_figure_specs(results, of_mission=True))
+        rays = mission_rays(results)
+        self._keep(results.run)
+        return Drawing(pictures, rays)
 
-    def draw_mission(self, folder: Path) -> None:
-        """Draw the figures, and compute the numbers of tables, that do not depend on the realizations."""
+    def compute_mission(self, folder: Path) -> None:
+        """Compute the numbers of tables that do not depend on the realizations, of a run's working folder."""
         run = Run(folder)
-        results = RunResults(run)
-        specs = run_figure_specs(results, of_mission=True)
-        self._drawn = {picture.name: picture for picture in draw(specs, formats=self._formats)}
-        self._rays = mission_rays(results)
         run.expect_errors()
+        self._tables = {name: run.tables[name] for name in OF_MISSION if name in run.tables}
+        self._keep(run)
+
+    def draw_errors(self, folder: Path) -> dict[str, Picture]:
+        """Figures of a finished run that depend on its position errors, and not on tables."""
+        return self._drawn(run_figure_specs(self._opened(folder), of_errors=True))
+
+    def draw_rest(self, folder: Path) -> None:
+        """Compute the tables of a finished run, and draw the figures that no other method draws."""
+        self._results = results = self._opened(folder)
+        others = [*run_figure_specs(results, of_mission=True), *run_figure_specs(results, of_errors=True)]
+        names = {spec.name for spec in others}
+        _ = list(results.tables.values())
+        self._rest = self._drawn([spec for spec in run_figure_specs(results) if spec.name not in names])
+
+    def make(
+        self, folder: Path, progress: Progress | None = None, drawing: Drawing | None = None
+    ) -> tuple[dict[str, bytes], dict[str, ResultTable]]:
+        """Files of the report of a finished run, by name, and the tables that a command prints."""
+        results, other = self._results or self._opened(folder), drawing or Drawing()
+        drawn = {**self._rest, **other.pictures}
+        pictures = draw(run_figure_specs(results), formats=self._formats, drawn=drawn, progress=progress)
+        files = run_page(results, pictures, other.rays or mission_rays(results)).files(self._formats)
+        return files, {name: results.tables[name] for name in SUMMARY if name in results.tables}
+
+    def _keep(self, run: Run) -> None:
+        """Keep what was read and computed of a mission."""
         self._mission = {name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN}
 
-    def make(self, folder: Path, progress: Progress | None = None) -> dict[str, bytes]:
-        """Files of the report of a finished run, by name."""
+    def _opened(self, folder: Path) -> RunResults:
+        """Results of a finished run, with what was kept of its mission."""
         run = open_run(folder)
-        vars(run).update(self._mission)  # otherwise it reads and computes them again
-        results = RunResults(run)
-        pictures = draw(
-            run_figure_specs(results), formats=self._formats, drawn=self._drawn, progress=progress
-        )
-        rays = self._rays or mission_rays(results)
-        files = run_page(results, pictures, rays).files(self._formats)
-        self._summary = {name: run.tables[name] for name in SUMMARY if name in run.tables}
-        return files
+        vars(run).update(self._mission)
+        run.tables.use(self._tables)
+        return RunResults(run)
 
-    def summary(self) -> dict[str, ResultTable]:
-        """Tables of the latest report that a command prints."""
-        return self._summary
+    def _drawn(self, specs: Sequence[FigureSpec]) -> dict[str, Picture]:
+        return {picture.name: picture for picture in draw(specs, formats=self._formats)}
 
 
 def draw(

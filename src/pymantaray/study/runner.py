@@ -39,7 +39,7 @@ def run_study(
     *,
     workers: int | None = None,
     progress: Progress | None = None,
-    mission_ready: Callable[[Path], Future[Any]] | None = None,
+    mission_ready: Callable[[Path], Sequence[Future[Any]]] | None = None,
     mission: Mission | None = None,
 ) -> Run:
     """
@@ -60,7 +60,7 @@ def run_study(
         Called with the name of a stage, the number of its finished parts and the total.
     mission_ready : callable, optional
         Called before realizations are solved, with the folder of all data that they do not change. The folder is moved to
-        its final place after the returned future is done.
+        its final place after the returned futures are done.
     mission : Mission, optional
         Mission of the configuration, if it has already been simulated.
 
@@ -104,10 +104,10 @@ def run_study(
             known = Run(stage) if mission is None else run_in_memory(config, mission)
             solved = kept.results(count, RealizationResult.from_bytes)
             with kept.saving(stage, solved, RealizationResult.to_bytes) as keep:
-                drawing = None if mission_ready is None else mission_ready(stage)
+                reading = () if mission_ready is None else mission_ready(stage)
                 if config.solves:
                     with watch.stage("realizations"):
-                        _solve(Run(stage), pool, solved, keep, report)
+                        _solve(known, stage, pool, solved, keep, report)
         report("files", 0, 1)
         estimates = None
         with watch.stage("files"):
@@ -125,8 +125,7 @@ def run_study(
         content["solve_cpu_seconds"] = _cpu_seconds(solved)
         content["outcome"] = summarize(known, estimates)
         write_json(content, stage / MANIFEST)
-        if drawing is not None:
-            wait([drawing])
+        wait(reading)
         report("files", 1, 1)
     kept.clear()
     return open_run(folder)
@@ -146,11 +145,16 @@ def _job_key(config: StudyConfig, inputs: Mapping[str, str]) -> str:
 
 
 def _solve(
-    run: Run, pool: Pool, solved: dict[int, RealizationResult], keep: Callable[[], None], report: Progress
+    run: Run,
+    folder: Path,
+    pool: Pool,
+    solved: dict[int, RealizationResult],
+    keep: Callable[[], None],
+    report: Progress,
 ) -> None:
-    """Solve the unsolved realizations, and write the graphs of the first."""
+    """Solve the unsolved realizations, and write the graphs of the first into a folder."""
     count = run.config.study.realizations
-    graphs = run.path / store.PYFG
+    graphs = folder / store.PYFG
     graphs.mkdir()
 
     def ended(number: int, one: RealizationResult) -> None:

@@ -35,6 +35,8 @@ _ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p5_m p25_m p75_m p95_m m
 _BRIEF_ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p95_m"
 SUMMARY = ("dropouts", "range_error", "ate_pooled", "ping_error")
 """Tables that a command prints and a notebook shows after a run."""
+OF_MISSION = ("cone", "bound")
+"""Tables that take time and do not depend on the realizations."""
 _FANS = {
     "all_angles_percent": "all angles [%]",
     "paper_percent": "paper [%]",

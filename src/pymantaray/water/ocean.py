@@ -127,11 +127,14 @@ def build_ocean(
             yield local_ocean(section, oceans.pop(), sea_floor)
 
     series = series_of(local_ones(), time) if section.time_varying else None
+    domain = at_domain(section, geographic)
+    profile = sound_speed_profile_spread(domain, equation=section.equation)
+    whole = profile if domain is geographic else None
     return OceanFields(
         geographic=geographic,
         local=next(local_ones()) if series is None else series.isel(time=0, drop=True),
-        profile=sound_speed_profile_spread(at_domain(section, geographic), equation=section.equation),
-        region=region_table(geographic, equation=section.equation),
+        profile=profile,
+        region=region_table(geographic, equation=section.equation, profile=whole),
         series=series,
     )
 
