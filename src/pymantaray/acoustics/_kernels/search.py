@@ -13,8 +13,10 @@ from collections import namedtuple
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.arcs import fits
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
+from pymantaray.acoustics._kernels.ladder import has_ladder, put_ladder, trace_ladder
 from pymantaray.acoustics._kernels.layout import Course, Progress
 from pymantaray.acoustics._kernels.march import ERRING, WAITING, again, allowed
 from pymantaray.acoustics._kernels.trace import course_to_levels, fan_ray, trace
@@ -72,7 +74,10 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
         if growth > 0.0:
             course = course_to_levels(s, course)
         finer = allowed(tol, growth, course.to_levels)
-        ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
+        if has_ladder(work) and fits(s, walls, course, 0.0):
+            ok, code = trace_ladder(s, walls, course, angle, work)
+        else:
+            ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
         if gone or not again(y[at.W] - course.target, tol, grown, growth, course.to_levels):
@@ -251,6 +256,7 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
     """
     progress = put_fan(n_nodes, search.coarse, work)
+    put_ladder(s, walls, course, work)
     fan = first_row(work)
     shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     course = course_to_levels(s, course)
