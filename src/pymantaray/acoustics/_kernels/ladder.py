@@ -25,6 +25,8 @@ _BLOCK = 32  # layers
 _MOST_CROSSINGS = 64  # of the source's depth; a ray with more of them is traced layer by layer
 _LEVEL_LAUNCH = 1e-9  # a ray with a smaller sine is traced layer by layer
 _MIN_SINE = 1e-12
+_BESIDE = 2e-8  # rad; distance of a node from the angle of a level
+_RESOLVED = 1e-4  # rad; a wider interval of a fan has a ray in its middle
 
 
 @kernel
@@ -67,6 +69,72 @@ def put_ladder(s, walls, course, work):
         sizes[1 + 2 * side], sizes[2 + 2 * side] = first, i - first
         i += 1
     sizes[0] = 1.0
+
+
+@kernel
+def _least_range(height, slowest, fastest):
+    """Range of a straight ray over a height, as steep as a ray in the slowest water that turns in the fastest."""
+    return height * slowest / math.sqrt((fastest - slowest) * (fastest + slowest))
+
+
+@kernel
+def add_turning_angles(s, lo, hi, link, n, nodes):
+    """
+    Append to the first n nodes two launch angles beside each angle at which rays turn at a level of a layered section.
+
+    The miss is smooth between these angles and may jump at them. Rays that turn beyond the range of the receiver do not count. A ray turns only at a level with a higher sound speed than all levels between it and the source. Its range there is at least that
+    of a straight ray with the steepest angle between them. Returns the number of nodes.
+    """
+    z, c0 = link.z0, link.c0
+    below = find_level(s, z) + 1
+    for step in (-1, 1):
+        k = below if step == 1 else below - 1
+        other = below - 1 if step == 1 else below
+        slowest, fastest, slowest_back = c0, c0, c0
+        while 0 <= k < s.depth.size and n < nodes.size - 4:
+            c = s.data[0, k, 0]
+            slowest = min(slowest, c)
+            if c > fastest:
+                fastest = c
+                while 0 <= other < s.depth.size and s.data[0, other, 0] < c:
+                    slowest_back = min(slowest_back, s.data[0, other, 0])
+                    other -= step
+                reach = _least_range(abs(s.depth[k] - z), slowest, c)
+                around = reach
+                if 0 <= other < s.depth.size:
+                    around += 2.0 * _least_range(abs(s.depth[other] - z), slowest_back, c)
+                angle = math.acos(c0 / c)
+                if -angle - _BESIDE > lo and (reach if step < 0 else around) < link.horizontal:
+                    nodes[n], nodes[n + 1] = -angle - _BESIDE, -angle + _BESIDE
+                    n += 2
+                if angle + _BESIDE < hi and (reach if step > 0 else around) < link.horizontal:
+                    nodes[n], nodes[n + 1] = angle - _BESIDE, angle + _BESIDE
+                    n += 2
+            k += step
+    return n
+
+
+@kernel
+def add_middles(n, nodes):
+    """
+    Add the middle of each interval of the fan that is wider than _RESOLVED; return the number of nodes.
+
+    Beside the angle of a level, the miss may change so fast that it does not show how it changes between two levels.
+    """
+    wide = 0
+    for i in range(1, n):
+        wide += 1 if nodes[i] - nodes[i - 1] > _RESOLVED else 0
+    wide = max(min(wide, 3 * nodes.size // 4 - n), 0)
+    last, m = n - 1, n + wide
+    n = m
+    while m > last + 1:
+        m -= 1
+        nodes[m] = nodes[last]
+        if nodes[last] - nodes[last - 1] > _RESOLVED:
+            m -= 1
+            nodes[m] = 0.5 * (nodes[last] + nodes[last - 1])
+        last -= 1
+    return n
 
 
 @kernel
