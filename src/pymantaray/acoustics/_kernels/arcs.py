@@ -34,7 +34,7 @@ def fits(s, walls, course, q0):
 
 
 @inlined
-def _layer(s, k):
+def layer_at(s, k):
     """
     Depths of a layer's upper and lower face, and the sound speed there.
 
@@ -56,7 +56,7 @@ def _layer(s, k):
 
 
 @inlined
-def _bounded(layer, top, bottom):
+def bounded(layer, top, bottom):
     """Return the part of a layer between two depths."""
     z0, z1, c0, c1 = layer
     g = (c1 - c0) / (z1 - z0)
@@ -112,7 +112,7 @@ def _fill(path, count, here, place, g, a, dr, c_ref):
 
 
 @kernel
-def _turn_back(walls, rule, ray, r, hit, reflections):
+def turn_back(walls, rule, ray, r, hit, reflections):
     """Count a reflection; return True if the ray continues, and its reflections at both boundaries with their code."""
     surface, bottom, code = reflections
     surface += 1 if hit == at.AT_SURFACE else 0
@@ -159,7 +159,7 @@ def _rates(face, here, rates, way, g):
 
 
 @kernel
-def _arrive(course, here, rates, way, g, place, ray):
+def arrive(course, here, rates, way, g, place, ray):
     """Write the state of a ray at the end of the course; return the number of rows of its path minus one."""
     r, tau, count = place
     a, da, _, c_ref = way
@@ -213,7 +213,7 @@ def trace_arcs(s, walls, course, angle, ray):
     for _ in range(_MAX_PIECES):
         if not ok or 0 < room < count + 1:
             break
-        layer = _bounded(_layer(s, k), top, bottom)
+        layer = bounded(layer_at(s, k), top, bottom)
         g = layer[4]
         face = _face(layer, here, way, top)
         z, c, sine, step, turning = face
@@ -223,7 +223,7 @@ def trace_arcs(s, walls, course, angle, ray):
             ok = top < z < bottom
             continue
         if not r + step < course.length:
-            count = _arrive(course, here, rates, way, g, (r, tau, count), ray)
+            count = arrive(course, here, rates, way, g, (r, tau, count), ray)
             y[at.CAUSTICS_PASSED] = caustics + (1 if xi * y[at.XI] < 0.0 else 0)
             return True, count, turns + (1 if here.sine * y[at.P] < 0.0 else 0), reflections.code
         rates = _rates(face, here, rates, way, g)
@@ -243,7 +243,7 @@ def trace_arcs(s, walls, course, angle, ray):
             hit = at.AT_BOTTOM if down else at.AT_SURFACE
             here, xi = at.ArcPoint(z, c, -sine, here.cosine), -xi
             rates = at.ArcRates(-rates.sine, rates.cosine, rates.range)
-            ok, reflections = _turn_back(walls, rule, ray, r, hit, reflections)
+            ok, reflections = turn_back(walls, rule, ray, r, hit, reflections)
         else:
             k += 1 if down else -1
         if room > 0:

@@ -54,6 +54,7 @@ def _solve_wave(domain, bounces, settings, source, receiver, work, results):
         work.store[t],
         work.cuts[t],
         work.extremes[t],
+        work.ladder[t],
         work.nodes[t],
         work.rays[t],
         work.stack[t],

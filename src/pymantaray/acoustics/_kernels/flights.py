@@ -42,6 +42,7 @@ def own_work(work, flights, k, columns):
         work.store[k * columns : (k + 1) * columns],
         work.cuts,
         work.extremes,
+        work.ladder,
         flights.nodes[k],
         flights.rays[k],
         flights.stack[k],

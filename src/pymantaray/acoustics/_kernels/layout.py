@@ -192,11 +192,12 @@ MAX_ROOTS = 256
 MAX_HALVED = 8  # intervals of a link that wait for rays at a time
 MAX_FLIGHTS = 8  # links whose rays are traced together
 MAX_CANDIDATES = 96
+N_LADDER = 12  # rows, see `ladder`
 _ANGLES = 768  # nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
 
 Work = namedtuple(
     "Work",
-    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes nodes rays stack halves kinds brackets rows",
+    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes ladder nodes rays stack halves kinds brackets rows",
 )
 Work.__doc__ = """
 Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
@@ -236,6 +237,7 @@ def shapes(
         store=(columns, n_depth, 16),
         cuts=(n_depth + columns + 4,),
         extremes=(2, n_depth),
+        ladder=(N_LADDER, max(n_depth + 8, 40)),
         nodes=(nodes,),
         rays=(2 * halved + nodes, N_RAY),
         stack=(20 + 16 * halved, 2, N_RAY),

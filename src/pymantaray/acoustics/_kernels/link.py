@@ -257,7 +257,7 @@ def _begin(domain, section, i, work, results):
     # a ray that turns is within the limits; a ray that does not turn is as steep as the chord at some depth
     lo = -math.acos(math.cos(limits[0]) * math.cos(min(slope, 0.0))) - BEYOND
     hi = math.acos(math.cos(limits[1]) * math.cos(max(slope, 0.0))) + BEYOND
-    return fan_nodes(s, lo, hi, _spacing(s), link.c0, work.nodes)
+    return fan_nodes(s, lo, hi, _spacing(s), link, work.nodes)
 
 
 @kernel

@@ -13,8 +13,16 @@ from collections import namedtuple
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.arcs import fits
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
+from pymantaray.acoustics._kernels.ladder import (
+    add_middles,
+    add_turning_angles,
+    has_ladder,
+    put_ladder,
+    trace_ladder,
+)
 from pymantaray.acoustics._kernels.layout import Course, Progress
 from pymantaray.acoustics._kernels.march import ERRING, WAITING, again, allowed
 from pymantaray.acoustics._kernels.trace import any_course, course_to_levels, fan_ray, trace
@@ -38,6 +46,7 @@ _WINDOW_WIDTH = 2e-5  # rad; width down to which rays that stay in the water are
 # error of the predicted turning depths exceeds the second number of metres
 _MIN_BEND, _MIN_BEND_TIMES_DEFECT = 0.2, 1.25
 _PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
+_UNKNOWN = 1e30  # m; error of a cubic
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # verdicts on an interval
 _HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
     4
@@ -72,7 +81,10 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
         if growth > 0.0:
             course = course_to_levels(s, course)
         finer = allowed(tol, growth, course.to_levels)
-        ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
+        if has_ladder(work) and fits(s, walls, course, 0.0):
+            ok, code = trace_ladder(s, walls, course, angle, work)
+        else:
+            ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
         if gone or not again(y[at.W] - course.target, tol, grown, growth, course.to_levels):
@@ -251,7 +263,13 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
     """
     progress = put_fan(n_nodes, search.coarse, work)
+    put_ladder(s, walls, course, work)
     fan = first_row(work)
+    if has_ladder(
+        work
+    ):  # beside a change of reflections, the error of a cubic is unknown: the middle decides
+        for i in range(n_nodes):
+            work.rays[fan + i, at.DEFECT] = _UNKNOWN
     shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     course = course_to_levels(s, course)
     while True:
@@ -476,7 +494,7 @@ def _put_halves(rule, a, m, b, top, work):
     ):
         e = 4.0 * _defect(a, m, b)
     elif rule.kind != at.OPEN:
-        e = 1e30  # unknown: the middles of the halves decide
+        e = _UNKNOWN  # the middles of the halves decide
     upper = 1 if a[at.ANGLE] + b[at.ANGLE] > 0.0 else 0
     for half in range(2):
         ends = work.stack[top + (half if upper == 1 else 1 - half)]
@@ -563,7 +581,7 @@ def _defect(a, m, b):
 
 
 @kernel
-def fan_nodes(s, lo, hi, spacing, c_source, nodes):
+def fan_nodes(s, lo, hi, spacing, link, nodes):
     """Launch angles of the first fan: equal spacing, and the angles at which rays turn at the levels.
 
     spacing contains the equal spacing and the least distance between two nodes. [rad]
@@ -576,14 +594,14 @@ def fan_nodes(s, lo, hi, spacing, c_source, nodes):
     count = min(count, nodes.size // 2)
     for i in range(count):
         nodes[i] = lo + (hi - lo) * i / (count - 1)
-    n = count
-    for k in range(s.depth.size):
+    n = add_turning_angles(s, lo, hi, link, count, nodes) if s.layered else count
+    for k in range(0 if s.layered else s.depth.size):
         c_first = 0.0
         for cell in range(s.n_range):
             c = level_speed(s, cell, k)
             c_first = c if cell == 0 else c_first
-            if c > c_source and n < nodes.size - 2:
-                angle = math.acos(c_source / c)
+            if c > link.c0 and n < nodes.size - 2:
+                angle = math.acos(link.c0 / c)
                 if angle < hi:
                     nodes[n] = angle
                     n += 1
@@ -598,7 +616,7 @@ def fan_nodes(s, lo, hi, spacing, c_source, nodes):
         if nodes[i] - nodes[m - 1] > closest:
             nodes[m] = nodes[i]
             m += 1
-    return m
+    return add_middles(m, nodes) if s.layered else m
 
 
 @kernel

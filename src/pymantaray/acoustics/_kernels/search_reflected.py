@@ -98,7 +98,7 @@ def _add_forward(s, walls, hunt, steepest, result, work):
     link, reach, nodes = hunt.link, hunt.reach, work.nodes
     hi = min(_STEEPEST_FORWARD, max(hunt.limit, steepest))
     inner = min(hunt.limit, hi)
-    n = fan_nodes(s, -inner, inner, hunt.spacing, link.c0, nodes)
+    n = fan_nodes(s, -inner, inner, hunt.spacing, link, nodes)
     more = max(int(math.ceil((hi - inner) / _SPACING_FORWARD)), 0)
     more = min(more, (nodes.size - n) // 2)
     for i in range(n):
