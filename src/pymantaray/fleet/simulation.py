@@ -105,9 +105,8 @@ def simulate(
     def run(row: int) -> None:
         _run(vehicles[row], water, float(physics_step), steps, position[row], quaternion[row], status[row])
 
-    with ThreadPoolExecutor(
-        os.cpu_count()
-    ) as pool:  # kernels release the GIL, and vehicles do not affect each other
+    # kernels release the GIL, and vehicles do not affect each other
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         _ = list(pool.map(run, range(len(vehicles))))
     return Trajectories(
         name=np.array(names),

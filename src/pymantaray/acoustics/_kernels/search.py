@@ -81,7 +81,7 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
         if growth > 0.0:
             course = course_to_levels(s, course)
         finer = allowed(tol, growth, course.to_levels)
-        if has_ladder(work) and fits(s, walls, course, 0.0):
+        if s.kind == at.LINEAR and has_ladder(work) and fits(s, walls, course, 0.0):
             ok, code = trace_ladder(s, walls, course, angle, work)
         else:
             ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
@@ -263,13 +263,11 @@ def find_brackets(s, walls, course, n_nodes, search, work):
     Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
     """
     progress = put_fan(n_nodes, search.coarse, work)
-    put_ladder(s, walls, course, work)
     fan = first_row(work)
-    if has_ladder(
-        work
-    ):  # beside a change of reflections, the error of a cubic is unknown: the middle decides
-        for i in range(n_nodes):
-            work.rays[fan + i, at.DEFECT] = _UNKNOWN
+    if s.kind == at.LINEAR:
+        put_ladder(s, walls, course, work)
+        for i in range(n_nodes if has_ladder(work) else 0):
+            work.rays[fan + i, at.DEFECT] = _UNKNOWN  # beside a change of reflections: the middle decides
     shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     course = course_to_levels(s, course)
     while True:
@@ -594,14 +592,31 @@ def fan_nodes(s, lo, hi, spacing, link, nodes):
     count = min(count, nodes.size // 2)
     for i in range(count):
         nodes[i] = lo + (hi - lo) * i / (count - 1)
-    n = add_turning_angles(s, lo, hi, link, count, nodes) if s.layered else count
-    for k in range(0 if s.layered else s.depth.size):
+    if s.kind == at.LINEAR and s.layered:
+        n = add_turning_angles(s, lo, hi, link, count, nodes)
+    else:
+        n = _add_level_angles(s, lo, hi, link.c0, count, nodes)
+    sort_head(nodes, n)
+    m = 1
+    for i in range(1, n):
+        if nodes[i] - nodes[m - 1] > closest:
+            nodes[m] = nodes[i]
+            m += 1
+    if s.kind == at.LINEAR and s.layered:
+        m = add_middles(m, nodes)
+    return m
+
+
+@kernel
+def _add_level_angles(s, lo, hi, c_source, n, nodes):
+    """Append to the first n nodes the angles at which rays turn at the levels; return the number of nodes."""
+    for k in range(s.depth.size):
         c_first = 0.0
         for cell in range(s.n_range):
             c = level_speed(s, cell, k)
             c_first = c if cell == 0 else c_first
-            if c > link.c0 and n < nodes.size - 2:
-                angle = math.acos(link.c0 / c)
+            if c > c_source and n < nodes.size - 2:
+                angle = math.acos(c_source / c)
                 if angle < hi:
                     nodes[n] = angle
                     n += 1
@@ -610,13 +625,7 @@ def fan_nodes(s, lo, hi, spacing, link, nodes):
                     n += 1
             if s.kind == at.SMOOTH or (cell > 0 and abs(c - c_first) < 1e-9):
                 break
-    sort_head(nodes, n)
-    m = 1
-    for i in range(1, n):
-        if nodes[i] - nodes[m - 1] > closest:
-            nodes[m] = nodes[i]
-            m += 1
-    return add_middles(m, nodes) if s.layered else m
+    return n
 
 
 @kernel
