@@ -6,6 +6,7 @@ from factories import ARCTIC_DEPTH, arctic, front_links, make_front
 from oracles import Shooting
 
 from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
+from pymantaray.records import RayAxis
 
 BAR, MEDIAN = 0.3e-6, 1e-8  # s
 
@@ -112,3 +113,18 @@ def test_direct_travel_times_agree(make, n, seed):
 )
 def test_reflected_travel_times_agree(plane, n, seed, most, least):
     assert_small(errors(make_slope(plane=plane), *shallow_links(n, seed), most), least)
+
+
+def test_steep_links_whose_rays_are_far_from_snells_prediction_keep_their_arrival():
+    """Speeds of 1,400 to 1,600 m/s within 20 m: the start of Newton's method from the mean speed fails, and rays about the chord follow."""
+    depth, profile = np.array([0.0, 20, 40, 300, 600, 1000]), np.array([1400.0, 1400, 1600, 1600, 1420, 1500])
+    axis = np.linspace(-5e3, 5e3, 4)
+    speed = np.broadcast_to(profile, (4, 4, 6)).copy()
+    medium = Medium.from_grid(axis, axis, depth, speed, bathymetry=np.full((4, 4), 1000.0))
+    source, receiver = np.zeros((5, 3)), np.zeros((5, 3))
+    source[:, 2], receiver[:, 2] = [165.8, 19.6, 150.4, 108.8, 11.1], [48.8, 186.6, 25.0, 16.5, 166.7]
+    receiver[:, 0] = [336.6, 374.6, 250.2, 249.3, 457.5]
+    arrivals = find_eigenrays(medium, source, receiver)
+    np.testing.assert_array_equal(arrivals.link, np.arange(5))
+    assert np.all(arrivals.ray_axis == RayAxis.CHORD)
+    assert errors(medium, source, receiver)[0].max() < BAR

@@ -339,15 +339,17 @@ def _smooth_place(s, k, r, z):
 
 
 @inlined
-def _continue(s, z, c, cz, czz):
-    """Value and derivatives of the extension if z is beyond the levels, otherwise the arguments."""
+def _outside(s, z):
+    """True if z is beyond the levels."""
+    return z < s.depth[0] or z > s.depth[s.depth.size - 1]
+
+
+@inlined
+def _extension(s, z):
+    """Weights of the slope at the edge in the extension and in its derivatives, at a depth beyond the levels."""
     if z < s.depth[0]:
-        a, b, e = _beyond(z - s.depth[0], ABOVE_SCALE)
-        return c + a * cz, b * cz, e * cz
-    if z > s.depth[s.depth.size - 1]:
-        a, b, e = _beyond(z - s.depth[s.depth.size - 1], BELOW_SCALE)
-        return c + a * cz, b * cz, e * cz
-    return c, cz, czz
+        return _beyond(z - s.depth[0], ABOVE_SCALE)
+    return _beyond(z - s.depth[s.depth.size - 1], BELOW_SCALE)
 
 
 @inlined
@@ -367,43 +369,54 @@ def smooth_planar(s, k, r, z):
     c = a0 + x * (a1 + x * (a2 + x * a3))
     cz = a1 + x * (2.0 * a2 + 3.0 * x * a3)
     czz = 2.0 * a2 + 6.0 * x * a3
-    return _continue(s, z, c, cz, czz)
+    if _outside(s, z):
+        offset, slope, bend = _extension(s, z)
+        return c + offset * cz, slope * cz, bend * cz
+    return c, cz, czz
+
+
+@inlined
+def _column_at(s, i, k, x, z):
+    """Quantities of column i at a depth x in layer k: c and c_r with two derivatives, c_y and c_yy with one."""
+    d = s.data[i, k]
+    f = d[0] + x * (d[1] + x * (d[2] + x * d[3]))
+    fz = d[1] + x * (2.0 * d[2] + 3.0 * x * d[3])
+    fzz = 2.0 * d[2] + 6.0 * x * d[3]
+    g = d[4] + x * (d[5] + x * (d[6] + x * d[7]))
+    gz = d[5] + x * (2.0 * d[6] + 3.0 * x * d[7])
+    gzz = 2.0 * d[6] + 6.0 * x * d[7]
+    b = d[8] + x * (d[9] + x * (d[10] + x * d[11]))
+    bz = d[9] + x * (2.0 * d[10] + 3.0 * x * d[11])
+    e = d[12] + x * (d[13] + x * (d[14] + x * d[15]))
+    ez = d[13] + x * (2.0 * d[14] + 3.0 * x * d[15])
+    if _outside(s, z):
+        offset, slope, bend = _extension(s, z)
+        f, fz, fzz = f + offset * fz, slope * fz, bend * fz
+        g, gz, gzz = g + offset * gz, slope * gz, bend * gz
+        b, bz, e, ez = b + offset * bz, slope * bz, e + offset * ez, slope * ez
+    return f, fz, fzz, g, gz, gzz, b, bz, e, ez
 
 
 @inlined
 def smooth_full(s, k, r, z):
     """Sound speed and its derivatives in layer k of a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz."""
     i, t, x = _smooth_place(s, k, r, z)
-    d = s.data
-    v = hermite(t, s.r_step)
-    c, cz, czz, cr, crz, crr, cy, cyz, cyy, cyyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for m in range(2):
-        a = d[i + m, k, 0] + x * (d[i + m, k, 1] + x * (d[i + m, k, 2] + x * d[i + m, k, 3]))
-        az = d[i + m, k, 1] + x * (2.0 * d[i + m, k, 2] + 3.0 * x * d[i + m, k, 3])
-        f = _continue(s, z, a, az, 2.0 * d[i + m, k, 2] + 6.0 * x * d[i + m, k, 3])
-        a = d[i + m, k, 4] + x * (d[i + m, k, 5] + x * (d[i + m, k, 6] + x * d[i + m, k, 7]))
-        az = d[i + m, k, 5] + x * (2.0 * d[i + m, k, 6] + 3.0 * x * d[i + m, k, 7])
-        g = _continue(s, z, a, az, 2.0 * d[i + m, k, 6] + 6.0 * x * d[i + m, k, 7])
-        a = d[i + m, k, 8] + x * (d[i + m, k, 9] + x * (d[i + m, k, 10] + x * d[i + m, k, 11]))
-        az = d[i + m, k, 9] + x * (2.0 * d[i + m, k, 10] + 3.0 * x * d[i + m, k, 11])
-        b = _continue(s, z, a, az, 0.0)
-        a = d[i + m, k, 12] + x * (d[i + m, k, 13] + x * (d[i + m, k, 14] + x * d[i + m, k, 15]))
-        az = d[i + m, k, 13] + x * (2.0 * d[i + m, k, 14] + 3.0 * x * d[i + m, k, 15])
-        e = _continue(s, z, a, az, 0.0)
-        v0, v1, d0, d1, e0, e1, u = v[0], v[1], v[4], v[5], v[8], v[9], 1.0 - t
-        if m == 1:
-            v0, v1, d0, d1, e0, e1, u = v[2], v[3], v[6], v[7], v[10], v[11], t
-        c += v0 * f[0] + v1 * g[0]
-        cz += v0 * f[1] + v1 * g[1]
-        czz += v0 * f[2] + v1 * g[2]
-        cr += d0 * f[0] + d1 * g[0]
-        crz += d0 * f[1] + d1 * g[1]
-        crr += e0 * f[0] + e1 * g[0]
-        cy += u * b[0]
-        cyz += u * b[1]
-        cyy += u * e[0]
-        cyyz += u * e[1]
-    return c, cz, cr, czz, crz, crr, cy, cyz, cyy, cyyz
+    v0, v1, v2, v3, d0, d1, d2, d3, e0, e1, e2, e3 = hermite(t, s.r_step)
+    f0, fz0, fzz0, g0, gz0, gzz0, b0, bz0, a0, az0 = _column_at(s, i, k, x, z)
+    f1, fz1, fzz1, g1, gz1, gzz1, b1, bz1, a1, az1 = _column_at(s, i + 1, k, x, z)
+    u = 1.0 - t
+    return (
+        (v0 * f0 + v1 * g0) + (v2 * f1 + v3 * g1),
+        (v0 * fz0 + v1 * gz0) + (v2 * fz1 + v3 * gz1),
+        (d0 * f0 + d1 * g0) + (d2 * f1 + d3 * g1),
+        (v0 * fzz0 + v1 * gzz0) + (v2 * fzz1 + v3 * gzz1),
+        (d0 * fz0 + d1 * gz0) + (d2 * fz1 + d3 * gz1),
+        (e0 * f0 + e1 * g0) + (e2 * f1 + e3 * g1),
+        u * b0 + t * b1,
+        u * bz0 + t * bz1,
+        u * a0 + t * a1,
+        u * az0 + t * az1,
+    )
 
 
 @inlined

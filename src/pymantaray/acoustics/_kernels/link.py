@@ -26,6 +26,7 @@ from pymantaray.acoustics._kernels.march import march
 from pymantaray.acoustics._kernels.refine import (
     RESOLUTION,
     Launch,
+    Widened,
     cubic_angle,
     finish,
     jumps,
@@ -44,7 +45,6 @@ from pymantaray.acoustics._kernels.search import (
     STEEP,
     Search,
     advance,
-    copy_ray,
     fan_nodes,
     find_brackets,
     is_steep,
@@ -57,7 +57,14 @@ from pymantaray.acoustics._kernels.search import (
     turning_limits,
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
-from pymantaray.acoustics._kernels.trace import any_course, course_to_levels, direct_course, full_ray, trace
+from pymantaray.acoustics._kernels.trace import (
+    any_course,
+    course_to_levels,
+    direct_course,
+    full_ray,
+    ray_axis,
+    trace,
+)
 from pymantaray.compile import entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
@@ -68,6 +75,7 @@ _LIKELY, _UNLIKELY, _STEEP_BRACKET = range(3)
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
+_CHORD_HALF_WIDTH = 0.02  # rad; of the bracket of a steep link
 _FULL_TOLERANCE_LENGTH = 2e4  # m; for longer links the tolerance grows with their length
 _GAUSS_NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
 _GAUSS_WEIGHTS = (
@@ -282,7 +290,7 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
     search = _direct_search(s, link, settings)
     course = direct_course(link, n_nodes == 0)
     if n_nodes == 0:
-        found = _chord_bracket(s, walls, course, search.coarse, work)
+        found = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
     elif flights is not None and domain.kind == at.SMOOTH:  # otherwise, Numba omits this branch
         put_flight(section, place, put_fan(n_nodes, search.coarse, work), work, flights)
         return True
@@ -373,20 +381,38 @@ def _same_place(row):
 
 
 @kernel
-def _chord_bracket(s, walls, course, tol, work):
-    """Bracket of a steep link, as the start of a regula falsi about the chord; returns the values of `find_brackets`."""
-    half, rays = 0.02, 0
+def _predicted_bracket(link, chord_time, work):
+    """
+    Bracket of a steep link about the launch angle that Snell's law predicts, without a ray; returns the values of `find_brackets`.
+
+    With c = m (1 + d) along the chord of slope b, the mean m and a mean square v of d, the cosine of the slope at the source is
+    cos(b) (c_source / m) (1 - 1.5 v / tan(b)^2) to second order; v is that of a constant gradient.
+    """
+    chord = math.atan2(link.z1 - link.z0, link.horizontal)
+    mean = link.length / chord_time
+    square = ((link.c1 - link.c0) / mean) ** 2 / 12.0
+    ratio = link.horizontal / (link.z1 - link.z0)
+    cosine = math.cos(chord) * link.c0 / mean * (1.0 - square * (1.0 + 1.5 * ratio * ratio))
+    angle = math.copysign(math.acos(min(cosine, 1.0)), chord) - chord
+    for i in range(2):
+        end = work.brackets[0, i]
+        end[at.ANGLE] = angle + (2 * i - 1) * _CHORD_HALF_WIDTH
+        end[at.MISS], end[at.SLOPE] = link.length * (end[at.ANGLE] - angle), link.length
+    return 1, 0.0, 0, True
+
+
+@kernel
+def _bracket_about_chord(s, walls, course, tol, work):
+    """Widened bracket of a steep link, from rays on both sides of the chord."""
+    half = _CHORD_HALF_WIDTH
     a, b = work.stack[0, 0], work.stack[0, 1]
-    while half <= 0.64:
+    while half <= 32.0 * _CHORD_HALF_WIDTH:
         shoot(s, walls, course, -half, tol, 0.0, a, work)
         shoot(s, walls, course, half, tol, 0.0, b, work)
-        rays += 2
         if a[at.GOOD] * b[at.GOOD] > 0.0 and a[at.MISS] * b[at.MISS] <= 0.0:
-            copy_ray(a, work.brackets[0, 0])
-            copy_ray(b, work.brackets[0, 1])
-            return 1, 0.0, rays, True
+            return Widened(True, -half, half, a[at.MISS], b[at.MISS], 0.0)
         half *= 2.0
-    return 0, min(abs(a[at.MISS]), abs(b[at.MISS])), rays, True
+    return Widened(False, -half, half, a[at.MISS], b[at.MISS], 0.0)
 
 
 @kernel
@@ -452,7 +478,12 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
         launch = polish(s, walls, course, bracket, accuracy, work)
     polished = launch.ok
     if not polished:
-        wide = widened(s, walls, course, bracket, accuracy.fine, work) if first else taken_up(bracket)
+        if not first:
+            wide = taken_up(bracket)
+        elif ray_axis(course) == at.CHORD:
+            wide = _bracket_about_chord(s, walls, course, accuracy.coarse, work)
+        else:
+            wide = widened(s, walls, course, bracket, accuracy.fine, work)
         if first and jumps(wide, cutoff[1]):
             put_off(wide, bracket)
             return _JUMP

@@ -124,7 +124,7 @@ def refine(s, walls, course, wide, accuracy, weak, work):
     m = b - fb * (b - a) / (fb - fa) if fb != fa else 0.5 * (a + b)
     if not a <= m <= b:
         m = 0.5 * (a + b)
-    lo, hi, f_lo, f_hi = a, b, fa, fb
+    lo, hi, f_lo, f_hi, sure_lo, sure_hi = a, b, fa, fb, a, b
     previous = np.inf
     steps, turns = 0, 0
     for it in range(80 if bracketed else 12):
@@ -134,17 +134,23 @@ def refine(s, walls, course, wide, accuracy, weak, work):
         f = y[at.W] - course.target
         if abs(f) < miss and abs(y[at.Y]) < miss:
             return Launch(True, m, q, steps, turns)
+        settled = abs(y[at.Y]) < miss
         if y[at.DY_DQ] > 0.0:
             q -= y[at.Y] / y[at.DY_DQ]
         if bracketed:
             if (f > 0.0) == (fa > 0.0):
                 lo, f_lo = m, f
+                sure_lo = m if settled else sure_lo
             else:
                 hi, f_hi = m, f
+                sure_hi = m if settled else sure_hi
             noise = miss_noise(tol, min(abs(y[at.XI]), weak), course.length)
             if hi - lo < _NARROWEST_JUMP and abs(f_hi - f_lo) > max(weak * (hi - lo), noise):
                 break
         new = m - f / y[at.XI] if y[at.XI] != 0.0 else 0.5 * (lo + hi)
+        rises = 0.0 < y[at.XI] * (1.0 if fb > fa else -1.0) < weak
+        if settled and rises and not lo < new < hi and sure_lo < new < sure_hi:
+            lo, hi = sure_lo, sure_hi  # a ray out of the plane of the receiver had the wrong sign
         if bracketed and (not lo < new < hi or (it > 3 and abs(f) > 0.5 * previous)):
             new = 0.5 * (lo + hi)
         previous = abs(f)
