@@ -42,6 +42,8 @@ from pymantaray.water.uniform import (
 )
 from pymantaray.water.varying import series_of, snapshot_at
 
+_MARGIN_COLUMNS = 24  # the effect of a spline's end decreases by 0.27 from column to column
+
 
 @dataclass(frozen=True, eq=False)
 class OceanFields:
@@ -246,10 +248,35 @@ def build_medium(
 
 
 def _medium_at(ocean: OceanFields, interpolation: Interpolation, earth: Earth, time: float) -> Medium:
+    return Medium.from_dataset(_bounded(ocean, time), interpolation=interpolation, earth=earth)
+
+
+def _bounded(ocean: OceanFields, time: float) -> xr.Dataset:
+    """Local ocean at a time; an axis with one point has no variation and no end."""
     local = ocean.local_at(time)
-    if ocean.unbounded:
-        local = local.isel(north=[0], east=[0])  # an axis with one point has no variation and no end
-    return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
+    return local.isel(north=[0], east=[0]) if ocean.unbounded else local
+
+
+def medium_around(
+    ocean: OceanFields,
+    interpolation: Interpolation,
+    earth: Earth,
+    time: float,
+    positions: NDArray[np.float64],
+) -> Medium:
+    """
+    Build the medium at a time [s] from the columns around positions (n, 3) [m].
+
+    It has 24 more columns on each side. The spline there differs from that of all columns by a part in 10^13 of the difference at
+    its edge, and a medium of a few kilometres within a large region takes a small part of the time.
+    """
+    local = _bounded(ocean, time)
+    columns = {}
+    for name, along in (("north", positions[:, 0]), ("east", positions[:, 1])):
+        axis = local[name].values
+        first, last = np.searchsorted(axis, [along.min(), along.max()])
+        columns[name] = slice(max(int(first) - _MARGIN_COLUMNS, 0), int(last) + _MARGIN_COLUMNS)
+    return Medium.from_dataset(local.isel(columns), interpolation=interpolation, earth=earth)
 
 
 def build_currents(ocean: OceanFields) -> Currents | Callable[[float], Currents]:
