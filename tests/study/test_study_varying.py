@@ -285,7 +285,7 @@ def test_a_medium_around_positions_has_their_columns_and_the_travel_times_of_the
     ocean = OceanFields(None, water, xr.Dataset(), pd.DataFrame())
     whole = Medium.from_dataset(water, interpolation=interpolation)
     for centre, columns in (((20e3, -60e3, 0.0), 57), ((87e3, 149e3, 0.0), 33)):
-        ends = np.array(centre) + [[0.0, -3e3, 60.0], [2.5e3, 800.0, 400.0]]
+        ends = np.add(centre, [[0.0, -3e3, 60.0], [2.5e3, 800.0, 400.0]])
         part = medium_around(ocean, interpolation, "flat", 0.0, ends)
         assert part.north.size < columns > part.east.size
         times, expected = (find_eigenrays(m, ends[0], ends[1]).travel_time for m in (part, whole))
