@@ -1,9 +1,10 @@
 """Fields of an ocean in the local frame, and their medium, currents and absorption for rays."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -94,11 +95,13 @@ class OceanFields:
             )
         return Absorption.from_profile(self.cast.depth, *self.cast.water, formula=known)
 
-    def local_at(self, time: float) -> xr.Dataset:
-        """Local ocean at a time after the start of the mission. [s]"""
+    def local_at(self, time: float, columns: Mapping[str, slice] = MappingProxyType({})) -> xr.Dataset:
+        """Local ocean, or some of its columns north and east, at a time after the start of the mission. [s]"""
         if has_internal_tide(self.local):
-            return displaced(self.local, time)
-        return self.local if self.series is None else snapshot_at(self.series, time)
+            return displaced(self.local, time, columns)
+        if self.series is None:
+            return self.local.isel(columns)
+        return snapshot_at(self.series.isel(columns), time)
 
 
 def build_ocean(
@@ -248,13 +251,10 @@ def build_medium(
 
 
 def _medium_at(ocean: OceanFields, interpolation: Interpolation, earth: Earth, time: float) -> Medium:
-    return Medium.from_dataset(_bounded(ocean, time), interpolation=interpolation, earth=earth)
-
-
-def _bounded(ocean: OceanFields, time: float) -> xr.Dataset:
-    """Local ocean at a time; an axis with one point has no variation and no end."""
     local = ocean.local_at(time)
-    return local.isel(north=[0], east=[0]) if ocean.unbounded else local
+    if ocean.unbounded:
+        local = local.isel(north=[0], east=[0])  # an axis with one point has no variation and no end
+    return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
 
 
 def medium_around(
@@ -270,13 +270,14 @@ def medium_around(
     It has 24 more columns on each side. The spline there differs from that of all columns by a part in 10^13 of the difference at
     its edge, and a medium of a few kilometres within a large region takes a small part of the time.
     """
-    local = _bounded(ocean, time)
+    if ocean.unbounded:
+        return _medium_at(ocean, interpolation, earth, time)
     columns = {}
     for name, along in (("north", positions[:, 0]), ("east", positions[:, 1])):
-        axis = local[name].values
+        axis = ocean.local[name].values
         first, last = np.searchsorted(axis, [along.min(), along.max()])
         columns[name] = slice(max(int(first) - _MARGIN_COLUMNS, 0), int(last) + _MARGIN_COLUMNS)
-    return Medium.from_dataset(local.isel(columns), interpolation=interpolation, earth=earth)
+    return Medium.from_dataset(ocean.local_at(time, columns), interpolation=interpolation, earth=earth)
 
 
 def build_currents(ocean: OceanFields) -> Currents | Callable[[float], Currents]:
