@@ -462,6 +462,39 @@ def test_a_sigma_is_fitted_with_other_unknowns_too(make_fleet):
     assert end.unknowns.name == ("range sigma",)
 
 
+def test_a_fit_begins_with_the_solution_of_the_same_estimator_without_a_fit(make_fleet):
+    fleet = make_fleet(seed=7, gnss_every=10)
+    o, rng = fleet.noisy, np.random.default_rng(1)
+    wild = replace(o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size))
+
+    class CountingSolver(GraphSolver):
+        count = 0
+
+        def solve(self, *arguments, **options):
+            self.count += 1
+            return super().solve(*arguments, **options)
+
+    model = TransmitterSpeed()
+    for plain in (
+        Estimator("refracted"),
+        Estimator("refracted", model=model, scale_sigma=0.1, mean_of_directions=True),
+        Estimator("refracted", model=model, initial=(fleet.truth.position, fleet.truth.quaternion)),
+    ):
+        fitted = replace(plain, range_sigma="fitted")
+        other = replace(plain, range_sigma=3.0)
+        alone, together = CountingSolver(), CountingSolver()
+        one = solve_conditions(wild, {"fitted": fitted}, solver=alone)
+        one |= solve_conditions(wild, {"plain": plain}, solver=alone)
+        one |= solve_conditions(wild, {"other": other}, solver=alone)
+        both = solve_conditions(wild, {"plain": plain, "other": other, "fitted": fitted}, solver=together)
+        # from dead reckoning, both calls without a fit also solve the graph without ranges
+        saved = 1 if plain.initial else 2
+        assert together.count == alone.count - saved
+        for name, solution in one.items():
+            np.testing.assert_array_equal(both[name].position, solution.position, err_msg=name)
+            assert both[name].final_cost == solution.final_cost
+
+
 def test_a_sigma_that_no_cost_can_meet_is_not_fitted(make_fleet):
     fleet = make_fleet(seed=7, gnss_every=10)
     wrong = replace(

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from factories import assert_same
 
-from pymantaray.acoustics import find_eigenrays
+from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate
@@ -22,7 +23,7 @@ from pymantaray.report.explore import PageLinks, mission_rays
 from pymantaray.report.figures import RunResults
 from pymantaray.study import open_run, run_study
 from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.water.ocean import build_currents, build_medium, mission_start
+from pymantaray.water.ocean import OceanFields, build_currents, build_medium, medium_around, mission_start
 from pymantaray.water.varying import VARYING, series_of, snapshot_at
 
 WINDOW = (74.2, 74.8, -141.2, -138.8)
@@ -262,6 +263,34 @@ def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path
     assert check_page_rays(run) > 3
     Path(files[1]).unlink()
     assert json.loads(mission_rays(RunResults(open_run(run.path)))) == []
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_a_medium_around_positions_has_their_columns_and_the_travel_times_of_the_whole(interpolation):
+    axes = {
+        "north": np.linspace(-90e3, 90e3, 91),
+        "east": np.linspace(-150e3, 150e3, 151),
+        "depth": np.array([0.0, 40.0, 100.0, 250.0, 500.0, 1000.0]),
+    }
+    rng = np.random.default_rng(8)
+    profile = np.array([1448.0, 1440.0, 1452.0, 1455.0, 1457.0, 1464.0])
+    speed = profile + rng.normal(0.0, 1.0, (91, 151, 6)) * np.array([1.0, 1.0, 0.5, 0.2, 0.1, 0.0])
+    water = xr.Dataset(
+        {
+            "sound_speed": (tuple(axes), speed),
+            "sea_floor_depth": (("north", "east"), 900.0 + rng.uniform(0.0, 90.0, (91, 151))),
+        },
+        coords=axes,
+    )
+    ocean = OceanFields(None, water, xr.Dataset(), pd.DataFrame())
+    whole = Medium.from_dataset(water, interpolation=interpolation)
+    for centre, columns in (((20e3, -60e3, 0.0), 57), ((87e3, 149e3, 0.0), 33)):
+        ends = np.add(centre, [[0.0, -3e3, 60.0], [2.5e3, 800.0, 400.0]])
+        part = medium_around(ocean, interpolation, "flat", 0.0, ends)
+        assert part.north.size < columns > part.east.size
+        times, expected = (find_eigenrays(m, ends[0], ends[1]).travel_time for m in (part, whole))
+        assert expected.size
+        np.testing.assert_allclose(times, expected, rtol=0.0, atol=1e-12)
 
 
 def test_rays_on_the_page_run_through_the_internal_tide_of_their_ping(run_tiny):

@@ -168,6 +168,7 @@ class _Fleet:
         self._measurements, self._samples = measurements, samples
         self._graph: FactorGraph | None = None
         self._without_ranges: GraphSolution | None = None
+        self._first: dict[tuple[object, ...], tuple[Estimator, GraphSolution]] = {}
 
     @cached_property
     def _dead_reckoned(self) -> tuple[Array, Array]:
@@ -179,13 +180,17 @@ class _Fleet:
             self._graph = build_graph(measurements, estimator.ranges, estimator.links)
         start = self._values(*(estimator.initial or self._dead_reckoned))
         if estimator.range_sigma != "fitted":
-            first = self._solved(estimator, measurements, start, solver)
+            first = self._first_solved(estimator, measurements, start, solver)
             plain = estimator.ranges is not None and estimator.method == Method()
             plain &= not isinstance(estimator.model, CandidateModel)  # which starts there in any case
             again = plain and (estimator.initial is None or not first.usable)
             return self._lower(first, estimator, measurements, solver) if again else first
         fitted = _fitted(
-            lambda k, at: self._solved(estimator, _scaled(measurements, k), at, solver),
+            lambda k, at: (
+                self._first_solved(estimator, measurements, at, solver)
+                if k == 1.0 and at is start
+                else self._solved(estimator, _scaled(measurements, k), at, solver)
+            ),
             start,
             max(int(np.isfinite(measurements.refracted_range).sum()), 1),
         )
@@ -220,6 +225,15 @@ class _Fleet:
             return first
         status = SolveStatus.SECOND_MINIMUM if lower.status == SolveStatus.OK else lower.status
         return replace(lower, status=status)
+
+    def _first_solved(
+        self, estimator: Estimator, measurements: Measurements, start: GraphValues, solver: GraphSolver
+    ) -> GraphSolution:
+        """Solution from the estimator's start; the fit of a range sigma begins with that of the estimator without a fit."""
+        key = _solves_like(estimator)
+        if key not in self._first:  # the estimator keeps the objects that the key identifies
+            self._first[key] = estimator, self._solved(estimator, measurements, start, solver)
+        return self._first[key][1]
 
     def _solved(
         self, estimator: Estimator, measurements: Measurements, start: GraphValues, solver: GraphSolver
@@ -338,6 +352,15 @@ def _with_mean_of_directions(measurements: Measurements) -> Measurements:
         refracted_range=mean(measurements.refracted_range),
         straight_range=mean(measurements.straight_range),
     )
+
+
+def _solves_like(estimator: Estimator) -> tuple[object, ...]:
+    """Equal for estimators whose first solves are equal: the same objects and values, except for the fit of a range sigma."""
+    e = estimator
+    sigma = None if e.range_sigma == "fitted" else e.range_sigma
+    objects = tuple(id(part) for part in (e.model, e.uncertainty, *(e.initial or ())))
+    priors = e.clocks, e.scale_sigma, e.bias_sigma, sigma
+    return objects, e.ranges, e.links, e.correlated, e.model_is_right, e.method, priors, e.mean_of_directions
 
 
 def _scaled(measurements: Measurements, scale: float) -> Measurements:

@@ -9,6 +9,7 @@ is refused. `build.build_graph` makes a graph from measurements.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
@@ -110,7 +111,7 @@ class FactorKind:
             )
         return _RESIDUALS[shape]
 
-    @property
+    @cached_property
     def rows(self) -> int:
         """Number of rows of the residual: three for a quaternion, in the tangent of the body, then others, in the world's axes."""
         return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
@@ -121,7 +122,7 @@ class FactorKind:
         names = [name for name, _, _ in self.columns]
         return tuple(row for name in sorted(names, key=_FIRST.index) for row in _ROWS[name])
 
-    @property
+    @cached_property
     def columns_at(self) -> dict[str, slice]:
         """Slice of the measured numbers for each column."""
         edges = np.cumsum([0, *(width for _, width, _ in self.columns)]).tolist()

@@ -282,12 +282,18 @@ class _Updates:
         self._vehicle = [graph.pose_vehicle[t.subject] for t in self._tables]
         fix, depth, attitude = self._tables
         self._fixed, self._depth = fix.column("position"), depth.column("depth")
+        self._depth_variance = depth.variance
         self._turn = matrix_from_quaternion(attitude.column("quaternion"))
         self._by_errors: dict[tuple[bytes, ...], Array] = {}
 
     def at(self, state: _State, k: int) -> tuple[Array, Array, Array]:
         """Residuals of a time, their derivatives by the errors, and their covariance."""
         some = [rows[k] for rows in self._rows]
+        if not (some[0].size or some[2].size):  # the usual case, many times
+            vehicle = self._vehicle[1][some[1]]
+            residual = state.position[vehicle, 2] - self._depth[some[1]]
+            by_errors = self._derivatives([some[0], vehicle, some[2]], state.covariance.shape[0])
+            return residual, by_errors, np.diag(self._depth_variance[some[1]])
         of = [vehicle[rows] for vehicle, rows in zip(self._vehicle, some, strict=True)]
         residual = np.concatenate(
             [

@@ -1,6 +1,7 @@
 """Costs to minimize: relative poses, sightings, measured positions, and ranges as distances or expanded travel times."""
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -318,16 +319,28 @@ class ExpandedRanges:
     def __init__(
         self, ranges: TimedRanges, blocks: Sequence[EpochBlock], expansion: Expansion, shared: Indices
     ) -> None:
-        self._ranges, self._expansion = ranges, expansion
-        self.pairs = np.empty((0, 2), dtype=np.intp)  # blocks are found epoch by epoch
-        self._terms = []
-        for rows, covariance in blocks:
-            if rows.size:
-                ends = np.concatenate([ranges.transmitter[rows], ranges.receiver[rows]])
-                variables, at = np.unique(ends, return_inverse=True)
-                variables = np.concatenate([variables, shared])
-                root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
-                self._terms.append(EpochTerms(rows, variables, at[: rows.size], at[rows.size :], root))
+        self._ranges, self._expansion, self._shared = ranges, expansion, shared
+        self._epochs = [(rows, covariance) for rows, covariance in blocks if rows.size]
+        self._rows = np.concatenate([np.empty(0, dtype=np.intp), *(rows for rows, _ in self._epochs)])
+        self._separate = not shared.size and all(
+            np.count_nonzero(covariance) == len(covariance) for _, covariance in self._epochs
+        )
+        variances = (np.diagonal(covariance) for _, covariance in self._epochs)
+        self._sigma = np.sqrt(np.concatenate([np.empty(0), *variances]))
+        ends = np.stack([ranges.transmitter, ranges.receiver], axis=1)[self._rows]
+        # joined ranges have the blocks of their epochs
+        self.pairs = ends.astype(np.intp) if self._separate else np.empty((0, 2), dtype=np.intp)
+
+    @cached_property
+    def _terms(self) -> list[EpochTerms]:
+        out, ranges = [], self._ranges
+        for rows, covariance in self._epochs:
+            ends = np.concatenate([ranges.transmitter[rows], ranges.receiver[rows]])
+            variables, at = np.unique(ends, return_inverse=True)
+            variables = np.concatenate([variables, self._shared])
+            root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+            out.append(EpochTerms(rows, variables, at[: rows.size], at[rows.size :], root))
+        return out
 
     def whitened(self, state: GraphState) -> Array:
         """Residuals in their standard deviations, epoch by epoch."""
@@ -339,14 +352,26 @@ class ExpandedRanges:
 
     def cost_of(self, residual: Array, loss: Loss | None) -> float:
         """Half the sum of squares, or the sum of losses, of residuals by row of the tables [m]."""
+        if self._separate:
+            return _cost(residual[self._rows] / self._sigma, loss)
         if loss is None:
             white = [whiten(t.root, residual[t.rows]) for t in self._terms]
         else:
             white = self._by_epoch(residual)
         return sum(_cost(w, loss) for w in white)
 
-    def add(self, state: GraphState, _blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
+    def add(self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
         """Add cost, gradient and blocks, weighted under a loss."""
+        if self._separate:
+            residual, *slopes = (part[self._rows] for part in self._at(state))
+            white, slope = residual / self._sigma, np.hstack(slopes) / self._sigma[:, None]
+            out.cost += _cost(white, loss)
+            if loss is not None:
+                root = np.sqrt(loss.weight(white))
+                white, slope = root * white, root[:, None] * slope
+            none = np.zeros_like(white)  # an expansion contains its curvature
+            residuals.add_pairs(self.pairs, blocks, white, slope, none, none, out.matrix)
+            return
         terms = self.linear(state, loss)
         if loss is None:
             out.cost += sum(_cost(term.residual, None) for term in terms) + 0.5 * float(

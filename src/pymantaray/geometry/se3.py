@@ -24,12 +24,14 @@ def hat(omega: ArrayLike) -> Array:
 
 def _coefficients(theta: Array) -> tuple[Array, Array, Array]:
     """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
-    t2 = theta * theta
-    safe = np.where(theta < _SMALL_ANGLE, 1.0, theta)
-    a = np.where(theta < _SMALL_ANGLE, 1.0 - t2 / 6.0, np.sin(safe) / safe)
-    b = np.where(theta < _SMALL_ANGLE, 0.5 - t2 / 24.0, 2.0 * np.sin(safe / 2.0) ** 2 / safe**2)
-    c = np.where(theta < _SMALL_ANGLE, 1.0 / 6.0 - t2 / 120.0, (safe - np.sin(safe)) / safe**3)
-    return a, b, c
+    t2, small = theta * theta, theta < _SMALL_ANGLE
+    near = 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
+    if small.all():  # as in most steps of a filter
+        return near
+    safe = np.where(small, 1.0, theta)
+    sine = np.sin(safe)
+    a, b, c = sine / safe, 2.0 * np.sin(safe / 2.0) ** 2 / safe**2, (safe - sine) / safe**3
+    return np.where(small, near[0], a), np.where(small, near[1], b), np.where(small, near[2], c)
 
 
 def so3_exp(omega: ArrayLike) -> Array:

@@ -1,5 +1,8 @@
 """Internal tide in a local ocean: the first mode over a flat bottom, which travels east."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 import xarray as xr
 
@@ -27,15 +30,18 @@ def has_internal_tide(local: xr.Dataset) -> bool:
     return _AMPLITUDE in local.attrs
 
 
-def displaced(local: xr.Dataset, time: float) -> xr.Dataset:
+def displaced(
+    local: xr.Dataset, time: float, columns: Mapping[str, slice] = MappingProxyType({})
+) -> xr.Dataset:
     r"""
-    Local ocean at a time [s], displaced downward by :math:`A \sin(\pi z / H) \cos(k x - \omega t)`, x east.
+    Local ocean, or some of its columns north and east, at a time [s], displaced downward by :math:`A \sin(\pi z / H) \cos(k x - \omega t)`, x east.
 
     H is the greatest depth of the sea floor. Displaced water keeps its temperature and salinity, so its sound speed changes
     only with pressure. At a fixed depth, the change is :math:`-\zeta (dc/dz - \gamma)`.
     """
-    attrs, z, x = local.attrs, local["depth"].values, local["east"].values
     bottom = float(local["sea_floor_depth"].max())
+    local = local.isel(columns)
+    attrs, z, x = local.attrs, local["depth"].values, local["east"].values
     phase = 2.0 * np.pi * (x / attrs[_WAVELENGTH] - time / attrs[_PERIOD])
     shape = np.sin(np.pi * np.clip(z / bottom, 0.0, 1.0))
     lowered = attrs[_AMPLITUDE] * np.cos(phase)[:, None] * shape

@@ -1,7 +1,7 @@
 """Construction of estimators, with their range models and uncertainties, from the conditions of a configuration."""
 
-from pymantaray.config.estimators import ConditionSection, ExactBelief, FixedLagSolver
-from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method
+from pymantaray.config.estimators import AnyRangeModel, ConditionSection, ExactBelief, FixedLagSolver
+from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeModel
 from pymantaray.estimation.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.study.beliefs import Beliefs
@@ -23,6 +23,8 @@ class EstimatorFactory:
 
     def __init__(self, run: Run, ocean: OceanFields | None = None) -> None:
         self._run, self._beliefs = run, Beliefs(run, ocean)
+        self._models: dict[AnyRangeModel, RangeModel] = {}
+        self._realization = -1  # of the models
 
     def estimator(self, section: ConditionSection, realization: int) -> Estimator:
         """Estimator of one condition, for one realization."""
@@ -32,7 +34,7 @@ class EstimatorFactory:
         if (
             section.range_model.kind != "transmitter" or section.estimates_more or earth is not None
         ):  # otherwise ranges are distances without correction
-            model = build_range_model(section.range_model, self._beliefs, realization)
+            model = self._model(section, realization)
         if earth is not None and isinstance(model, ALONG_CHORDS):
             model = OnSphere(model, earth)
         uncertainty = None
@@ -69,13 +71,23 @@ class EstimatorFactory:
         """True values of a condition's unknowns other than poses, by the names of `Unknowns`."""
         run = self._run
         out: dict[str, float] = {}
-        model = build_range_model(section.range_model, self._beliefs, realization)
+        model = self._model(section, realization)
         if isinstance(model, AdjustableEigenrays) and section.belief is not None:
             believed = self._beliefs.believed(section.belief, realization)
             out |= true_amplitudes(model, run.ocean, believed.local, run.truth)
         if section.clocks is not None:
             out |= true_clocks(run.config, run.truth.name.tolist(), realization)
         return out
+
+    def _model(self, section: ConditionSection, realization: int) -> RangeModel:
+        """Range model of a condition; conditions of one realization with the same model share it."""
+        if realization != self._realization:
+            self._models, self._realization = {}, realization
+        if section.range_model not in self._models:
+            self._models[section.range_model] = build_range_model(
+                section.range_model, self._beliefs, realization
+            )
+        return self._models[section.range_model]
 
     def _earth(self, section: ConditionSection) -> EarthSphere | None:
         """Sphere on which an estimator measures distances; None in a flat frame and without ranges."""

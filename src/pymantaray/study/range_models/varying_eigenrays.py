@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.arrays import Array
 from pymantaray.estimation import Prediction, RangeEndpoints
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
@@ -13,12 +14,13 @@ class VaryingEigenrays:
     """
     Travel time of the earliest direct eigenray in the water at each ping, by its time since the mission's start [s].
 
-    A medium is made for each ping of each prediction and let go again, so that memory does not grow with the pings.
+    A medium is made for each ping of each prediction, at its time and around its positions (n, 3) [m], and let go again, so that memory
+    does not grow with the pings.
     """
 
     def __init__(
         self,
-        medium_at: Callable[[float], Medium],
+        medium_at: Callable[[float, Array], Medium],
         currents_at: Callable[[float], Currents] | None = None,
         *,
         spreading_cutoff_db: float | None = 15.0,
@@ -33,8 +35,9 @@ class VaryingEigenrays:
         )
         for time in np.unique(links.time):
             rows = links.time == time
+            ends = np.concatenate([links.transmitter[rows], links.receiver[rows]])
             model = EigenrayModel(
-                self._medium_at(float(time)),
+                self._medium_at(float(time), ends),
                 spreading_cutoff_db=self._cutoff,
                 currents=None if self._currents_at is None else self._currents_at(float(time)),
             )
