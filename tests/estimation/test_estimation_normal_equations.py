@@ -53,6 +53,20 @@ def test_solutions_and_blocks_of_the_inverse_are_those_of_the_dense_matrix(seed)
         np.testing.assert_allclose(block, inverse[np.ix_(at, at)], rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_step_is_that_of_the_dense_matrix_with_the_digits_of_a_separate_solution(seed):
+    rng = np.random.default_rng(seed)
+    equations, dense, _ = random_equations(rng)
+    row = equations.structure.row
+    equations.gradient[:] = rng.normal(size=(row.size, SIZE))
+    gradient = equations.gradient.copy()
+    factor, step = equations.step()
+    np.testing.assert_array_equal(equations.gradient, gradient)
+    np.testing.assert_array_equal(step, factor.solve(-gradient))
+    expected = -np.linalg.solve(dense, gradient[row].ravel()).reshape(-1, SIZE)
+    np.testing.assert_allclose(step[row], expected, rtol=1e-8, atol=1e-10)
+
+
 @pytest.mark.parametrize("count", [1, 5, 16])
 def test_several_right_hand_sides_have_the_digits_of_each_alone(count):
     rng = np.random.default_rng(count)

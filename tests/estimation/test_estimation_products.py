@@ -15,6 +15,11 @@ EXPECTED = {
     "subtract_product_transposed": lambda out, a, b: out - a @ b.T,
 }
 
+EXPECTED_VECTORS = {
+    "subtract_from_vector": lambda out, a, x: out - a @ x,
+    "subtract_transposed_from_vector": lambda out, a, x: out - a.T @ x,
+}
+
 BY_ITSELF = """
 import sys
 import numpy as np
@@ -22,7 +27,8 @@ from pymantaray.estimation._kernels import products
 
 out, a, b = np.load(sys.argv[1])
 for name in sys.argv[3:]:
-    getattr(products, name)(out, 1, a, 2, b, 0)
+    of = (out[0], b[0]) if name.endswith("vector") else (out, b)
+    getattr(products, name)(of[0], 1, a, 2, of[1], 0)
 np.save(sys.argv[2], out)
 """
 
@@ -42,12 +48,26 @@ def test_a_compiled_product_is_numpys_and_touches_no_other_block(name):
     np.testing.assert_allclose(out, expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("name", EXPECTED_VECTORS)
+def test_a_compiled_product_with_a_vector_is_numpys_and_touches_no_other_vector(name):
+    product = getattr(products, name)
+    apply = numba.njit(lambda out, i, a, p, x, k: product(out, i, a, p, x, k))
+    out, a, b = blocks()
+    out, x = out[0], b[0]
+    expected = out.copy()
+    expected[1] = EXPECTED_VECTORS[name](out[1], a[2], x[0])
+    apply(out, 1, a, 2, x, 0)
+    np.testing.assert_allclose(out, expected, rtol=0, atol=1e-14)
+
+
 def test_without_compilation_products_are_the_same(tmp_path):
     np.save(tmp_path / "blocks.npy", blocks())
     files = tmp_path / "blocks.npy", tmp_path / "out.npy"
-    done = python(BY_ITSELF, *files, *EXPECTED, environment={"NUMBA_DISABLE_JIT": "1"})
+    done = python(BY_ITSELF, *files, *EXPECTED, *EXPECTED_VECTORS, environment={"NUMBA_DISABLE_JIT": "1"})
     assert done.returncode == 0, done.stderr
     out, a, b = blocks()
     for expected in EXPECTED.values():
         out[1] = expected(out[1], a[2], b[0])
+    for expected in EXPECTED_VECTORS.values():
+        out[0, 1] = expected(out[0, 1], a[2], b[0, 0])
     np.testing.assert_allclose(np.load(files[1]), out, rtol=0, atol=1e-14)

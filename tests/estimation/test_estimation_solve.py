@@ -66,7 +66,7 @@ def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(fleet, 
 
 
 def test_optimizer_that_gives_up_at_once_is_caught(fleet, monkeypatch):
-    unsolvable = SimpleNamespace(factorize=lambda: None)
+    unsolvable = SimpleNamespace(step=lambda: None)
     monkeypatch.setattr(NormalEquations, "damped", lambda *_: unsolvable)
     start = values_at(fleet.noisy, *far_from(fleet, 9))
     solution = GraphSolver().solve(build_graph(fleet.noisy, "straight"), start)

@@ -14,6 +14,7 @@ from pymantaray.estimation._kernels.residuals import Matrix
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 SIZE = 6
+_NO_VECTOR = np.empty((0, SIZE))
 
 
 class Blocks(NamedTuple):
@@ -94,9 +95,18 @@ class Factor:
         Several right-hand sides, (n, 6, count), have the same digits as each alone, and take less time.
         """
         x, s = vector if overwrite else vector.copy(), self._structure
-        substitute = cholesky.substitute if x.ndim == 2 else cholesky.substitute_all
-        substitute(s.start, s.column, self._diagonal, self._above, x)
+        factor = s.start, s.column, self._diagonal, self._above
+        if x.ndim == 2:
+            cholesky.substitute(*factor, x, True)
+        else:
+            cholesky.substitute_all(*factor, x)
         return x
+
+    def finish(self, vector: Array) -> Array:
+        """Solution for the right-hand side that `NormalEquations.factorize` has changed, in its place."""
+        s = self._structure
+        cholesky.substitute(s.start, s.column, self._diagonal, self._above, vector, False)
+        return vector
 
     def inverse(self, groups: list[Indices]) -> list[Array]:
         """Dense blocks of the inverse, one for each group of mutually connected variables."""
@@ -148,13 +158,23 @@ class NormalEquations:
         """Arrays that residual kernels add to."""
         return Matrix(self.structure.row, self.diagonal, self.above, self.gradient)
 
-    def factorize(self) -> Factor | None:
-        """Compute the Cholesky factor in place of the matrix; None if some direction is not determined."""
+    def factorize(self, right: Array = _NO_VECTOR) -> Factor | None:
+        """
+        Compute the Cholesky factor in place of the matrix; None if some direction is not determined.
+
+        It changes a right-hand side (n, 6), for `Factor.finish`.
+        """
         s = self.structure
         self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
-        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, self._element) >= 0:
+        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, self._element, right) >= 0:
             return None
         return Factor(s, self.diagonal, self.above)
+
+    def step(self) -> tuple[Factor, Array] | None:
+        """Factor as in `factorize`, and the step to the minimum of the linearized cost (n, 6), in the order of rows."""
+        step = -self.gradient
+        factor = self.factorize(step)
+        return None if factor is None else (factor, factor.finish(step))
 
     def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
         """
@@ -165,7 +185,8 @@ class NormalEquations:
         s, n = self.structure, len(last)
         first, end = s.row.size - n, s.start[s.row.size - n]
         self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
-        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, self._element[:first]) >= 0:
+        element = self._element[:first]
+        if cholesky.factorize(s.start, s.column, self.diagonal, self.above, element, _NO_VECTOR) >= 0:
             return None
         left = np.zeros((n, n, SIZE, SIZE))
         own, row = np.arange(n), np.repeat(np.arange(n), np.diff(s.start[first:]))

@@ -71,12 +71,10 @@ def check_convergence(problem: Problem, state: GraphState) -> Optimum:
     """Compute the next undamped step from a state, without applying it, as a measure of convergence."""
     equations = problem.linearize(state)
     progress = SolveProgress(iterations=0, initial_cost=equations.cost, final_cost=equations.cost)
-    factor = equations.factorize()
-    if factor is None:
+    solved = equations.step()
+    if solved is None:
         return Optimum(state, replace(progress, singular=True))
-    return _with_convergence(
-        state, progress, equations, LastStep(state, factor, factor.solve(-equations.gradient, overwrite=True))
-    )
+    return _with_convergence(state, progress, equations, LastStep(state, *solved))
 
 
 def _gauss_newton(
@@ -95,17 +93,17 @@ def _gauss_newton(
     lowest, above, best = equations.cost, 0, initial
     progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
-        factor = equations.factorize()
-        while factor is None and equations.order > 1:
+        solved = equations.step()
+        while solved is None and equations.order > 1:
             indefinite[equations.order] += 1
             if indefinite[equations.order] == _MAX_INDEFINITE:
                 most = min(most, equations.order - 1)
             equations = problem.linearize(state, equations.order - 1, equations)
-            factor = equations.factorize()
-        if factor is None:
+            solved = equations.step()
+        if solved is None:
             return Optimum(state, replace(progress, singular=True, last_step=np.nan)), best
-        last = LastStep(state, factor, factor.solve(-equations.gradient, overwrite=True))
-        largest = float(np.abs(last.step).max())
+        last = LastStep(state, *solved)
+        largest = _largest(last.step)
         trial = state.moved(problem.structure, last.step)
         ended = equations.order == 1 and largest <= options.step_tolerance
         final = ended or iteration == options.max_iterations  # then its factor is kept
@@ -133,11 +131,16 @@ def _with_convergence(
     """Add the convergence measures of the last undamped system."""
     progress = replace(
         progress,
-        last_step=float(np.abs(last.step).max()),
-        gradient_norm=float(np.abs(equations.gradient).max()),
+        last_step=_largest(last.step),
+        gradient_norm=_largest(equations.gradient),
         newton_decrement=-0.5 * float(np.sum(equations.gradient * last.step)),
     )
     return Optimum(state, progress, last)
+
+
+def _largest(values: Array) -> float:
+    """Largest absolute value, without an array of all of them."""
+    return float(max(values.max(), -values.min()))
 
 
 def _levenberg_marquardt(
@@ -187,12 +190,12 @@ def _damped_step(
     """
     while damping <= _MAX_DAMPING:
         for equations in list(matrices):
-            factor = equations.damped(damping).factorize()
-            if factor is None and len(matrices) > 1:
+            solved = equations.damped(damping).step()
+            if solved is None and len(matrices) > 1:
                 matrices.remove(equations)
-            elif factor is not None:
-                step = factor.solve(-equations.gradient, overwrite=True)
-                if damping <= _FIRST_DAMPING and float(np.abs(step).max()) <= tolerance:
+            elif solved is not None:
+                _, step = solved
+                if damping <= _FIRST_DAMPING and _largest(step) <= tolerance:
                     return None
                 trial = state.moved(problem.structure, step, arc=problem.without_ranges)
                 cost = problem.cost(trial)

@@ -71,10 +71,10 @@ def _descend_steps(
     progress = SolveProgress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
         equations = problem.linearize(state)
-        factor = equations.factorize()
-        if factor is None:
+        solved = equations.step()
+        if solved is None:
             return replace(progress, singular=True), state
-        step = factor.solve(-equations.gradient, overwrite=True)
+        _, step = solved
         lower, lower_cost = _along(problem, state, step, cost)
         if lower is None:
             break

@@ -9,8 +9,10 @@ import math
 
 from pymantaray.compile import entry, inlined
 from pymantaray.estimation._kernels.products import (
+    subtract_from_vector,
     subtract_product,
     subtract_product_transposed,
+    subtract_transposed_from_vector,
     subtract_transposed_product,
 )
 
@@ -44,11 +46,12 @@ def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ig
 
 
 @entry
-def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyped-def]
+def factorize(start, column, diagonal, above, element, x):  # type: ignore[no-untyped-def]
     """
     Turn a matrix into its upper factor; a row without digits left, -1 for none.
 
-    ``element`` has the diagonal elements (m, 6) of the rows to eliminate; below them the Schur complement remains.
+    ``element`` has the diagonal elements (m, 6) of the rows to eliminate; below them the Schur complement remains. A right-hand side x,
+    (n, 6) or empty, goes down the transposed factor on the way, so that the blocks are read once.
     """
     for k in range(element.shape[0]):
         for r in range(6):
@@ -71,6 +74,8 @@ def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyp
                 inverse = 1.0 / diagonal[k, r, r]
                 for c in range(6):
                     above[p, r, c] *= inverse
+        if x.size:
+            _go_down(start, column, diagonal, above, x, k)
         for p in range(start[k], start[k + 1]):
             i = column[p]
             subtract_transposed_product(diagonal, i, above, p, above, p)
@@ -82,26 +87,27 @@ def factorize(start, column, diagonal, above, element):  # type: ignore[no-untyp
     return -1
 
 
+@inlined
+def _go_down(start, column, diagonal, above, x, k):  # type: ignore[no-untyped-def]
+    """Row k of a right-hand side, and what it leaves of later rows."""
+    for r in range(6):
+        for i in range(r):
+            x[k, r] -= diagonal[k, i, r] * x[k, i]
+        x[k, r] /= diagonal[k, r, r]
+    for p in range(start[k], start[k + 1]):
+        subtract_transposed_from_vector(x, column[p], above, p, x, k)
+
+
 @entry
-def substitute(start, column, diagonal, above, x):  # type: ignore[no-untyped-def]
-    """Solve for a right-hand side (n, 6) in place, down the transposed factor and up the factor."""
+def substitute(start, column, diagonal, above, x, down):  # type: ignore[no-untyped-def]
+    """Solve for a right-hand side (n, 6) in place: down the transposed factor, unless it has been there, and up the factor."""
     n = diagonal.shape[0]
-    for k in range(n):
-        for r in range(6):
-            for i in range(r):
-                x[k, r] -= diagonal[k, i, r] * x[k, i]
-            x[k, r] /= diagonal[k, r, r]
-        for p in range(start[k], start[k + 1]):
-            j = column[p]
-            for r in range(6):
-                for c in range(6):
-                    x[j, c] -= above[p, r, c] * x[k, r]
+    if down:
+        for k in range(n):
+            _go_down(start, column, diagonal, above, x, k)
     for k in range(n - 1, -1, -1):
         for p in range(start[k], start[k + 1]):
-            j = column[p]
-            for r in range(6):
-                for c in range(6):
-                    x[k, r] -= above[p, r, c] * x[j, c]
+            subtract_from_vector(x, k, above, p, x, column[p])
         for r in range(5, -1, -1):
             for c in range(r + 1, 6):
                 x[k, r] -= diagonal[k, r, c] * x[k, c]

@@ -48,11 +48,41 @@ def _product(combine: str, *, turned_first: bool = False, turned_second: bool = 
     return intrinsic(product)
 
 
-def _elements(context: Any, builder: Any, signature: Any, arguments: Any, k: int) -> Any:
-    """Index of the first element of a block of a contiguous array."""
+def _product_with_vector(*, turned: bool) -> Any:
+    """
+    Function of vectors and a block ``out[i], a[p], x[k]`` of arrays (n, 6), (n, 6, 6), (n, 6) that subtracts ``a[p] @ x[k]`` from ``out[i]``.
+
+    Turned, the block is transposed. Terms are subtracted one after the other; ``out[i]`` is not ``x[k]``.
+    """
+    if PLAIN:
+        return _plain_product_with_vector(turned=turned)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        out, a, x = (
+            _elements(context, builder, signature, arguments, k, size)
+            for k, size in ((0, SIZE), (2, SIZE * SIZE), (4, SIZE))
+        )
+        place = builder.bitcast(out, _ROW.as_pointer())
+        total = builder.load(place, align=8)
+        for k in range(SIZE):
+            share = _repeated(builder, builder.load(_at(builder, x, k)))
+            total = builder.fsub(total, builder.fmul(_row(builder, a, k, turned=not turned), share))
+        builder.store(total, place, align=8)
+        return context.get_dummy_value()
+
+    def product(_context: Any, out: Any, i: Any, a: Any, p: Any, x: Any, k: Any) -> Any:
+        return types.none(out, i, a, p, x, k), generate
+
+    return intrinsic(product)
+
+
+def _elements(
+    context: Any, builder: Any, signature: Any, arguments: Any, k: int, size: int = SIZE * SIZE
+) -> Any:
+    """Index of the first element of a block or vector of a contiguous array."""
     array = context.make_array(signature.args[k])(context, builder, arguments[k])
     block = arguments[k + 1]
-    return builder.gep(array.data, [builder.mul(block, block.type(SIZE * SIZE))])
+    return builder.gep(array.data, [builder.mul(block, block.type(size))])
 
 
 def _at(builder: Any, block: Any, element: int) -> Any:
@@ -87,8 +117,19 @@ def _plain_product(combine: str, *, turned_first: bool, turned_second: bool) -> 
     return product
 
 
+def _plain_product_with_vector(*, turned: bool) -> Callable[..., None]:
+    """The same in Python."""
+
+    def product(out: Any, i: int, a: Any, p: int, x: Any, k: int) -> None:
+        out[i] -= (a[p].T if turned else a[p]) @ x[k]
+
+    return product
+
+
 set_product = _product("set")
 subtract_product = _product("subtract")
 add_transposed_product = _product("add", turned_first=True)
 subtract_transposed_product = _product("subtract", turned_first=True)
 subtract_product_transposed = _product("subtract", turned_second=True)
+subtract_from_vector = _product_with_vector(turned=False)
+subtract_transposed_from_vector = _product_with_vector(turned=True)
