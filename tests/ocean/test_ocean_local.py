@@ -7,13 +7,14 @@ from factories import QUICK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
-from scipy.interpolate import BSpline, CubicHermiteSpline
+from scipy.interpolate import BSpline, CubicHermiteSpline, RectBivariateSpline, make_interp_spline
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.splines import AxisSpline
 from pymantaray.ocean import to_local
-from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 from pymantaray.ocean.window import Window
 
 GEOD = pyproj.Geod(ellps="WGS84")
@@ -90,6 +91,35 @@ def test_the_domain_of_a_study_and_what_it_says_of_itself(fram_strait):
     corner = float(frame.scale_factor(40e3, 50e3)) - 1.0
     assert local.attrs["scale_error_max"] == pytest.approx(corner, rel=0.05)
     assert not any(np.isnan(local[name]).any() for name in local.data_vars)
+
+
+def test_the_grid_points_used_are_enough_for_the_spline_through_all(fram_strait):
+    """The influence of a point n spacings away on a cubic spline is 0.268^n of its value."""
+    local = to_local(fram_strait, centre=(78.1, 0.5), half_extent=(20e3, 20e3))
+    surface = ocean_sound_speed(fram_strait)[0]
+    assert np.isfinite(surface).all()
+    whole = RectBivariateSpline(fram_strait["lat"], fram_strait["lon"], surface, s=0)
+    np.testing.assert_allclose(local["sound_speed"][..., 0], whole.ev(*nodes(local)), rtol=0.0, atol=1e-9)
+
+
+@settings(QUICK)
+@given(
+    n=st.integers(1, 40),
+    degree=st.sampled_from([1, 3]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_splines_along_an_axis_are_those_of_scipy(n, degree, seed):
+    rng = np.random.default_rng(seed)
+    points, values = np.cumsum(rng.uniform(0.1, 1.0, n)), rng.normal(size=(3, n, 2))
+    spline = AxisSpline(points, degree)
+    ours = spline.coefficients(values, axis=1)
+    if n == 1:
+        np.testing.assert_array_equal(ours, values)
+        return
+    theirs = make_interp_spline(points, values, k=min(degree, n - 1), axis=1)
+    np.testing.assert_array_equal(spline.knots, theirs.t)
+    size = np.abs(theirs.c).max()
+    np.testing.assert_allclose(ours, np.moveaxis(theirs.c, 0, 1), rtol=0.0, atol=1e-12 * size)
 
 
 def test_sound_speed_goes_on_rising_beneath_the_sea_bed(closed_form_ocean):

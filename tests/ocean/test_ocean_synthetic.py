@@ -177,6 +177,12 @@ def test_the_same_time_gives_the_same_ocean_and_another_moves_it(region, ocean):
     assert float(change.median()) < 0.1, "most of the region is not reached by an eddy or a front"
 
 
+def test_a_changed_ocean_does_not_change_the_next():
+    one = synthetic_ocean("fram")
+    one["water_temp"][:] = 20.0
+    assert float(synthetic_ocean("fram")["water_temp"].max()) < 10.0
+
+
 def test_eddies_turn_clockwise_and_are_where_their_drift_takes_them(beaufort_sea):
     """The currents around the Beaufort Sea's eddies move with their drift velocity."""
     days = 12.0

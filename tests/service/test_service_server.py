@@ -164,7 +164,7 @@ def test_the_root_tells_sound_speeds_of_the_water_and_not_of_what_lies_below_the
     bed = np.broadcast_to(250.0 + 0.15 * axis[:, None], (5, 5))
     service = RangingService(Medium.from_grid(axis, axis, depth, speed, bathymetry=bed))
     low, high = ask(serve(service), None, "GET", "/")[1]["sound_speed"]
-    assert (low, high) == (1450.0, pytest.approx(1450.0 + 0.02 * 400.0, abs=1e-6))
+    assert (low, high) == pytest.approx((1450.0, 1450.0 + 0.02 * 400.0), abs=1e-6)
 
 
 def test_eight_clients_at_a_time_are_answered_as_one(loud_port, loud, links):

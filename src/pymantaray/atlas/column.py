@@ -56,7 +56,7 @@ def water_at(
     sides = window.geographic(*rectangle(*half))
     if not window.contains(sides):
         return None
-    part = points.part(*(_around(axis, x) for axis, x in zip((window.lat, window.lon), sides, strict=True)))
+    part = points.around(sides, SPLINE)
     return LocalGrid.of(part, replace(window, lat=part.lat, lon=part.lon), half, sea_floor)
 
 
@@ -64,12 +64,6 @@ def medium_at(points: GridPoints, place: tuple[float, float], links: AtlasLinks)
     """Medium around a place, as in `water_at`, without a separate sea floor and without ice."""
     grid = water_at(points, place, links)
     return None if grid is None else Medium.from_local_grid(grid, interpolation=links.interpolation)
-
-
-def _around(axis: Array, reach: Array) -> slice:
-    first = int(np.searchsorted(axis, reach.min(), side="right")) - 1
-    last = int(np.searchsorted(axis, reach.max(), side="left"))
-    return slice(max(first - SPLINE, 0), last + SPLINE + 1)
 
 
 def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None = None) -> ColumnErrors:

@@ -80,6 +80,12 @@ class GridPoints:
             _has_speed=self._has_speed[rows, columns],
         )
 
+    def around(self, places: tuple[Array, Array], n: int) -> Self:
+        """Grid points of the rectangle that contains latitudes and longitudes [degrees], and n more on each side."""
+        return self.part(
+            *(_reaching(axis, x, n) for axis, x in zip((self.lat, self.lon), places, strict=True))
+        )
+
     @property
     def wet(self) -> Mask:
         """True (lat, lon) at columns with water."""
@@ -127,3 +133,9 @@ class GridPoints:
             T, S = T[-1:], S[-1:]
         place = depth[:, None], self.lat[at[0]], self.lon[at[1]]
         return sound_speed(T, S, *place, equation=self.equation)
+
+
+def _reaching(axis: Array, reach: Array, n: int) -> slice:
+    first = int(np.searchsorted(axis, reach.min(), side="right")) - 1
+    last = int(np.searchsorted(axis, reach.max(), side="left"))
+    return slice(max(first - n, 0), last + n + 1)

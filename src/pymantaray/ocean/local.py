@@ -1,27 +1,28 @@
 """Interpolation of an ocean from latitude and longitude to a regular grid in the local frame."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
 import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline, NdBSpline, make_interp_spline
-from scipy.sparse.linalg import splu
+from scipy.interpolate import NdBSpline
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.geometry.splines import axis_spline
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.schema import place_text
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
 from pymantaray.ocean.seawater import Equation
-from pymantaray.ocean.window import Window, half_sides_within
+from pymantaray.ocean.window import Window, half_sides_within, rectangle
 
+_SPLINE = 40  # grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here 1e-23
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
 
 
@@ -95,7 +96,8 @@ def local_grid(
     points = GridPoints.of(ocean, equation)
     window = Window.on(points.lat, points.lon, centre)
     half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
-    return LocalGrid.of(points, window, half, sea_floor)
+    part = points.around(window.geographic(*rectangle(*half)), _SPLINE)
+    return LocalGrid.of(part, replace(window, lat=part.lat, lon=part.lon), half, sea_floor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,47 +309,6 @@ class TensorSpline:
             coefficients = axis.coefficients(coefficients, axis=k)
         flat = coefficients.reshape(len(field), -1)
         return np.asarray(self._weights @ flat.T).reshape(*self._shape, len(field))
-
-
-class AxisSpline:
-    """
-    B-splines through values at the points of one axis, with not-a-knot ends.
-
-    The degree is at most n - 1 for n points. With one point, the knots are 0 and 1, and the spline is constant. The solver is
-    a sparse factorization, because LAPACK's banded solver waits for its own threads.
-    """
-
-    def __init__(self, points: Array, degree: int = 3) -> None:
-        self.knots, self._solver = np.array([0.0, 1.0]), None
-        if points.size > 1:
-            degree = min(degree, points.size - 1)
-            self.knots = np.ascontiguousarray(make_interp_spline(points, points, k=degree).t)
-            self._solver = splu(BSpline.design_matrix(points, self.knots, degree).tocsc())
-        self.knots.setflags(write=False)  # media share them
-
-    def coefficients(self, values: Array, *, axis: int) -> Array:
-        """Coefficients of the splines through values along one axis."""
-        if self._solver is None:
-            return values
-        lines = np.moveaxis(values, axis, 0)
-        solved = self._solver.solve(np.ascontiguousarray(lines.reshape(len(lines), -1)))
-        return np.ascontiguousarray(np.moveaxis(solved.reshape(lines.shape), 0, axis))
-
-
-def axis_spline(points: Array, degree: int = 3) -> AxisSpline:
-    """`AxisSpline` of points; those of the last axes are kept, because columns of an atlas and members of an ensemble share axes."""
-    return _kept_spline(np.ascontiguousarray(points, dtype=float).tobytes(), degree)
-
-
-@lru_cache(maxsize=64)
-def _kept_spline(points: bytes, degree: int) -> AxisSpline:
-    return AxisSpline(np.frombuffer(points), degree)
-
-
-def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
-    """Coefficients and knots of the cubic B-spline through values along one axis, as in `AxisSpline`."""
-    spline = axis_spline(points)
-    return spline.coefficients(values, axis=axis), spline.knots
 
 
 def _on_axis(axis: Array, points: Array) -> Array:

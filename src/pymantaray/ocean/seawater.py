@@ -262,9 +262,9 @@ def unesco(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike) -> 
     The fit is for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar. Other values are extrapolated.
     """
     T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
-    T, S, P = np.broadcast_arrays(T, S, 0.1 * p)  # bar
+    P = 0.1 * p  # bar; on a grid it varies less than temperature, so its polynomials come first
     pure, linear, three_halves, square = (
-        np.asarray(polynomial.polyval2d(P, T, table))
+        np.asarray(polynomial.polyval(T, polynomial.polyval(P, table), tensor=False))
         for table in (_PURE_WATER, _LINEAR, _THREE_HALVES, _SQUARE)
     )
     return np.asarray(pure + S * (linear + np.sqrt(S) * three_halves + S * square))

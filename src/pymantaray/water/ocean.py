@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Absorption, Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.profiles import Profile
+from pymantaray.config.estimators import InternalTideSection
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.geometry.sphere import Earth
@@ -153,7 +154,7 @@ def is_profile(section: OceanSection) -> bool:
 def profile_fields(section: OceanSection, profile: Profile, interpolation: Interpolation) -> OceanFields:
     """Build a horizontally uniform ocean from one profile."""
     water = uniform_water(section, profile, interpolation)
-    local = _with_tide(section, water.local)
+    local = with_tide(section.internal_tide, water.local)
     return OceanFields(
         geographic=None,
         local=local,
@@ -182,11 +183,11 @@ def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.Dat
         sea_floor=sea_floor,
         equation=section.equation,
     )
-    return _with_tide(section, with_section_ice(section, local))
+    return with_tide(section.internal_tide, with_section_ice(section, local))
 
 
-def _with_tide(section: OceanSection, local: xr.Dataset) -> xr.Dataset:
-    tide = section.internal_tide
+def with_tide(tide: InternalTideSection | None, local: xr.Dataset) -> xr.Dataset:
+    """Local ocean with an internal tide instead of its own; unchanged without one."""
     if tide is None:
         return local
     return with_internal_tide(

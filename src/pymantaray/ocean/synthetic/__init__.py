@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import xarray as xr
@@ -87,8 +88,13 @@ def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Datase
     Eddies drift and fronts meander; nothing is random. Currents are in geostrophic balance with the density, plus a weak
     current that is constant over depth.
     """
+    return _kept_ocean(region, parse_instant(time)).copy(deep=True)
+
+
+@lru_cache(maxsize=2)  # studies and sweeps of one process open one ocean many times
+def _kept_ocean(region: str, instant: np.datetime64) -> xr.Dataset:
+    """Synthetic ocean of a region at an instant."""
     definition = _region(region)
-    instant = parse_instant(time)
     elapsed = float((instant - np.datetime64(EPOCH)) / np.timedelta64(1, "s"))
     grid = definition.grid()
     potential_temperature, salinity = np.moveaxis(definition.water(grid, elapsed), -1, 0)

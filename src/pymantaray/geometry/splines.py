@@ -1,0 +1,81 @@
+"""B-splines through values on the axes of a rectilinear grid."""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.arrays import Array
+
+
+class AxisSpline:
+    """
+    B-splines through values at the points of one axis, with not-a-knot ends.
+
+    The degree is at most n - 1 for n points. With one point, the knots are 0 and 1, and the spline is constant. The matrix of the
+    points is banded and totally positive ([1]), so elimination needs no exchange of rows. A step of it takes all lines of values at
+    once; libraries solve line by line, or wait for their own threads.
+
+    References
+    ----------
+    [1] C. de Boor, R. DeVore, "A geometric proof of total positivity for spline interpolation," Technical Summary Report 2677,
+        Mathematics Research Center, University of Wisconsin-Madison, 1984
+    """
+
+    def __init__(self, points: Array, degree: int = 3) -> None:
+        self.knots = np.array([0.0, 1.0])
+        self._steps: list[tuple[int, int, float]] = []
+        """Steps of elimination in order: a line of values, another one, and the multiple of the other to subtract."""
+        self._diagonal = np.ones(1)
+        if points.size > 1:
+            from scipy.interpolate import BSpline, make_interp_spline
+
+            degree = min(degree, points.size - 1)
+            self.knots = np.ascontiguousarray(make_interp_spline(points, points, k=degree).t)
+            self._steps, self._diagonal = _eliminated(
+                BSpline.design_matrix(points, self.knots, degree).toarray()
+            )
+        self.knots.setflags(write=False)  # media share them
+
+    def coefficients(self, values: Array, *, axis: int) -> Array:
+        """Coefficients of the splines through values along one axis."""
+        lines = np.array(np.moveaxis(values, axis, 0), dtype=float, order="C")
+        for line, other, factor in self._steps:
+            lines[line] -= factor * lines[other]
+        lines /= self._diagonal.reshape(-1, *[1] * (lines.ndim - 1))
+        return np.ascontiguousarray(np.moveaxis(lines, 0, axis))
+
+
+def axis_spline(points: Array, degree: int = 3) -> AxisSpline:
+    """`AxisSpline` of points; those of the last axes are kept, because columns of an atlas and members of an ensemble share axes."""
+    return _kept_spline(np.ascontiguousarray(points, dtype=float).tobytes(), degree)
+
+
+@lru_cache(maxsize=64)
+def _kept_spline(points: bytes, degree: int) -> AxisSpline:
+    return AxisSpline(np.frombuffer(points), degree)
+
+
+def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
+    """Coefficients and knots of the cubic B-spline through values along one axis, as in `AxisSpline`."""
+    spline = axis_spline(points)
+    return spline.coefficients(values, axis=axis), spline.knots
+
+
+def _eliminated(matrix: Array) -> tuple[list[tuple[int, int, float]], Array]:
+    """Steps that make a matrix diagonal without exchange of rows, and the diagonal."""
+    left, n = matrix.copy(), len(matrix)
+    steps: list[tuple[int, int, float]] = []
+
+    def clear(rows: NDArray[np.intp], k: int) -> None:
+        for i in rows:
+            factor = float(left[i, k] / left[k, k])
+            left[i] -= factor * left[k]
+            left[i, k] = 0.0
+            steps.append((int(i), k, factor))
+
+    for k in range(n):
+        clear(k + 1 + np.flatnonzero(left[k + 1 :, k]), k)
+    for k in reversed(range(n)):
+        clear(np.flatnonzero(left[:k, k]), k)
+    return steps, np.diagonal(left).copy()
