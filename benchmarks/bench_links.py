@@ -1,10 +1,11 @@
 """Time the two-point solver: microseconds per link by medium, direct and with bounces, by threads or on a CUDA device.
 
 Run with ``python benchmarks/bench_links.py``. Media: isovelocity, constant gradient, Munk's channel, one column of the
-synthetic Beaufort Sea (Arctic 1-D), that sea in full (Arctic 3-D) and the synthetic Fram Strait in full. Links are the
-paper's: 42 pings of 11 vehicles, 2,310 unordered pairs, at made-up positions: its grid and target depths, each vehicle at the
-surface or at depth by chance, displaced by 2 km. Medians of several runs after one that compiles; smallest and
-largest beside them, and the CPU time of the process, which other work on the machine disturbs less.
+synthetic Beaufort Sea (Arctic 1-D), that sea in full (Arctic 3-D) and the synthetic Fram Strait in full, both also with
+piecewise linear interpolation. Links are the paper's: 42 pings of 11 vehicles, 2,310 unordered pairs, at made-up positions:
+its grid and target depths, each vehicle at the surface or at depth by chance, displaced by 2 km. Medians of several runs after
+one that compiles; smallest and largest beside them, and the CPU time of the process, which other work on the machine
+disturbs less.
 
 ``--bounces N`` adds N reflections at the surface and N at the bottom (2 in the figures of the docs). ``--threads 1 2`` names the
 thread counts. ``--links N`` takes more pings, ``--vehicles N`` all pairs of N vehicles spread over 20 km x 20 km instead.
@@ -22,6 +23,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics.medium import Interpolation
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.records import RayStatus
 
@@ -59,12 +61,14 @@ def profile_medium(speed: np.ndarray, depth: np.ndarray = LEVELS) -> Medium:
     return Medium.from_profile(depth, speed, bottom_depth=3500.0)
 
 
-def arctic() -> Medium:
-    return Medium.from_dataset(to_local(open_ocean("synthetic:beaufort"), half_extent=(60e3, 60e3)))
+def arctic(interpolation: Interpolation = "smooth") -> Medium:
+    ocean = to_local(open_ocean("synthetic:beaufort"), half_extent=(60e3, 60e3))
+    return Medium.from_dataset(ocean, interpolation=interpolation)
 
 
-def fram() -> Medium:
-    return Medium.from_dataset(to_local(open_ocean("synthetic:fram"), half_extent=(60e3, 60e3)))
+def fram(interpolation: Interpolation = "smooth") -> Medium:
+    ocean = to_local(open_ocean("synthetic:fram"), half_extent=(60e3, 60e3))
+    return Medium.from_dataset(ocean, interpolation=interpolation)
 
 
 def arctic_column() -> Medium:
@@ -85,6 +89,8 @@ MEDIA: dict[str, Callable[[], Medium]] = {
     "arctic-1d": arctic_column,
     "arctic-3d": arctic,
     "fram-3d": fram,
+    "arctic-linear": lambda: arctic("linear"),
+    "fram-linear": lambda: fram("linear"),
 }
 
 

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, ClassVar
 
-from llvmlite import ir  # type: ignore[import-untyped]
+from llvmlite import binding as llvm  # type: ignore[import-untyped]
+from llvmlite import ir
 from numba.core import cgutils, errors, types
 from numba.core import ir as numba_ir
 from numba.core.base import BaseContext
@@ -78,11 +79,13 @@ class KernelLibrary(Library):
 class EntryLibrary(Library):
     """Code of an entry and of all kernels that it calls directly or indirectly, optimized once as a whole.
 
-    ``needs`` is the machine code of shared kernels by symbol; a kernel follows the kernels that it calls.
+    ``needs`` is the machine code of shared kernels by symbol; a kernel follows the kernels that it calls. ``compact`` is True if
+    loops remain as they are.
     """
 
     _linking_libraries: list[Any]
     needs: dict[str, bytes]
+    compact = False
 
     def finalize(self) -> None:
         """Load shared kernels, add the code of all other kernels, then optimize and compile."""
@@ -99,9 +102,18 @@ class EntryLibrary(Library):
 
     def _optimize_final_module(self) -> None:
         """Skip Numba's first round, which prepares the pruning of reference counts: kernels have none."""
-        passes = self._codegen._module_pass_manager()
-        manager, *builder = passes if isinstance(passes, tuple) else (passes,)
-        manager.run(self._final_module, *builder)
+        manager, builder = (
+            _compact_passes(self._codegen) if self.compact else self._codegen._module_pass_manager()
+        )
+        manager.run(self._final_module, builder)
+
+
+def _compact_passes(codegen: Any) -> tuple[Any, Any]:
+    """LLVM's passes without copies of loops: neither unrolled nor vectorized."""
+    tuning = llvm.create_pipeline_tuning_options(speed_level=1)
+    tuning.loop_unrolling = tuning.loop_vectorization = tuning.slp_vectorization = False
+    builder = llvm.create_pass_builder(codegen._tm, tuning)
+    return builder.getModulePassManager(), builder
 
 
 class SharedLibrary(EntryLibrary):
@@ -134,6 +146,8 @@ def load_shared(needs: tuple[tuple[str, bytes], ...]) -> None:
 
 class KernelLower(Lower):  # type: ignore[misc]
     """Numba's lowering without debug information and without deletion of variables, which own nothing here."""
+
+    _disable_sroa_like_opt = False  # only for debug information
 
     def alloca(self, name: str, kind: Any) -> Any:
         """Allocate a variable."""
@@ -187,6 +201,7 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
         """Lower a kernel into a library of its own."""
         name = state.func_id.func_qualname
         state.library = self.library(state.targetctx.codegen(), name)
+        state.library.compact = hasattr(state.func_id.func, "compact")
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
         changed: bool = super().run_pass(state)
         # The dispatcher requires a distinct built-in function for each kernel. This one raises KeyError with this text.
@@ -222,6 +237,7 @@ class EntryLowering(NativeLowering):  # type: ignore[misc]
     def run_pass(self, state: Any) -> bool:
         """Lower an entry into a library that is cached on disk."""
         state.library = EntryLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.compact = hasattr(state.func_id.func, "compact")
         state.library.enable_object_caching()
         state.flags.no_cfunc_wrapper = True
         changed: bool = super().run_pass(state)

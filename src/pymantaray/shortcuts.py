@@ -7,18 +7,34 @@ and repeats searches and analyses. A replacement whose place does not exist in a
 
 import gc
 import inspect
+import itertools
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 from llvmlite.ir import _utils  # type: ignore[import-untyped]
 from llvmlite.ir.builder import IRBuilder  # type: ignore[import-untyped]
-from numba.core import base, byteflow, errors, event, interpreter, ir, postproc, ssa, transforms
+from numba.core import (
+    base,
+    byteflow,
+    errors,
+    event,
+    interpreter,
+    ir,
+    lowering,
+    postproc,
+    ssa,
+    transforms,
+    typeinfer,
+    utils,
+)
 from numba.core.base import BaseContext
 from numba.core.compiler_machinery import PassManager
+from numba.core.datamodel.packer import ArgPacker
 from numba.core.types import functions
 from numba.core.types.abstract import Type
-from numba.core.types.containers import BaseTuple
+from numba.core.types.functions import RecursiveCall
 from numba.core.typing.context import BaseContext as TypingContext
 from numba.np import arrayobj
 
@@ -42,10 +58,19 @@ _WITHOUT_VARIABLES = {
 class QuickPassManager(PassManager):  # type: ignore[misc]
     """Numba's manager of compiler passes, without events, and without checks and a text of all types for each pass."""
 
+    analyses: ClassVar[dict[Any, Any]] = {}
+
     def _runPass(self, _index: int, one: Any, state: Any) -> None:  # noqa: N802
         one.analysis = self._analysis
         for part in (one.run_initialization, one.run_pass, one.run_finalizer):
             part(state)
+
+    def dependency_analysis(self) -> Any:
+        """Find the passes that need results of others, once for the same passes."""
+        passes = tuple(own for own, _ in self.passes)
+        if passes not in self.analyses:
+            self.analyses[passes] = super().dependency_analysis()
+        return self.analyses[passes]
 
 
 def _operators() -> Callable[..., Any]:
@@ -55,11 +80,27 @@ def _operators() -> Callable[..., Any]:
     def get_call_type(operator: Any, context: Any, args: Any, kws: Any) -> Any:
         if kws:
             return resolve(operator, context, args, kws)
-        if (operator, args) not in signatures:
-            signatures[operator, args] = resolve(operator, context, args, kws)
-        return signatures[operator, args]
+        key = operator, args
+        signature = signatures.get(key, signatures)
+        if signature is signatures:
+            signature = signatures[key] = resolve(operator, context, args, kws)
+        return signature
 
     return get_call_type
+
+
+def _attributes() -> Callable[..., Any]:
+    """Numba's types of attributes, stored by the owner's type and the name."""
+    resolve, known = TypingContext.resolve_getattr, dict[Any, Any]()
+
+    def resolve_getattr(context: Any, kind: Any, name: str) -> Any:
+        key = kind, name
+        found = known.get(key, known)
+        if found is known:
+            found = known[key] = resolve(context, kind, name)
+        return found
+
+    return resolve_getattr
 
 
 def _constants() -> Callable[..., Any]:
@@ -90,6 +131,18 @@ def _implementations() -> Callable[..., Any]:
             raise
 
     return get_function
+
+
+def _refresh() -> Callable[..., Any]:
+    """Numba's search for new functions in its registries, which only a new module fills."""
+    refresh, seen = BaseContext.refresh, dict[int, int]()
+
+    def refresh_if_new(context: Any) -> None:
+        if seen.get(id(context)) != len(sys.modules):
+            refresh(context)
+            seen[id(context)] = len(sys.modules)
+
+    return refresh_if_new
 
 
 def _parameters() -> Callable[..., Any]:
@@ -124,15 +177,18 @@ def _lifetimes() -> Callable[..., Any]:
 
 
 def _without_try() -> Callable[..., Any]:
-    """Numba's search for the exception handler of an instruction, only in functions that have handlers."""
+    """Numba's step to the next instruction; in functions without exception handlers, without a search for them, past unused code."""
     search = byteflow.Flow._run_handle_exception
 
     def search_if_there(self: Any, runner: Any, state: Any) -> Any:
-        if (
-            getattr(self._bytecode, "exception_entries", None) != ()
-        ):  # handlers, or a Python without this table
+        code = self._bytecode
+        if getattr(code, "exception_entries", None) != ():  # handlers, or a Python without this table
             return search(self, runner, state)
-        return state.advance_pc()
+        following = code[state._pc].next
+        while following in code and code[following].opname == "CACHE":
+            following = code[following].next
+        state._pc = following
+        return None
 
     return search_if_there
 
@@ -149,18 +205,76 @@ def _without_with() -> Callable[..., Any]:
 
 
 def _hash() -> Callable[..., Any]:
-    """Numba's hash of a type; that of a tuple's type is stored by object, because it needs those of all its parts."""
+    """Numba's hash of a type, stored by object, because it needs those of all its parts."""
     known = dict[int, Any]()
 
     def stored(self: Any) -> int:
-        if not isinstance(self, BaseTuple):
-            return hash(self.key)
-        if id(self) not in known:
-            known[id(self)] = self, hash(self.key)  # with the type, which therefore keeps its id
-        value: int = known[id(self)][1]
+        found = known.get(id(self))
+        if found is None:
+            found = known[id(self)] = self, hash(self.key)  # with the type, which therefore keeps its id
+        value: int = found[1]
         return value
 
     return stored
+
+
+class _ErrorContext:
+    """As Numba's new_error_context, which is a generator."""
+
+    __slots__ = ("text", "values")
+
+    def __init__(self, text: str, **values: Any) -> None:
+        self.text, self.values = text, values
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, _kind: object, error: object, _traceback: object) -> None:
+        if isinstance(error, errors.NumbaError):
+            error.add_context(self.text.format(**self.values) if self.values else self.text)
+
+
+def _propagate(network: Any, inference: Any) -> list[Any]:
+    """
+    As Numba's ConstraintNetwork.propagate, which collects warnings for each constraint, and repeats all calls in each round.
+
+    A call whose signature is known is typed again only if the types of its arguments changed.
+    """
+    caught, variables = [], inference.typevars
+    with inference.warnings.catch_warnings():
+        for constraint in network.constraints:
+            inputs = None
+            if isinstance(constraint, typeinfer.CallConstraint):
+                inputs = _inputs(constraint, variables)
+                if inputs == vars(constraint).get("inputs"):
+                    continue
+            try:
+                constraint(inference)
+            except errors.ForceLiteralArg as error:
+                caught.append(error)
+            except errors.TypingError as error:
+                again = errors.TypingError(str(error), loc=constraint.loc, highlighting=False)
+                caught.append(utils.chain_exception(again, error))
+            else:
+                if inputs and not isinstance(inputs[-1], RecursiveCall) and _is_final(constraint.signature):
+                    constraint.inputs = inputs
+    return caught
+
+
+def _is_final(signature: Any) -> bool:
+    """True if a call has a signature whose result needs no refinement."""
+    return signature is not None and signature.return_type.is_precise()
+
+
+def _inputs(constraint: Any, variables: Any) -> list[Any]:
+    """Types of the function, of the arguments and of the result of a call."""
+    names = [x.name for x in constraint.args]
+    names += [x.name for _, x in constraint.kws]
+    if constraint.vararg is not None:
+        names.append(constraint.vararg.name)
+    if not isinstance(constraint, typeinfer.IntrinsicCallConstraint):
+        names.append(constraint.func)
+    return [variables[x].type for x in names]
 
 
 def _single_assignments(states: Any, block: Any, handler: Any) -> list[Any]:
@@ -202,29 +316,38 @@ def _unique_name(self: Any, name: str, deduplicate: bool = False) -> str:
     return name
 
 
-def _no_event(*_args: Any, **_kws: Any) -> None:
-    """Do nothing: the start or the end of an event for which nobody listens."""
+def _nothing(*_args: Any, **_kws: Any) -> None:
+    """Do nothing: an event for which nobody listens, or names of arguments for readers of LLVM's language."""
 
 
 def _replacements() -> list[tuple[Any, str, Any]]:
     """Owner, name and replacement of parts of Numba and llvmlite."""
-    silent = not any(event._registered.values())
+    listeners = itertools.chain(*event._registered.values())
+    silent = all(
+        isinstance(x, event.TimingListener) for x in listeners
+    )  # those of the entry's own compilation
     return [
         (functions.BaseFunction, "get_call_type", _operators()),
         (TypingContext, "resolve_value_type", _constants()),
+        (TypingContext, "resolve_getattr", _attributes()),
+        (typeinfer.ConstraintNetwork, "propagate", _propagate),
+        *[(module, "new_error_context", _ErrorContext) for module in (typeinfer, lowering)],
         (BaseContext, "get_function", _implementations()),
         (base, "_has_loc", _parameters()),
         (type(errors.termcolor()), "errmsg", lambda _scheme, text: text),
         (postproc.PostProcessor, "run", _lifetimes()),
+        (ir.Loc, "strformat", lambda place, *_: f'\nFile "{place.filename}", line {place.line}:'),
+        (BaseContext, "refresh", _refresh()),
         (ir.Inst, "_rec_list_vars", _variables),
         (_utils.NameScope, "register", _unique_name),
         (IRBuilder, "extract_value", fewer_instructions.extract_value),
+        (ArgPacker, "assign_names", _nothing),
         (arrayobj, "make_array", fewer_instructions.make_array),
         (byteflow.Flow, "_run_handle_exception", _without_try()),
         (interpreter, "peep_hole_delete_with_exit", _without_with()),
         (Type, "__hash__", _hash()),
         (ssa, "_run_ssa_block_pass", _single_assignments),
-        *[(event, name, _no_event) for name in ("start_event", "end_event", "broadcast") if silent],
+        *[(event, name, _nothing) for name in ("start_event", "end_event", "broadcast") if silent],
     ]
 
 

@@ -310,3 +310,37 @@ from pymantaray.acoustics._kernels.link import solve_links
 medium, none = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0), np.empty((0, 3))
 print(find_eigenrays(medium, none, none).status.size, len(solve_links.signatures))"""
     assert python(code, environment={"NUMBA_CACHE_DIR": str(tmp_path)}).stdout.split() == ["0", "0"]
+
+
+SUMS = """
+import numpy as np
+from pymantaray.compile import compact, entry
+
+def running_sums(values, out):
+    for i in range(values.size):
+        out[i] = 0.0
+        for k in range(4):
+            out[i] += values[(i + k) % values.size]
+    return out.sum()
+
+def all_passes(values, out):
+    for i in range(values.size):
+        out[i] = 0.0
+        for k in range(4):
+            out[i] += values[(i + k) % values.size]
+    return out.sum()
+
+values, out = np.random.default_rng(0).normal(size=37), np.empty((2, 37))
+both = entry(compact(running_sums)), entry(all_passes)
+sums = [compiled(values, row) for compiled, row in zip(both, out)]
+print(sums[0] == sums[1], np.array_equal(*out), *(len(*x.inspect_llvm().values()) for x in both))
+"""
+
+
+@pytest.mark.skipif(not LINKED, reason="this Numba compiles each kernel by itself")
+def test_compact_code_is_smaller_and_has_the_same_results(tmp_path):
+    (tmp_path / "sums.py").write_text(SUMS)
+    done = python("import sums", environment={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path)
+    same_sum, same_values, small, large = done.stdout.split()
+    assert (same_sum, same_values) == ("True", "True"), done.stderr
+    assert int(small) < 0.8 * int(large)

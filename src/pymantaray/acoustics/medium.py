@@ -146,15 +146,13 @@ class Medium:
         levels_z, speed = (z, c) if earth is None else (earth.flattened_depth(z), c * earth.stretch(z))
         knots_n = knots_e = np.array([0.0, 1.0])
         if interpolation == "smooth":
-            from scipy.interpolate import CubicSpline
-
-            from pymantaray.ocean.local import spline_coefficients
+            from pymantaray.geometry.natural_spline import natural_slopes
+            from pymantaray.geometry.splines import spline_coefficients
 
             field = np.empty((n.size, e.size, 2 * z.size))
             field[..., : z.size] = speed
             for rows in _parts(n.size, e.size * z.size):
-                spline = CubicSpline(levels_z, speed[rows], axis=2, bc_type="natural")
-                field[rows, :, z.size :] = spline(levels_z, 1)
+                field[rows, :, z.size :] = natural_slopes(levels_z, speed[rows])
             for levels in _parts(2 * z.size, n.size * e.size):
                 along_north, knots_n = spline_coefficients(n, field[..., levels], axis=0)
                 field[..., levels], knots_e = spline_coefficients(e, along_north, axis=1)
@@ -339,12 +337,11 @@ class Medium:
         if self.earth is not None:
             down = down * self.earth.stretch(self.depth)
         if self.interpolation == "smooth":
-            from scipy.interpolate import CubicSpline
-
-            from pymantaray.ocean.local import spline_coefficients
+            from pymantaray.geometry.natural_spline import natural_slopes
+            from pymantaray.geometry.splines import spline_coefficients
 
             levels = self.depth if self.earth is None else self.earth.flattened_depth(self.depth)
-            down = np.hstack([down, CubicSpline(levels, down, axis=1, bc_type="natural")(levels, 1)])
+            down = np.hstack([down, natural_slopes(levels, down)])
             for k, axis in enumerate((self.north, self.east), start=1):
                 across, _ = spline_coefficients(axis, across, axis=k)
         field = self.field + _product(down, across)

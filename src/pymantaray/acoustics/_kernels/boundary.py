@@ -16,9 +16,9 @@ from pymantaray.acoustics._kernels.field import (
     smooth_full,
 )
 from pymantaray.acoustics._kernels.layout import Walls
-from pymantaray.acoustics._kernels.step import step
+from pymantaray.acoustics._kernels.step import derivative, step
 from pymantaray.compile import inlined, kernel
-from pymantaray.geometry.boundary_kernels import bilinear_weights
+from pymantaray.geometry.boundary_kernels import bilinear_weights, interval_of
 
 TOUCH = 1e-6  # m; a ray up to this distance beyond a boundary only touches it
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = range(6)  # faces
@@ -35,6 +35,11 @@ _LANDED = (
 _BESIDE = 0.1 * _NO_BED
 _SAMPLES = 8  # of a step over a gridded bed
 _HASH = 2**32
+_SHORTEST_AIM = 1.0  # m; nearer faces are not aimed at
+_LONGEST_SETTLING = 1.0  # m; distance by which the end of a step may move onto the face at which it was aimed
+_LEAST_SLOPE = 1e-3  # of a ray at a face that is aimed at
+_ASIDE = 100.0  # m; distance from a path within which no boundary is between its depths and those that are certainly water
+_MOST_NODES = 256  # of a boundary's grid near a path; otherwise each step is compared with the boundary
 _NUDGE = 1e-6  # m; shift of a point on the edge of a cell into the cell of the step
 
 
@@ -170,11 +175,56 @@ def hold(walls, held):
 
 
 @kernel
+def _extreme_depth(grid, line, reach, sign):
+    """
+    Largest (sign 1) or smallest (sign -1) depth of a boundary within reach of a line: smallest and largest range, largest offset.
+
+    Infinite in the direction of the sign if the line comes near the edges of the grid or crosses many cells.
+    """
+    depth, north, east = grid.depth, grid.north, grid.east
+    first, last, side = reach
+    lows, counts = (0, 0), (1, 1)
+    if depth.size > 1:
+        n0, n1 = line.north + first * line.unit_north, line.north + last * line.unit_north
+        e0, e1 = line.east + first * line.unit_east, line.east + last * line.unit_east
+        south, west = min(n0, n1) - side, min(e0, e1) - side
+        n1, e1 = max(n0, n1) + side, max(e0, e1) + side
+        inside = (north.size == 1 or north[0] <= south <= n1 <= north[north.size - 1]) and (
+            east.size == 1 or east[0] <= west <= e1 <= east[east.size - 1]
+        )
+        i, j = interval_of(north, south), interval_of(east, west)
+        lows, counts = (
+            (i, j),
+            (min(interval_of(north, n1) + 2, north.size) - i, min(interval_of(east, e1) + 2, east.size) - j),
+        )
+        if not inside or counts[0] * counts[1] > _MOST_NODES:
+            return sign * math.inf
+    extreme = -math.inf
+    for i in range(lows[0], lows[0] + counts[0]):
+        for j in range(lows[1], lows[1] + counts[1]):
+            extreme = max(extreme, sign * depth[i, j])
+    return sign * extreme
+
+
+@kernel
+def _certain_water(path, steps, walls, miss):
+    """Depths between which a recorded path, with a miss of this size at its end, is certainly in the water. [m]"""
+    first, last, side = 0.0, 0.0, 0.0
+    for i in range(steps + 1):
+        first, last = min(first, path[i, at.RANGE]), max(last, path[i, at.RANGE])
+        side = max(side, abs(path[i, at.SIDE]))
+    reach = first, last, side + miss + _ASIDE
+    top = _extreme_depth(walls.surface, walls.line, reach, 1.0)
+    return top, _extreme_depth(walls.bed, walls.line, reach, -1.0)
+
+
+@kernel
 def clearances(path, steps, walls, miss_r, miss_z, miss_y):
     """
     Smallest distances of a recorded path from the surface and from the sea bed, negative beyond them. [m]
 
-    The path is first corrected to end at the receiver: each point moves by a share of the miss that increases linearly in time.
+    Steps that are certainly between both do not count: a cubic remains within the depths of its Bezier points. The path is first
+    corrected to end at the receiver: each point moves by a share of the miss that increases linearly in time.
 
     The function samples the cubic Hermite polynomial in time of every step at nine points, at its turning point, at each edge of the
     boundaries' cells, where peaks are, and at the vertex of the parabola through the three lowest samples, where a ridge inside a
@@ -182,6 +232,8 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
     """
     below_surface, above_bottom = math.inf, math.inf
     breaks = walls.breaks
+    top, low = _certain_water(path, steps, walls, abs(miss_r) + abs(miss_z) + abs(miss_y))
+    top, low = top + abs(miss_z), low - abs(miss_z)
     for i in range(steps):
         a, b = path[i], path[i + 1]
         h = b[at.TIME] - a[at.TIME]
@@ -191,6 +243,9 @@ def clearances(path, steps, walls, miss_r, miss_z, miss_y):
         n1 = b[at.P_RANGE] ** 2 + b[at.P_DEPTH] ** 2 + b[at.P_SIDE] ** 2
         r0, r1, dr0, dr1 = a[at.RANGE], b[at.RANGE], a[at.P_RANGE] / n0, b[at.P_RANGE] / n1
         z0, z1, dz0, dz1 = a[at.DEPTH], b[at.DEPTH], a[at.P_DEPTH] / n0, b[at.P_DEPTH] / n1
+        middle0, middle1 = z0 + h * dz0 / 3.0, z1 - h * dz1 / 3.0
+        if top < min(z0, z1, middle0, middle1) and max(z0, z1, middle0, middle1) < low:
+            continue
         extra = 0
         first = 0
         while first < walls.n_breaks and breaks[first] <= min(r0, r1):
@@ -458,8 +513,9 @@ def _cubic_crossing(h, g0, e0, g1, e1):
 @kernel
 def crossing(s, walls, cell, faces, pos, h, ray, axis):
     """
-    First face of a range of faces (first, one past the last) that a step crosses; the result of the step is in ynew and K[6].
+    First face of some faces that a step crosses; the result of the step is in ynew and K[6].
 
+    faces are the first, one past the last, and one between them that does not count, or -1.
     Returns the face and the step to it, or -1 and h. If faces coincide, the boundary of the water has priority.
     """
     best = h
@@ -470,9 +526,11 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
     if K.shape[1] == at.N_FULL:
         start = at.Point(pos, y[at.W], K[0, at.W], y[at.Y], K[0, at.Y])
         end = at.Point(pos + h, ynew[at.W], K[6, at.W], ynew[at.Y], K[6, at.Y])
-    first, past = faces
+    first, past, without = faces
     for i in range(past - first):
         face = past - 1 - i
+        if face == without:
+            continue
         size = walls.bed.depth.size if face == BOTTOM else walls.surface.depth.size
         if face >= SURFACE and size > 1:
             t = _gridded_crossing(walls, face, pos, h, ray, axis)
@@ -516,6 +574,66 @@ def land(s, walls, cell, face, pos, lengths, ray, axis):
             return h
         h = new
     return h
+
+
+@kernel
+def aim(s, walls, cell, pos, h, ray, axis):
+    """
+    Face that a direct ray along the horizontal seems to meet first within a step, and the step to it; otherwise -1 and h.
+
+    The offset is a parabola here, with the curvature at the beginning of the step.
+    """
+    b, k = cell
+    w, rate = ray.y[at.W], ray.K[0, at.W]
+    z = axis.z_source + w
+    best, face = h, -1
+    if b < s.n_range - 1 and s.breaks[b + 1] - pos < best:
+        best, face = s.breaks[b + 1] - pos, FAR
+    field = linear_full(s, b, k, pos, z)
+    bend = (1.0 + rate * rate) * (field[2] * rate - field[1]) / field[0]
+    for one in (TOP, UNDERSIDE):
+        gap = _face_distance(s, walls, cell, one, at.Point(pos, w, rate, 0.0, 0.0), axis, 0.0)
+        distance, slope, half = gap[0], gap[1], 0.5 * (bend if one == TOP else -bend)
+        inside = slope * slope - 4.0 * half * distance
+        if distance < _BESIDE and inside > 0.0:  # the first root with a negative slope
+            q = math.sqrt(inside) - slope
+            t = 2.0 * distance / q if q > 0.0 else -1.0
+            if t > _SHORTEST_AIM and t < best:
+                best, face = t, one
+    return face, best
+
+
+@kernel
+def settle(s, walls, cell, face, pos, lengths, ray, axis):
+    """
+    Move the end of a step along the ray onto the face at which it was aimed; return the length of the step, or -1 if the face is not near.
+
+    The trapezoidal rule has no error over so short a distance.
+    """
+    h, longest, near = lengths
+    ynew, K = ray.ynew, ray.K
+    n_eq, longest = K.shape[1], min(_LONGEST_SETTLING, 0.1 * h, longest - h)
+    for i in range(n_eq):  # stages of the step that are no longer needed
+        K[1, i], K[2, i] = ynew[i], K[6, i]
+    for _ in range(4):
+        point = at.Point(pos + h, ynew[at.W], K[6, at.W], 0.0, 0.0)
+        g, slope = face_distance(s, walls, cell, face, point, axis, 0.0)
+        if abs(g) < near:
+            return h
+        if not slope < -_LEAST_SLOPE or abs(g) > -slope * longest:
+            break
+        more = -g / slope
+        for i in range(n_eq):
+            K[3, i] = ynew[i] + 0.5 * more * K[6, i]
+            ynew[i] += more * K[6, i]
+        h += more
+        if not derivative(s, cell, pos + h, ynew, K[6], n_eq, axis):
+            break
+        for i in range(n_eq):
+            ynew[i] = K[3, i] + 0.5 * more * K[6, i]
+    for i in range(n_eq):
+        ynew[i], K[6, i] = K[1, i], K[2, i]
+    return -1.0
 
 
 @kernel

@@ -13,7 +13,7 @@ launch angle. The solver rejects such rays afterwards.
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.layout import FieldSection
+from pymantaray.acoustics._kernels.layout import Baseline, FieldSection
 from pymantaray.compile import entry, inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import bilinear_weights
 
@@ -159,22 +159,22 @@ def _product(q, north, east, line):
 
 
 @kernel
-def _add_splines(domain, line, r, work):
-    """Sum the B-splines that are not zero at a range into work.acc: values and slopes of the quantities of `_product`."""
-    coef, acc, small = domain.field, work.acc, work.small
+def _add_splines(coef, small, starts, degrees, units, acc):
+    """Sum the B-splines that are not zero at a point into acc: values and slopes of the quantities of `_product`.
+
+    small contains values and two derivatives of the splines in both directions, starts the first of them in coef. The arguments are few,
+    because each column of a section calls this function.
+    """
+    line = Baseline(0.0, 0.0, units[0], units[1])
     wn, dn, ddn, we, de, dde = small[0], small[1], small[2], small[3], small[4], small[5]
-    i_n = bspline_basis(
-        domain.knots_north, domain.degree_north, line.north + r * line.unit_north, wn, dn, ddn
-    )
-    i_e = bspline_basis(domain.knots_east, domain.degree_east, line.east + r * line.unit_east, we, de, dde)
-    last = i_e + domain.degree_east
+    i_n, last = starts[0], starts[1] + degrees[1]
     for q in range(4):
         total = acc[q]
         for k in range(total.size):
             total[k] = 0.0
-        for a in range(domain.degree_north + 1):
+        for a in range(degrees[0] + 1):
             f0, f1, f2, f3 = 0.0, 0.0, 0.0, 0.0
-            for b in range(domain.degree_east + 1):
+            for b in range(degrees[1] + 1):
                 f = _product(q, (wn[a], dn[a], ddn[a]), (we[b], de[b], dde[b]), line)
                 f0, f1, f2, f3 = f1, f2, f3, f
             rows = coef[i_n + a]
@@ -192,10 +192,15 @@ def _add_splines(domain, line, r, work):
 @kernel
 def _cut_smooth(domain, line, r_step, n_range, work):
     """Fill the columns of a SMOOTH section from B-spline coefficients (north, east, 2 * depth)."""
-    depth, acc, data = domain.depth, work.acc, work.store
-    n_depth = depth.size
+    depth, acc, small, data = domain.depth, work.acc, work.small, work.store
+    n_depth, un, ue = depth.size, line.unit_north, line.unit_east
+    wn, dn, ddn, we, de, dde = small[0], small[1], small[2], small[3], small[4], small[5]
+    degrees = domain.degree_north, domain.degree_east
     for i in range(n_range):
-        _add_splines(domain, line, i * r_step, work)
+        r = i * r_step
+        first_n = bspline_basis(domain.knots_north, degrees[0], line.north + r * un, wn, dn, ddn)
+        first_e = bspline_basis(domain.knots_east, degrees[1], line.east + r * ue, we, de, dde)
+        _add_splines(domain.field, small, (first_n, first_e), degrees, (un, ue), acc)
         for k in range(n_depth - 1):
             i1 = 1.0 / (depth[k + 1] - depth[k])
             for q in range(4):

@@ -46,6 +46,7 @@ from pymantaray.acoustics._kernels.search import (
     Search,
     advance,
     fan_nodes,
+    fill_fan,
     find_brackets,
     is_steep,
     is_weak,
@@ -65,7 +66,7 @@ from pymantaray.acoustics._kernels.trace import (
     ray_axis,
     trace,
 )
-from pymantaray.compile import entry, kernel, shared
+from pymantaray.compile import compact, entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
 # Ray of a bracket: in the water, through the surface, into the sea bed, in the water and weak; or no ray because the miss jumps; or no ray
@@ -135,7 +136,8 @@ def chord_travel_time(s, link, cuts):
     cuts[n] = 0.0
     n += 1
     if z1 != z0:
-        for k in range(s.depth.size):
+        for i in range(s.depth.size):  # in the order in which the chord crosses them
+            k = i if z1 > z0 else s.depth.size - 1 - i
             t = (s.depth[k] - z0) / (z1 - z0)
             if 0.0 < t < 1.0:
                 cuts[n] = t
@@ -242,6 +244,12 @@ def _spacing(s):
 
 
 @kernel
+def _first_gap(s):
+    """Distance of those rays of the first fan that are traced first, 0 if all are. [rad]"""
+    return 0.0 if s.kind == at.LINEAR else 2.0 * _SPACING_SMOOTH[0]
+
+
+@kernel
 def _begin(domain, section, i, work, results):
     """Begin to solve link i: put the angles of its fan into work.nodes; return their number, 0 for a steep link, -1 if it is solved."""
     s, _, link = section
@@ -292,10 +300,10 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
     if n_nodes == 0:
         found = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
     elif flights is not None and domain.kind == at.SMOOTH:  # otherwise, Numba omits this branch
-        put_flight(section, place, put_fan(n_nodes, search.coarse, work), work, flights)
+        put_flight(section, place, put_fan(n_nodes, search.coarse, _first_gap(s), work), work, flights)
         return True
     else:
-        found = find_brackets(s, walls, course, n_nodes, search, work)
+        found = find_brackets(s, walls, course, n_nodes, _first_gap(s), search, work)
     _end(section, course, found, bounces, settings, i, work, results)
     return False
 
@@ -309,6 +317,11 @@ def _continue(domain, bounces, settings, row, work, results):
     levels = course_to_levels(s, course)
     first, last = int(row[at.FLIGHT_FIRST]), int(row[at.FLIGHT_LAST])
     shoot_waiting(s, walls, levels if row[at.FLIGHT_LEVELS] > 0.0 else course, first, last, work)
+    if progress.asked < 0.0:
+        progress = fill_fan(link.horizontal, progress, work)
+        put_progress(row, first, last, progress, work)
+        if row[at.FLIGHT_PENDING] > 0.0:
+            return True
     progress = advance(s.n_range > 1, any_course(course), search, progress, work)
     if progress.asked > 0.0:
         row[at.FLIGHT_LEVELS] = 1.0
@@ -496,7 +509,8 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     row, slope = work.rows[count], work.y[at.XI]
     finish(row, work.y, launch, course, link, 0.0)
     row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
-    if not polished:  # the slope at one ray may be an error of the ray beside a crest
+    # the slope at one ray may be an error of the ray beside a crest; a ray that is weak anyway needs no check
+    if not polished and row[at.SPREADING_DB] <= cutoff[0]:
         narrow(s, walls, course, bracket, launch, accuracy.fine, work)
     row[at.SPREADING_DB] += unresolved_db(bracket, miss_noise(accuracy.fine, slope, link.length), slope)
     return _WEAK if row[at.SPREADING_DB] > cutoff[0] else _CLEAR
@@ -612,6 +626,7 @@ def _ends(settings, ends, i):
 
 
 @entry
+@compact
 def solve_links(domain, bounces, settings, source, receiver, share, room, results):
     """
     Solve the links first, first + every, ... of share (first, every); the results contain the first arrivals that have room.

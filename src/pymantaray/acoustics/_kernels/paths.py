@@ -13,7 +13,7 @@ from pymantaray.acoustics._kernels.trace import (
     legs_course,
     trace,
 )
-from pymantaray.compile import entry, kernel
+from pymantaray.compile import compact, entry, kernel
 from pymantaray.geometry.boundary_kernels import depth_at
 
 _LEG = 1e3  # m; approximate length of a leg
@@ -67,6 +67,7 @@ def _trace_course(s, walls, link, course, slowness, tol, work):
 
 
 @entry
+@compact
 def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
     """
     Trace eigenrays into rows of nodes in the local frame, from the source, while there is room for any ray.
@@ -125,6 +126,7 @@ def _line(start, end):
 
 
 @entry
+@compact
 def trace_launches(domain, fan, angles, bounces, tol, work, out):
     """
     Trace a fan of rays into rows of nodes in the local frame, while there is room for any ray; return the number of traced rays.

@@ -26,7 +26,7 @@ from pymantaray.acoustics._kernels.ladder import (
 from pymantaray.acoustics._kernels.layout import Course, Progress
 from pymantaray.acoustics._kernels.march import ERRING, WAITING, again, allowed
 from pymantaray.acoustics._kernels.trace import any_course, course_to_levels, fan_ray, trace
-from pymantaray.compile import inlined, kernel, shared
+from pymantaray.compile import compact, inlined, kernel, shared
 
 STEEP = 0.08  # rad; a link steeper than the Snell limit by this has one ray
 BEYOND = 0.02  # rad; the fan extends beyond the steepest ray that may arrive by this
@@ -41,12 +41,18 @@ _CUBIC_DEPARTURE = (
 _EXIT_GAP = 0.25  # of the link; rays whose exits from the water are farther apart left it at different cycles
 _MIN_RISE = 0.3  # of the steepness at the exit must remain within an interval whose rays all leave the water
 _EXIT_AGREEMENT = 0.3  # of the distance to the exit: allowed error of the exit that the derivatives predict
-_WINDOW_WIDTH = 2e-5  # rad; width down to which rays that stay in the water are searched between such exits
+_WINDOW_WIDTH = (
+    2e-5  # rad; width down to which rays that stay in the water are searched between two that left it
+)
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its size, and if this share times the
 # error of the predicted turning depths exceeds the second number of metres
 _MIN_BEND, _MIN_BEND_TIMES_DEFECT = 0.2, 1.25
 _PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
 _UNKNOWN = 1e30  # m; error of a cubic
+# Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss differ from the mean by less than the first
+# share, and the slownesses at the end from their predictions by less than the second share of the smaller one
+_EVEN_MISS, _EVEN_SLOWNESS = 0.2, 0.3
+_LEFT_OUT = -2.0  # GOOD of a ray of the first fan that is not needed
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # verdicts on an interval
 _HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
     4
@@ -195,6 +201,12 @@ def _leave_water_alike(a, b, length):
 
 
 @kernel
+def _leave_on_one_side(a, b):
+    """True if two direct rays left the water and pass the receiver on the same side."""
+    return a[at.LEFT] * b[at.LEFT] > 0.0 and a[at.MISS] * b[at.MISS] > 0.0
+
+
+@kernel
 def is_weak(bracket, weak, resolution):
     """True if the miss is so steep across a bracket that its ray is too weak.
 
@@ -244,31 +256,111 @@ def first_row(work):
 
 
 @kernel
-def put_fan(n_nodes, tol, work):
-    """Put the rays of a fan with the angles work.nodes into work.rays; return the state of a new search."""
+def put_fan(n_nodes, tol, gap, work):
+    """Put the rays of a fan with the angles work.nodes into work.rays; return the state of a new search.
+
+    With a positive gap [rad], only rays that are at most so far apart wait at first; `fill_fan` decides about those between them.
+    """
     fan = work.rays[first_row(work) :]
+    previous = work.nodes[0]
     for i in range(n_nodes):
         ray = fan[i]
         ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = work.nodes[i], tol, WAITING
         ray[at.GROWTH], ray[at.DEFECT] = 0.0, 0.0
+        if 0 < i < n_nodes - 1 and work.nodes[i + 1] - previous <= gap:
+            ray[at.GOOD] = _LEFT_OUT
+        else:
+            previous = ray[at.ANGLE]
         work.nodes[i] = 0.0  # from here on the rays used in the interval above this node
-    return Progress(0.0, 0.0, 0.0, n_nodes - 2.0, 0.0, np.inf, 0.0, 1.0)
+    return Progress(-1.0 if gap > 0.0 else 0.0, 0.0, 0.0, n_nodes - 2.0, 0.0, np.inf, 0.0, 1.0)
 
 
 @kernel
-def find_brackets(s, walls, course, n_nodes, search, work):
+def fill_fan(length, progress, work):
+    """Let the other rays of a fan wait, except between rays that show that there is neither a root nor a ray that turns."""
+    fan, a = work.rays[first_row(work) :], 0
+    for b in range(1, int(progress.right) + 2):
+        if fan[b, at.GOOD] == _LEFT_OUT:
+            continue
+        if b - a > 1 and not _is_even(fan[a], fan[b], length):
+            for i in range(a + 1, b):
+                fan[i, at.GOOD] = WAITING
+        a = b
+    return Progress(0.0, 0.0, 0.0, progress.right, 0.0, np.inf, 0.0, 1.0)
+
+
+@kernel
+def _is_even(a, b, length):
+    """True if the miss certainly rises without a root between two rays: neither turned, and nor does any ray between them.
+
+    The miss of rays that do not turn rises with the launch angle.
     """
-    Bracket all roots of the miss between the first and the last angle of work.nodes; rays are traced one by one.
+    if a[at.GOOD] * b[at.GOOD] <= 0.0 or a[at.MISS] * b[at.MISS] <= 0.0:
+        return False
+    descends = _descends(a)
+    if descends == 0.0 or descends != _descends(b):
+        return False
+    if a[at.LEFT] + b[at.LEFT] > 0.0 and not _leave_water_alike(a, b, length):
+        return False
+    h, rise, turn = b[at.ANGLE] - a[at.ANGLE], b[at.MISS] - a[at.MISS], b[at.SLOWNESS] - a[at.SLOWNESS]
+    bend = max(abs(h * a[at.SLOPE] - rise), abs(h * b[at.SLOPE] - rise))
+    defect = max(abs(h * a[at.SLOWNESS_SLOPE] - turn), abs(h * b[at.SLOWNESS_SLOPE] - turn))
+    return (
+        bend < _EVEN_MISS * rise
+        and bend < min(abs(a[at.MISS]), abs(b[at.MISS]))
+        and defect < _EVEN_SLOWNESS * min(abs(a[at.SLOWNESS]), abs(b[at.SLOWNESS]))
+    )
+
+
+@kernel
+def _descends(ray):
+    """1 if a ray descends along its whole path, -1 if it ascends, otherwise 0."""
+    if (
+        ray[at.ANGLE] > 0.0
+        and ray[at.SLOWNESS] > 0.0
+        and ray[at.TOP] == 0.0
+        and ray[at.LOW_RATE] == ray[at.SLOPE]
+    ):
+        return 1.0
+    if (
+        ray[at.ANGLE] < 0.0
+        and ray[at.SLOWNESS] < 0.0
+        and ray[at.LOW] == 0.0
+        and ray[at.TOP_RATE] == ray[at.SLOPE]
+    ):
+        return -1.0
+    return 0.0
+
+
+@kernel
+def _close_gaps(n_nodes, work):
+    """Remove the rays that were left out from the fan; return the number of the others."""
+    fan, n = work.rays[first_row(work) :], 0
+    for i in range(n_nodes):
+        if fan[i, at.GOOD] != _LEFT_OUT:
+            if n < i:
+                copy_ray(fan[i], fan[n])
+            n += 1
+    return n
+
+
+@kernel
+def find_brackets(s, walls, course, n_nodes, gap, search, work):
+    """
+    Bracket all roots of the miss between the first and the last angle of work.nodes; rays are traced one by one. gap is that of `put_fan`.
 
     Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
     """
-    progress = put_fan(n_nodes, search.coarse, work)
+    progress = put_fan(n_nodes, search.coarse, gap, work)
     fan = first_row(work)
     if s.kind == at.LINEAR:
         put_ladder(s, walls, course, work)
         for i in range(n_nodes if has_ladder(work) else 0):
             work.rays[fan + i, at.DEFECT] = _UNKNOWN  # beside a change of reflections: the middle decides
     shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
+    if progress.asked < 0.0:
+        progress = fill_fan(course.length, progress, work)
+        shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     course = course_to_levels(s, course)
     while True:
         progress = advance(s.n_range > 1, any_course(course), search, progress, work)
@@ -278,6 +370,7 @@ def find_brackets(s, walls, course, n_nodes, search, work):
 
 
 @shared
+@compact
 def advance(varies, course, search, progress, work):
     """
     Continue a search after its rays were traced, until intervals wait for rays again; none wait if the search is complete.
@@ -292,6 +385,7 @@ def advance(varies, course, search, progress, work):
     asked, top, left, right = int(progress.asked), int(progress.top), int(progress.left), int(progress.right)
     tally = int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
     if tally[2] == 0:
+        right = _close_gaps(right + 2, work) - 2
         tally = 0, _read_fan(right + 2, work), right + 2, True
     asked, top, tally = _put_back(course, asked, top, tally, search.fine, work)
     asked, pending, tally = _gather(varies, course, search, asked, (top, left, right), tally, work)
@@ -535,6 +629,8 @@ def _judge(a, b, varies, course, search):
         return _DROP if h < search.min_width else _SPLIT, False
     if not reflecting and _leave_water_alike(a, b, course.length):
         return _GONE, same
+    if not reflecting and h < _WINDOW_WIDTH and _leave_on_one_side(a, b):
+        return _DROP, same
     return _judge_smooth(a, b, varies, not reflecting, course.length, search), same
 
 
@@ -632,30 +728,37 @@ def _add_level_angles(s, lo, hi, c_source, n, nodes):
 def speed_extremes(s, extremes):
     """Put the least and largest sound speed of each layer into extremes; return the largest variation along the section."""
     variation = 0.0
-    n = s.depth.size
-    for k in range(n - 1):
-        h = s.depth[k + 1] - s.depth[k]
-        extremes[0, k], extremes[1, k] = math.inf, 0.0
-        first = 0.0
-        for i in range(s.n_range):
+    for i in range(s.n_range):
+        for k in range(s.depth.size - 1):
+            h = s.depth[k + 1] - s.depth[k]
             c0, c1 = s.data[i, k, 0], s.data[i, k + 1, 0] if k + 1 < s.data.shape[1] else 0.0
             if s.kind == at.SMOOTH:
-                d1, d2, d3 = s.data[i, k, 1], s.data[i, k, 2], s.data[i, k, 3]
-                c1 = c0 + h * (d1 + h * (d2 + h * d3))
-                root = d2 * d2 - 3.0 * d1 * d3
-                if root > 0.0:  # extrema inside the layer
-                    q = -(d2 + math.copysign(math.sqrt(root), d2))
-                    for x in (q / (3.0 * d3) if d3 != 0.0 else -1.0, d1 / q if q != 0.0 else -1.0):
-                        if 0.0 < x < h:
-                            c = c0 + x * (d1 + x * (d2 + x * d3))
-                            extremes[0, k] = min(extremes[0, k], c)
-                            extremes[1, k] = max(extremes[1, k], c)
-            extremes[0, k] = min(extremes[0, k], min(c0, c1))
-            extremes[1, k] = max(extremes[1, k], max(c0, c1))
+                least, largest = _cubic_extremes(h, c0, s.data[i, k, 1], s.data[i, k, 2], s.data[i, k, 3])
+            else:
+                least, largest = min(c0, c1), max(c0, c1)
             if i == 0:
-                first = c0
-            variation = max(variation, abs(c0 - first))
+                extremes[0, k], extremes[1, k] = least, largest
+            extremes[0, k], extremes[1, k] = min(extremes[0, k], least), max(extremes[1, k], largest)
+            variation = max(variation, abs(c0 - s.data[0, k, 0]))
     return variation
+
+
+@inlined
+def _cubic_extremes(h, c0, d1, d2, d3):
+    """Least and largest value of a cubic in a layer of thickness h, from its coefficients."""
+    c1 = c0 + h * (d1 + h * (d2 + h * d3))
+    least, largest = min(c0, c1), max(c0, c1)
+    bend = d2 + 3.0 * h * d3
+    if d1 * (d1 + h * (d2 + bend)) > 0.0 and d2 * bend >= 0.0:  # the slope is not zero inside the layer
+        return least, largest
+    root = d2 * d2 - 3.0 * d1 * d3
+    if root > 0.0:
+        q = -(d2 + math.copysign(math.sqrt(root), d2))
+        for x in (q / (3.0 * d3) if d3 != 0.0 else -1.0, d1 / q if q != 0.0 else -1.0):
+            if 0.0 < x < h:
+                c = c0 + x * (d1 + x * (d2 + x * d3))
+                least, largest = min(least, c), max(largest, c)
+    return least, largest
 
 
 @kernel

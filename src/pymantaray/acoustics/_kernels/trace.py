@@ -18,6 +18,7 @@ from pymantaray.acoustics._kernels.boundary import (
     SURFACE,
     TOP,
     UNDERSIDE,
+    aim,
     append_code,
     crossing,
     face_distance,
@@ -26,6 +27,7 @@ from pymantaray.acoustics._kernels.boundary import (
     landed,
     mark_of,
     reflect,
+    settle,
     start_cell,
     surface_at,
 )
@@ -155,6 +157,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # offset of the surface
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
+    aims = s.kind == at.LINEAR and rule.kind == at.OPEN and axis.sb == 0.0
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
     for _ in range(MAX_STEPS):
         if not direct and hit != at.IN_WATER:
@@ -192,9 +195,12 @@ def trace(s, walls, course, angle, q0, tol, ray):
             break
         if walls.held >= 0.0 and pos > length:  # beyond the extended cell, without a bed
             break
+        wanted, aimed = h, -1
+        if s.kind == at.LINEAR and aims:
+            aimed, h = aim(s, walls, cell, pos, h, ray, axis)
         last = pos + h * (1.0 + 1e-12) >= span
         if last:
-            h = span - pos
+            h, aimed = span - pos, -1
         if rule.kind == at.FORWARD:  # no step crosses an edge of the boundaries' cells
             while next_break < walls.n_breaks and walls.breaks[next_break] <= pos + 1e-9:
                 next_break += 1
@@ -217,8 +223,14 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 return False, count, turns, code
         h_next = h * (min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0)
         face = -1
-        if (s.kind == at.LINEAR or not direct) and faces[1] > faces[0]:
-            face, h_hit = crossing(s, walls, cell, faces, pos, h, ray, axis)
+        if s.kind == at.LINEAR and aimed >= 0:
+            h_next = max(h_next, wanted)
+            if crossing(s, walls, cell, (*faces, aimed), pos, h, ray, axis)[0] < 0:
+                h_hit = settle(s, walls, cell, aimed, pos, at.StepLengths(h, span - pos, near), ray, axis)
+                if h_hit > 0.0:
+                    face, h = aimed, h_hit
+        if face < 0 and (s.kind == at.LINEAR or not direct) and faces[1] > faces[0]:
+            face, h_hit = crossing(s, walls, cell, (*faces, -1), pos, h, ray, axis)
             if face >= 0:
                 h_hit = land(s, walls, cell, face, pos, at.StepLengths(h_hit, h, near), ray, axis)
                 if h_hit < 0.0:
