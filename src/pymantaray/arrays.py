@@ -1,8 +1,10 @@
 """Types of arrays in annotations."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = NDArray[np.signedinteger[Any]]  # of any size
 Mask = NDArray[np.bool_]

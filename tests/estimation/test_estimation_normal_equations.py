@@ -16,6 +16,7 @@ from pymantaray.estimation import (
     build_graph,
     to_gtsam,
 )
+from pymantaray.estimation._kernels.cholesky import BATCH_ROWS
 from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.normal_equations import SIZE, NormalEquations, Structure
 from pymantaray.estimation.problems import GraphState, distance_problem
@@ -27,6 +28,8 @@ def random_equations(rng, n=14, links=30):
     """Positive definite equations of variables of which few are connected, and their matrix."""
     pairs = np.array([rng.choice(n, 2, replace=False) for _ in range(links)])
     equations = NormalEquations(Structure(n, pairs))
+    for part in (equations.diagonal, equations.above, equations.gradient):
+        part.fill(0.0)
     dense = np.zeros((SIZE * n, SIZE * n))
     for pair in [*pairs, *np.arange(n)[:, None]]:
         root = rng.normal(size=(SIZE * len(pair),) * 2)
@@ -37,9 +40,11 @@ def random_equations(rng, n=14, links=30):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_solutions_and_blocks_of_the_inverse_are_those_of_the_dense_matrix(seed):
+@pytest.mark.parametrize("links", [6, 14, 30])  # chains, some closed; all connected
+def test_solutions_and_blocks_of_the_inverse_are_those_of_the_dense_matrix(seed, links):
     rng = np.random.default_rng(seed)
-    equations, dense, pairs = random_equations(rng)
+    equations, dense, pairs = random_equations(rng, links=links)
+    assert sorted(equations.structure.row) == list(range(14))
     row, n = equations.structure.row, len(dense) // SIZE
     np.testing.assert_allclose(equations.information().toarray(), dense, rtol=0, atol=1e-12)
     factor, right = equations.factorize(), rng.normal(size=(n, SIZE))
@@ -90,6 +95,69 @@ def test_equations_over_others_are_those_in_new_arrays(order):
     assert again is before
     for name in ("diagonal", "above", "gradient", "cost", "scale", "order"):
         np.testing.assert_array_equal(getattr(again, name), getattr(new, name))
+
+
+@pytest.fixture(scope="module")
+def long_fleet():
+    """Enough poses for batches of rows."""
+    return make_fleet(seed=4, n_times=150, gnss_every=40, n_landmarks=2, turn=0.0)
+
+
+@pytest.mark.parametrize("n", [3, 4, 40, 1000])
+def test_chains_have_the_least_number_of_blocks(n):
+    chain = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    closed = np.concatenate([chain, [[n - 1, 0]], chain[:1]])
+    star = np.stack([np.zeros(n - 1, dtype=int), np.arange(1, n)], axis=1)
+    assert Structure(n, chain).column.size == n - 1
+    assert Structure(n, star).column.size == n - 1
+    assert Structure(n, closed).column.size == 2 * n - 3
+
+
+def test_rows_of_a_batch_share_blocks_only_with_each_other_and_the_last_rows(long_fleet):
+    graph = build_graph(long_fleet.noisy, "straight")
+    ends = graph["range"].variables
+    structure = distance_problem(graph).structure
+    batch = structure.batch
+    assert batch.size >= 4, "several batches"
+    assert batch[0] == 0
+    assert batch[-1] == graph.n_variables
+    assert np.diff(batch)[:-1].max() <= BATCH_ROWS
+    assert structure.row[ends].min() >= batch[-2], "rows of ranges come last"
+    assert sorted(structure.row) == list(range(graph.n_variables))
+    of_row = np.searchsorted(batch[1:], np.arange(graph.n_variables), side="right")
+    row = np.repeat(np.arange(graph.n_variables), np.diff(structure.start))
+    same = of_row[structure.column] == of_row[row]
+    assert np.all(same | (structure.column >= batch[-2]))
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("loss", [None, LOSSES["cauchy"]])
+def test_elimination_batch_by_batch_gives_the_step_and_factor_of_the_whole_matrix(long_fleet, order, loss):
+    graph = build_graph(long_fleet.noisy, "straight")
+    problem, state = distance_problem(graph, loss), GraphState.of(long_fleet.truth)
+    whole = problem.linearize(state, order)
+    gradient = whole.gradient.copy()
+    factor, step = whole.step()
+    parts = problem.linearize(state, order, problem.linearize(state, order, begin=True), begin=True)
+    assert parts.cost == whole.cost
+    np.testing.assert_allclose(parts.gradient, gradient, rtol=0, atol=1e-12 * np.abs(gradient).max())
+    found, found_step = parts.step()
+    np.testing.assert_allclose(found_step, step, rtol=0, atol=1e-9 * np.abs(step).max())
+    pair = [graph["range"].variables[0].astype(np.intp)]
+    (mine,), (theirs,) = found.inverse(pair), factor.inverse(pair)
+    np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-8 * np.abs(theirs).max())
+
+
+def test_elimination_batch_by_batch_finds_undetermined_directions(long_fleet):
+    graph = build_graph(long_fleet.noisy, "straight")
+    edge = graph["edge"]
+    free = graph.with_factors(**{name: graph[name][:0] for name in ("prior", "fix", "survey", "depth")})
+    cut = graph.with_factors(edge=edge[np.arange(len(edge)) != 147])  # behind the last ranges
+    for damaged in (free, cut):  # found in the last rows, and in a batch
+        problem, state = distance_problem(damaged), GraphState.of(long_fleet.truth)
+        assert problem.linearize(state).step() is None
+        assert problem.linearize(state, begin=True).step() is None
+        assert problem.linearize(state, begin=True).cost == problem.linearize(state).cost
 
 
 def test_covariances_that_are_nearly_diagonal_have_the_equations_of_diagonal_ones():

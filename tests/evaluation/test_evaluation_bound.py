@@ -10,6 +10,7 @@ from refusals import refused
 
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import build_graph, collect_estimates, solve_conditions
+from pymantaray.estimation.marginals import PoseCovariance
 from pymantaray.evaluation import (
     DegreesOfFreedom,
     attitude_table,
@@ -19,6 +20,7 @@ from pymantaray.evaluation import (
     graph_degrees_of_freedom,
     ping_error_table,
 )
+from pymantaray.geometry import stream
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import RayStatus
 
@@ -237,6 +239,25 @@ def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(c
     np.testing.assert_allclose([of_graph[name] for name in fleet.noise_free.name], own, rtol=0.5)
     assert of_graph["(all)"] == pytest.approx(exact_freedom(graph, fleet.truth, range(48)), rel=0.3)
     assert DegreesOfFreedom(truth, o, condition).fleet == freedom.fleet, "the same in every run"
+
+
+def test_vehicles_that_do_not_depend_on_each_other_share_random_products(monkeypatch):
+    """A study spent half a second on products of each vehicle alone, and on drawing the same signs for each."""
+    fleet = factories.make_fleet(seed=2, n_vehicles=3, n_times=16, turn=0.1, gnss_every=15, n_landmarks=1)
+    o, truth = fleet.noise_free, factories.trajectories(fleet.position, quaternion=fleet.quaternion)
+    solved, multiply, drawn = [], PoseCovariance.positions, []
+    monkeypatch.setattr(
+        PoseCovariance, "positions", lambda self, z: solved.append(len(z)) or multiply(self, z)
+    )
+    monkeypatch.setattr("pymantaray.evaluation.bound.stream", lambda *key: drawn.append(key) or stream(*key))
+    alone, together = (
+        DegreesOfFreedom(replace(truth, time=o.time), o, name) for name in ("no-ranges", "straight")
+    )
+    assert alone.vehicle.shape == together.vehicle.shape == (3,)
+    assert np.isfinite([alone.fleet, together.fleet]).all()
+    # vectors of a vehicle: 16 for all, or for each of three; of a fleet: 48
+    assert sum(solved) == (16 + 3 * 16) + 2 * 48
+    assert len(drawn) == 2, "once for each object"
 
 
 def test_the_standard_error_of_an_rmse_is_its_spread_over_studies():

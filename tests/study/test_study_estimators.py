@@ -15,6 +15,7 @@ from pymantaray.config.estimators import (
     ConditionSection,
     ExactBelief,
     FileBelief,
+    InternalTideBelief,
     MeanBelief,
     NumericsBelief,
     OffsetBelief,
@@ -44,7 +45,7 @@ from pymantaray.ocean import (
     read_cast,
     to_local,
 )
-from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced
+from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced, with_internal_tide
 from pymantaray.records import SolveStatus, write_netcdf
 from pymantaray.study import parse_study, preset_text, run_study, study_toml
 from pymantaray.study.beliefs import Beliefs
@@ -231,6 +232,21 @@ def test_other_numerics_are_those_of_the_same_water(beliefs):
     other = beliefs.believed(NumericsBelief(kind="numerics", equation="unesco"), 0)
     apart = np.abs(profile(other) - profile(exact)).max()
     assert 1e-3 < apart < 1.0
+    assert linear.local is exact.local, "the same water, without another conversion"
+
+
+def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch):
+    monkeypatch.setattr("pymantaray.study.beliefs.build_ocean", None)  # the source is not opened again
+    tide = InternalTideBelief(kind="internal-tide", amplitude=10.0)
+    exact, ocean = beliefs.believed(ExactBelief(kind="exact"), 0).local, beliefs.varying(tide)
+    assert ocean.varies
+    np.testing.assert_array_equal(ocean.local["sound_speed"], exact["sound_speed"])
+    np.testing.assert_array_equal(
+        ocean.local_at(3600.0)["sound_speed"],
+        displaced(with_internal_tide(exact, amplitude=10.0, period=12.42 * 3600.0, wavelength=1e5), 3600.0)[
+            "sound_speed"
+        ],
+    )
 
 
 def test_an_internal_tide_moves_the_truth_and_is_undone_where_it_is_believed(tmp_path):

@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Mask
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import KINDS, FactorGraph, FactorKind, Factors, check_anchored, check_graph
 from pymantaray.estimation.range_models import TimedRanges
@@ -99,7 +100,7 @@ def timed_ranges(measurements: Measurements, ranges: MeasuredRanges, links: Link
     )
 
 
-def _used(measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice) -> NDArray[np.bool_]:
+def _used(measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice) -> Mask:
     """Select the attempts whose ranges enter the graph."""
     if ranges not in {"straight", "refracted", None} or links not in {"refracted", "all"}:
         raise EstimationError(

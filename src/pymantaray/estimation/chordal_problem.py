@@ -28,16 +28,13 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import chord
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
-
-Indices = NDArray[np.intp]
 
 
 class _Differences(NamedTuple):

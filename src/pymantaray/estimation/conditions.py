@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.build import LinkChoice, MeasuredRanges, build_graph, timed_ranges, with_ranges
 from pymantaray.estimation.candidates import CandidateModel
@@ -111,7 +111,7 @@ def solve_conditions(
     initial: tuple[Array, Array] | None = None,
     *,
     solver: GraphSolver | None = None,
-    covariance_samples: NDArray[np.intp] | None = None,
+    covariance_samples: Indices | None = None,
 ) -> dict[str, GraphSolution]:
     """
     Estimate a fleet's trajectories from one realization under each of several ranging conditions.
@@ -164,7 +164,7 @@ def solve_conditions(
 class _Fleet:
     """Measurements of one realization and the intermediate results that its estimators share."""
 
-    def __init__(self, measurements: Measurements, samples: NDArray[np.intp] | None) -> None:
+    def __init__(self, measurements: Measurements, samples: Indices | None) -> None:
         self._measurements, self._samples = measurements, samples
         self._graph: FactorGraph | None = None
         self._without_ranges: GraphSolution | None = None
@@ -185,14 +185,20 @@ class _Fleet:
             plain &= not isinstance(estimator.model, CandidateModel)  # which starts there in any case
             again = plain and (estimator.initial is None or not first.usable)
             return self._lower(first, estimator, measurements, solver) if again else first
+        n_ranges = max(int(np.isfinite(measurements.refracted_range).sum()), 1)
+
+        def fits(solution: GraphSolution) -> bool:
+            return abs(_excess(solution)) <= _COST_TOLERANCE * n_ranges
+
         fitted = _fitted(
             lambda k, at: (
                 self._first_solved(estimator, measurements, at, solver)
                 if k == 1.0 and at is start
-                else self._solved(estimator, _scaled(measurements, k), at, solver)
+                else self._solved(estimator, _scaled(measurements, k), at, solver, fits)
             ),
+            fits,
             start,
-            max(int(np.isfinite(measurements.refracted_range).sum()), 1),
+            n_ranges,
         )
         if fitted is None:
             return self._solved(estimator, measurements, start, solver)
@@ -236,7 +242,12 @@ class _Fleet:
         return self._first[key][1]
 
     def _solved(
-        self, estimator: Estimator, measurements: Measurements, start: GraphValues, solver: GraphSolver
+        self,
+        estimator: Estimator,
+        measurements: Measurements,
+        start: GraphValues,
+        solver: GraphSolver,
+        covariances_if: Callable[[GraphSolution], bool] | None = None,
     ) -> GraphSolution:
         assert self._graph is not None  # built for the first estimator
         graph, model_ranges = _with_model(
@@ -255,6 +266,7 @@ class _Fleet:
             model_is_right=estimator.model_is_right,
             model_ranges=model_ranges,
             covariance_poses=poses,
+            covariances_if=covariances_if,
         )
         return self._by_vehicle(solution)
 
@@ -367,8 +379,16 @@ def _scaled(measurements: Measurements, scale: float) -> Measurements:
     return replace(measurements, range_sigma=scale * measurements.range_sigma)
 
 
+def _excess(solution: GraphSolution) -> float:
+    """Cost above its expected value."""
+    return solution.final_cost - solution.expected_cost
+
+
 def _fitted(
-    solve: Callable[[float, GraphValues], GraphSolution], start: GraphValues, n_ranges: int
+    solve: Callable[[float, GraphValues], GraphSolution],
+    fits: Callable[[GraphSolution], bool],
+    start: GraphValues,
+    n_ranges: int,
 ) -> tuple[float, GraphSolution] | None:
     """
     Factor of at least 1 on the range sigmas at which the cost equals its expected value, and the solution; None if there is none.
@@ -382,10 +402,10 @@ def _fitted(
         if not solution.usable:
             return None
         start = solution.values
-        excess = solution.final_cost - solution.expected_cost
+        excess = _excess(solution)
         if excess <= 0.0 and log_scale == 0.0:
             return 1.0, solution
-        if abs(excess) <= _COST_TOLERANCE * n_ranges:
+        if fits(solution):
             return float(np.exp(log_scale)), solution
         low, high = (log_scale, high) if excess > 0.0 else (low, log_scale)
         # the cost that ranges should have is half their number

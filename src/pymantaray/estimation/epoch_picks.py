@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.estimation.expansion import Expansion
 from pymantaray.estimation.picks import fits
 from pymantaray.estimation.range_models import Rows
@@ -61,7 +60,7 @@ def graduated_fits(mixture: EpochMixture, gate: float) -> Array:
 
 
 def _descend(
-    mixture: EpochMixture, root: Array, shift: Array, control: float, allowed: NDArray[np.bool_]
+    mixture: EpochMixture, root: Array, shift: Array, control: float, allowed: Mask
 ) -> tuple[float, Array]:
     """Cost and residuals of the candidates at the end of a graduated descent from a shift of the ends."""
     residual, by_shift = _at(mixture, root, shift)
@@ -97,7 +96,7 @@ def _at(mixture: EpochMixture, root: Array, shift: Array) -> tuple[Array, Array]
     return residual, by_shift + mixture.expansion.by_unknowns @ root[m:]
 
 
-def _shares(mixture: EpochMixture, residual: Array, control: float, allowed: NDArray[np.bool_]) -> Array:
+def _shares(mixture: EpochMixture, residual: Array, control: float, allowed: Mask) -> Array:
     """Probability of each candidate with all variances multiplied by a factor."""
     fit = fits(residual, control * mixture.variance, mixture.smallest)
     density = np.where(allowed, mixture.weight * np.exp(-fit), 0.0)

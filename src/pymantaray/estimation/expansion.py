@@ -1,10 +1,9 @@
 """Ranges of a model, expanded about the estimate: residuals, gradients and weights."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.estimation.images import Images
 from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEndpoints, Rows, chord
 
@@ -122,7 +121,7 @@ class RangeWeights:
                 added = np.diag(np.diagonal(added))
             self._full[e] = np.diag(self._variance[rows]) + added
 
-    def blocks(self, used: NDArray[np.bool_]) -> list[EpochBlock]:
+    def blocks(self, used: Mask) -> list[EpochBlock]:
         """Rows and covariances of the used ranges of each epoch."""
         mine = [used[rows] for rows in self._rows]
         return [

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
@@ -70,7 +71,7 @@ class GraphResult:
     estimator: str
     start: str
     initial: GraphValues
-    as_in_file: NDArray[np.intp]
+    as_in_file: Indices
     anchored: NDArray[np.int32]
     truth: GraphValues | None
     solution: GraphSolution

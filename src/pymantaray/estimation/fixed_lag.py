@@ -4,21 +4,18 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.incremental import check_times, update_times
 from pymantaray.estimation.lag_window import LagWindow
-from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.problems import GraphState, distance_problem
 from pymantaray.estimation.solution import GraphSolution, SolveOptions, SolveProgress, make_solution
 from pymantaray.estimation.trilateration import determined_times
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
-
-Array = NDArray[np.float64]
 
 
 def smooth_with_lag(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import (
     EDGE,
@@ -192,7 +192,7 @@ class _Reader:
         self._grammar = {
             word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in (*_FLAT, OFFSET)
         }
-        self._keep: dict[str, NDArray[np.bool_]] = {}  # lines whose matrix can be used, by word
+        self._keep: dict[str, Mask] = {}  # lines whose matrix can be used, by word
         self._known: dict[str, int] = {}  # ids by their spellings
         self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
         self._values = {

@@ -15,18 +15,17 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
 from pymantaray.records.base import Column, Record, column
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int32]
 
 LARGEST = 1e9  # m; the cost of larger values has no significant digits left
 VARIANCES = (1e-30, 1e30)  # m2 or rad2; other values overflow in a solve
@@ -482,7 +481,7 @@ class ConnectedParts(NamedTuple):
     """Connected part of each variable, and whether nothing ties that part to the world."""
 
     part: Indices
-    loose: NDArray[np.bool_]
+    loose: Mask
 
 
 def connected_parts(graph: FactorGraph) -> ConnectedParts:

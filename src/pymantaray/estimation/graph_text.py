@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Literal, NamedTuple, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, SMALLEST_EIGENVALUE, VARIANCES
 
@@ -53,7 +53,7 @@ Indefinite = Literal["refuse", "drop", "repair"]
 """Treatment of lines whose information or covariance matrix is not positive definite."""
 
 
-def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, NDArray[np.bool_]]:
+def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, Mask]:
     """
     Positive definite matrices (n, k, k) in place of others, and which were positive definite.
 
@@ -149,7 +149,7 @@ class TextLines:
             " them with --skip-unknown (in Python: skip_unknown=True)"
         )
 
-    def treat(self, word: str, matrices: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def treat(self, word: str, matrices: Array) -> tuple[Array, Mask]:
         """Treat matrices of a word that are not positive definite as chosen, and count them; returns the rows to keep."""
         out, fine = definite_matrices(matrices, self.indefinite)
         count = int(np.count_nonzero(~fine))

@@ -3,9 +3,8 @@
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.estimation.range_models import Prediction, RangeEndpoints
 
 
@@ -21,10 +20,10 @@ class Images(NamedTuple):
     position: Array  # (n, 3) [m]
     receiver: Array  # (n, 3) [m]
     mirror: Array  # signs of a displacement of the image, (n, 3)
-    reflected: NDArray[np.bool_]
+    reflected: Mask
 
     @classmethod
-    def of(cls, prediction: Prediction, links: RangeEndpoints, bounces: NDArray[np.intp]) -> Self:
+    def of(cls, prediction: Prediction, links: RangeEndpoints, bounces: Indices) -> Self:
         """Images of the receivers of links, whose paths have some numbers of reflections."""
         reflected = prediction.possible & (bounces > 0)
         slowness = np.linalg.norm(prediction.transmitter_gradient, axis=1)

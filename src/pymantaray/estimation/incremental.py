@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
 from pymantaray.estimation.losses import Loss
@@ -25,7 +24,7 @@ class IncrementalResult:
     optimum: Optimum  # final state, with the next step of a batch solver (not applied)
     update_time: Array  # since the start of the mission, (n_updates,) [s]
     seconds: Array  # duration of each update; NaN after a failed update
-    relinearized: NDArray[np.intp]  # variables linearized again in each update
+    relinearized: Indices  # variables linearized again in each update
     position: Array  # estimate of each pose at its own time: after an update, or dead-reckoned from the last one [m]
     quaternion: Array
     before: (
@@ -109,9 +108,7 @@ class _Log:
         self._before, self._position = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
         self._rotation = np.full((n, 3, 3), np.nan)
 
-    def note(
-        self, update: int, poses: NDArray[np.intp], new: Any, smoother: Any, done: tuple[float, int]
-    ) -> None:
+    def note(self, update: int, poses: Indices, new: Any, smoother: Any, done: tuple[float, int]) -> None:
         self._seconds[update], self._relinearized[update] = done
         now = self._time[update]
         for key in poses.tolist():

@@ -9,11 +9,10 @@ import numpy as np
 from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
-from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.range_models import ModelRanges, chord
 from pymantaray.estimation.solution import GraphSolution, SolveProgress, make_solution
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
@@ -188,12 +187,14 @@ class _State:
         self.covariance = columns.reshape(self.covariance.shape)
         noise = by_step @ steps.covariance[k] @ np.swapaxes(by_step, 1, 2)
         square = self.covariance.reshape(-1, SIZE, len(blocks), SIZE)
-        square[np.arange(n), :, np.arange(n), :] += noise
+        np.einsum("iaib->iab", square)[:n] += noise  # a view of the diagonal blocks
         self.cost += float(steps.cost[k].sum())
 
-    def update(self, residual: Array, by_errors: Array, variance: Array, *, ranges: bool = False) -> bool:
+    def update(
+        self, residual: Array, by_errors: Array | Indices, variance: Array, *, ranges: bool = False
+    ) -> bool:
         """
-        Update by measurements with residuals predicted minus measured (m,), derivatives (m, 6 n) and covariance (m, m).
+        Update by measurements with residuals predicted minus measured (m,), derivatives as in `corrected`, and covariance (m, m).
 
         False if the covariance of the innovations is not positive definite.
         """
@@ -229,15 +230,27 @@ def moved(rotation: Array, position: Array, turn: Array, step: Array) -> tuple[A
 
 
 def corrected(
-    rotation: Array, position: Array, covariance: Array, residual: Array, by_errors: Array, variance: Array
+    rotation: Array,
+    position: Array,
+    covariance: Array,
+    residual: Array,
+    by_errors: Array | Indices,
+    variance: Array,
 ) -> tuple[Array, Array, Array, float] | None:
     """
     Poses and covariance after an update, as `_State.update`, and the squared normalized innovation.
 
+    by_errors contains derivatives (m, 6 n), or the columns (m,) of errors that are measured themselves.
     None if the covariance of the innovations is not positive definite.
     """
-    weight = by_errors @ covariance
-    root, failed = dpotrf(weight @ by_errors.T + variance, lower=1)
+    if by_errors.ndim == 1:
+        measured = by_errors.astype(np.intp, copy=False)
+        weight = covariance.take(measured, axis=0)
+        spread = weight.take(measured, axis=1)
+    else:
+        weight = by_errors @ covariance
+        spread = weight @ by_errors.T
+    root, failed = dpotrf(spread + variance, lower=1)
     if failed or not np.isfinite(root[-1, -1]):
         return None
     # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a busy machine
@@ -284,16 +297,16 @@ class _Updates:
         self._fixed, self._depth = fix.column("position"), depth.column("depth")
         self._depth_variance = depth.variance
         self._turn = matrix_from_quaternion(attitude.column("quaternion"))
-        self._by_errors: dict[tuple[bytes, ...], Array] = {}
+        self._columns: dict[tuple[bytes, ...], Indices] = {}
 
-    def at(self, state: _State, k: int) -> tuple[Array, Array, Array]:
-        """Residuals of a time, their derivatives by the errors, and their covariance."""
+    def at(self, state: _State, k: int) -> tuple[Array, Indices, Array]:
+        """Residuals of a time, columns of the measured errors, and the covariance of the residuals."""
         some = [rows[k] for rows in self._rows]
         if not (some[0].size or some[2].size):  # the usual case, many times
             vehicle = self._vehicle[1][some[1]]
             residual = state.position[vehicle, 2] - self._depth[some[1]]
-            by_errors = self._derivatives([some[0], vehicle, some[2]], state.covariance.shape[0])
-            return residual, by_errors, np.diag(self._depth_variance[some[1]])
+            columns = self._measured([some[0], vehicle, some[2]])
+            return residual, columns, np.diag(self._depth_variance[some[1]])
         of = [vehicle[rows] for vehicle, rows in zip(self._vehicle, some, strict=True)]
         residual = np.concatenate(
             [
@@ -314,19 +327,19 @@ class _Updates:
                 end = start + len(block)
                 variance[start:end, start:end] = block
                 start = end
-        return residual, self._derivatives(of, state.covariance.shape[0]), variance
+        return residual, self._measured(of), variance
 
-    def _derivatives(self, of: list[Indices], size: int) -> Array:
-        """Derivatives by the errors, which select some of them; the same vehicles measure at most times."""
+    def _measured(self, of: list[Indices]) -> Indices:
+        """Columns of the errors that are measured; the same vehicles measure at most times."""
         key = tuple(vehicles.tobytes() for vehicles in of)
-        if key not in self._by_errors:
+        if key not in self._columns:
             column = [
                 (SIZE * of[0][:, None] + [3, 4, 5]).ravel(),
                 SIZE * of[1] + 5,
                 (SIZE * of[2][:, None] + [0, 1, 2]).ravel(),
             ]
-            self._by_errors[key] = np.eye(size)[np.concatenate(column)]
-        return self._by_errors[key]
+            self._columns[key] = np.concatenate(column)
+        return self._columns[key]
 
 
 class _Ranges:

@@ -4,12 +4,11 @@ from time import process_time
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
 from pymantaray.estimation.marginal_prior import MarginalPrior, RangesAndPrior, marginalized
-from pymantaray.estimation.normal_equations import SIZE, Indices
+from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.optimize import LastStep, optimize
 from pymantaray.estimation.problems import FactorsExceptRanges, GraphState, Problem, ProblemCache
 from pymantaray.estimation.solution import SolveOptions
@@ -145,12 +144,11 @@ class LagWindow:
     def _problem(self, graph: FactorGraph, variables: Indices, groups: list[Indices]) -> Problem:
         prior = None if self._prior is None else self._prior.among(variables)
         factors, ranges = FactorsExceptRanges(graph), RangesAndPrior(graph, prior)
-        pairs = np.concatenate([factors.pairs, ranges.pairs])
         connected = groups if prior is None else [*groups, prior.variables]
-        structure = ProblemCache().structure(graph.n_variables, pairs, connected)
+        structure = ProblemCache().structure(factors, graph.n_variables, ranges.pairs, connected)
         return Problem(factors, ranges, structure)
 
-    def _start(self, graph: FactorGraph, variables: Indices, new: NDArray[np.bool_]) -> None:
+    def _start(self, graph: FactorGraph, variables: Indices, new: Mask) -> None:
         """Starting values of the new variables of a window: from a prior, from factors with earlier variables, or as given."""
         if not new.any():
             return

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph import FactorGraph
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.normal_equations import SIZE, Blocks, Indices, NormalEquations, Structure
+from pymantaray.estimation.normal_equations import SIZE, Blocks, NormalEquations, Structure
 from pymantaray.estimation.problems import Distances, FactorsExceptRanges, GraphState, Problem
 from pymantaray.geometry.se3 import hat, so3_log
 

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
-from pymantaray.estimation.normal_equations import SIZE, Indices
+from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.optimize import LastStep, check_convergence
 from pymantaray.estimation.problems import GraphState, LinearTerm, Problem, distance_problem
 

@@ -4,11 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.chordal_problem import ChordalProblem
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solution import GraphSolution
@@ -35,7 +34,7 @@ class StartOutcome:
 
     name: str
     initial: GraphValues
-    unchanged: NDArray[np.intp]
+    unchanged: Indices
     solution: GraphSolution
 
     @property

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.candidates import CandidateArrivals, CandidateModel, of_picks
 from pymantaray.estimation.epoch_picks import EpochMixture, graduated_fits
 from pymantaray.estimation.expansion import Expansion, RangeWeights
 from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.normal_equations import SIZE, Indices
+from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.optimize import LastStep, Optimum, optimize
 from pymantaray.estimation.outer import BatchOutcome, OuterIterations
 from pymantaray.estimation.picks import (

@@ -1,8 +1,8 @@
 """Range models along straight lines on a spherical Earth."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.range_models import (
     ConstantSpeed,
     MeanSlowness,
@@ -38,7 +38,7 @@ class OnSphere(RangeModel):
             receiver_gradient=ratio[:, None] * flat.receiver_gradient,
         )
 
-    def frame_scale(self, links: RangeEndpoints) -> NDArray[np.float64]:
+    def frame_scale(self, links: RangeEndpoints) -> Array:
         """
         Factor from each measured range to the distance in the flat frame of the same travel time.
 

@@ -4,13 +4,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.normal_equations import Factor, NormalEquations
 from pymantaray.estimation.problems import GraphState, Problem
 from pymantaray.estimation.solution import SolveOptions, SolveProgress
-
-Array = NDArray[np.float64]
 
 _COST_ROUNDING = 1e-9  # relative; smaller increases of the cost are rounding
 # Successive steps that may leave the cost above its lowest value: a full step from far away overshoots the rotations,
@@ -88,9 +86,10 @@ def _gauss_newton(
     is not positive definite, as it often is at the start of a long mission. The next step tries again; after the second time
     it is omitted for good. Both are omitted in the last step, which measures convergence.
     """
-    state, equations, most = initial, problem.linearize(initial, 2), _HIGHEST_ORDER
+    state, equations, most = initial, problem.linearize(initial, 2, begin=True), _HIGHEST_ORDER
     indefinite = [0] * (_HIGHEST_ORDER + 1)
     lowest, above, best = equations.cost, 0, initial
+    spare: GraphState | None = None  # its arrays are free once the next step begins
     progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
         solved = equations.step()
@@ -98,30 +97,31 @@ def _gauss_newton(
             indefinite[equations.order] += 1
             if indefinite[equations.order] == _MAX_INDEFINITE:
                 most = min(most, equations.order - 1)
-            equations = problem.linearize(state, equations.order - 1, equations)
+            equations = problem.linearize(state, equations.order - 1, equations, begin=True)
             solved = equations.step()
         if solved is None:
             return Optimum(state, replace(progress, singular=True, last_step=np.nan)), best
         last = LastStep(state, *solved)
         largest = _largest(last.step)
-        trial = state.moved(problem.structure, last.step)
+        trial = state.moved(problem.structure, last.step, into=spare)
         ended = equations.order == 1 and largest <= options.step_tolerance
         final = ended or iteration == options.max_iterations  # then its factor is kept
         if largest <= _CURVATURE_GAIN * options.step_tolerance:
             most = 1
-        ahead = None if final else problem.linearize(trial, most, equations)
+        ahead = None if final else problem.linearize(trial, most, equations, begin=True)
         cost = problem.cost(trial) if ahead is None else ahead.cost
         above = 0 if cost <= lowest + _COST_ROUNDING * (1.0 + lowest) else above + 1
         if above > _MAX_RISES or not np.isfinite(cost):
             return Optimum(state, replace(progress, last_step=np.nan)), best
         best = trial if cost < lowest else best
+        spare = None if state is initial or state is best else state
         state, lowest = trial, min(lowest, cost)
         progress = replace(progress, iterations=iteration, final_cost=cost)
         if options.report is not None:
             options.report(taken + iteration, cost)
         if (ended and above == 0) or iteration == options.max_iterations:
             break
-        equations = ahead or problem.linearize(trial, 1, equations)
+        equations = ahead or problem.linearize(trial, 1, equations, begin=True)
     return _with_convergence(state, progress, equations, last), best
 
 
@@ -133,7 +133,7 @@ def _with_convergence(
         progress,
         last_step=_largest(last.step),
         gradient_norm=_largest(equations.gradient),
-        newton_decrement=-0.5 * float(np.sum(equations.gradient * last.step)),
+        newton_decrement=-0.5 * float(np.einsum("ij,ij", equations.gradient, last.step)),
     )
     return Optimum(state, progress, last)
 

@@ -3,15 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.expansion import Expansion, RangeWeights
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.marginals import epoch_groups
-from pymantaray.estimation.normal_equations import SIZE, Indices
+from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.optimize import Optimum
 from pymantaray.estimation.problems import ExpandedRanges, GraphState, Problem, ProblemCache
 from pymantaray.estimation.range_models import ModelRanges, Prediction, RangeEndpoints
@@ -34,7 +33,7 @@ class BatchOutcome:
     optimum: Optimum
     problem: Problem  # problem whose optimum it is
     groups: list[Indices]  # variables of the covariances to compute
-    possible: NDArray[np.bool_] | None = None  # true for each used range; the others were gated
+    possible: Mask | None = None  # true for each used range; the others were gated
     expansions: int = 0
 
 
@@ -69,7 +68,9 @@ class OuterIterations:
         ends = np.stack([r.transmitter, r.receiver], axis=1)
         epochs = [np.unique(ends[r.epoch == e]) for e in range(int(r.epoch.max(initial=-1)) + 1)]
         cliques = [*self.groups, *(np.concatenate([e, self._shared]) for e in epochs)]
-        self._structure = cache.structure(n + self._shared.size, self._factors.pairs, cliques)
+        self._structure = cache.structure(
+            self._factors, n + self._shared.size, np.empty((0, 2), dtype=np.intp), cliques
+        )
         self._weights = RangeWeights(model_ranges, graph["range"].variance)
         self._rows = np.arange(r.time.size)
         self._used, self._gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)

@@ -1,23 +1,23 @@
 """Costs to minimize: relative poses, sightings, measured positions, and ranges as distances or expanded travel times."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.estimation._kernels import residuals
+from pymantaray.arrays import Array, Indices
+from pymantaray.estimation._kernels import assembly, cholesky, residuals
 from pymantaray.estimation.expansion import EpochBlock, Expansion, whiten
 from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues, Residual
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.normal_equations import SIZE, Blocks, Indices, NormalEquations, Structure
+from pymantaray.estimation.normal_equations import SIZE, Blocks, NormalEquations, Structure
 from pymantaray.estimation.range_models import Rows, TimedRanges, chord
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
-Array = NDArray[np.float64]
 _OUT_OF_PLANE = np.array([0, 1, 5])  # rx, ry and z of a block
 _DIFFERENCE_ANGLE = 1e-5  # rad; step of central differences of gradients, with a relative error of 1e-10
+_PIECE = 1 << 16  # rows to convert at once
 _MIN_WEIGHT = 1e-12  # smallest weight of a range under a loss; its rows lose all digits below
 
 
@@ -31,29 +31,37 @@ class GraphState(NamedTuple):
     @classmethod
     def of(cls, values: GraphValues, n_shared: int = 0) -> "GraphState":
         """Convert a graph's values; shared unknowns are zero."""
-        level = np.tile(np.eye(3), (len(values.landmark_position), 1, 1))
-        rotation = np.concatenate([matrix_from_quaternion(values.quaternion), level])
+        n = len(values.position)
+        rotation = np.empty((n + len(values.landmark_position), 3, 3))
+        _by_pieces(matrix_from_quaternion, values.quaternion, rotation[:n])
+        rotation[n:] = np.eye(3)
         place = np.concatenate([values.position, values.landmark_position])
-        return cls(np.ascontiguousarray(rotation), np.ascontiguousarray(place), np.zeros(n_shared))
+        return cls(rotation, np.ascontiguousarray(place), np.zeros(n_shared))
 
     def values(self, graph: FactorGraph) -> GraphValues:
         """Convert to values of a graph's variables."""
         n = graph.n_poses
-        return GraphValues(self.position[:n], quaternion_from_matrix(self.rotation[:n]), self.position[n:])
+        quaternion = _by_pieces(quaternion_from_matrix, self.rotation[:n], np.empty((n, 4)))
+        return GraphValues(self.position[:n], quaternion, self.position[n:])
 
-    def moved(self, structure: Structure, step: Array, *, arc: bool = False) -> "GraphState":
-        """State after a step in the order of rows, (n, 6), along straight lines or arcs."""
-        rotation, place = np.empty_like(self.rotation), np.empty_like(self.position)
+    def moved(
+        self, structure: Structure, step: Array, *, arc: bool = False, into: "GraphState | None" = None
+    ) -> "GraphState":
+        """State after a step in the order of rows, (n, 6), along straight lines or arcs; it can overwrite another one."""
+        rotation, place = (
+            (np.empty_like(self.rotation), np.empty_like(self.position)) if into is None else into[:2]
+        )
         residuals.move(self.rotation, self.position, structure.row, step, arc, rotation, place)
         shared = step[structure.row[len(place) :]].ravel()[: self.shared.size]
         return GraphState(rotation, place, self.shared + shared)
 
 
 class FactorBlocks(NamedTuple):
-    """Blocks of pairs of poses, and of poses with the landmarks they sight."""
+    """Blocks of pairs of poses, and of poses with the landmarks they sight, and the factors of each batch of rows."""
 
     relative: Blocks
     sighted: Blocks
+    batches: assembly.Batches
 
 
 class FactorsExceptRanges:
@@ -72,6 +80,14 @@ class FactorsExceptRanges:
         self._sighted_pairs = np.stack(self._sighted[:2], axis=1)
         self.pairs = np.concatenate([self._relative_pairs, self._sighted_pairs])
 
+    def unbatched(self, size: int, others: Sequence[Indices]) -> Indices:
+        """Variables that are in other factors than relative poses and measured positions, among ``size``, or in no relative poses."""
+        alone = np.ones(size, dtype=np.bool_)
+        alone[self._relative_pairs] = False
+        for variables in (self._sighted_pairs, *others):
+            alone[variables] = True
+        return np.flatnonzero(alone)
+
     def is_of(self, graph: FactorGraph) -> bool:
         """True if a graph has the same tables."""
         tables = _except_ranges(graph)
@@ -85,11 +101,20 @@ class FactorsExceptRanges:
         n, inner = self._inner.size, self._inner
         out = Blocks(np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.bool_))
         out.block[inner], out.turned[inner] = structure.blocks(self._relative_pairs)
-        return FactorBlocks(out, structure.blocks(self._sighted_pairs))
+        row, relative = structure.row, self._relative
+        second = row[relative.second]
+        eliminated = np.where(inner, np.minimum(row[relative.first], second), second)
+        batches = _batches(structure.batch, eliminated, row[self._positions.variable])
+        return FactorBlocks(out, structure.blocks(self._sighted_pairs), batches)
 
-    def add(self, state: GraphState, blocks: FactorBlocks, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks, from order 2 with the curvature of odometry."""
-        costs = self._evaluate(state, blocks, out.matrix, 1 if out.order > 3 else min(out.order, 2))
+    def add(self, state: GraphState, blocks: FactorBlocks, out: NormalEquations, *, begin: bool) -> None:
+        """
+        Set cost, gradient and blocks to those of these factors, from order 2 with the curvature of odometry.
+
+        If wanted, begin the elimination.
+        """
+        order, upper = 1 if out.order > 3 else min(out.order, 2), out.begin() if begin else out.upper()
+        costs, out.failed = self._evaluate(state, blocks, out.matrix, upper, (order, begin))
         out.cost += sum(float(cost.sum()) for cost in costs)
 
     def add_curvature(self, state: GraphState, blocks: FactorBlocks, out: NormalEquations) -> None:
@@ -107,13 +132,18 @@ class FactorsExceptRanges:
         place = np.concatenate([state.position[one], state.position[other]])
         rotation = np.concatenate([state.rotation[one], state.rotation[other]])
 
+        factors = assembly.ChainFactors(copies, pairs, residuals.Positions(*(c[:0] for c in self._positions)))
+        batches, start = _batches(np.array([0, 2 * m]), row[:m], row[:0]), np.minimum(np.arange(2 * m + 1), m)
+
         def each(turned: Array) -> residuals.Matrix:
             """Blocks and gradient of each residual separately."""
             by_itself = residuals.Matrix(
-                row, np.zeros((2 * m, SIZE, SIZE)), np.zeros((m, SIZE, SIZE)), np.zeros((2 * m, SIZE))
+                row, np.empty((2 * m, SIZE, SIZE)), np.empty((m, SIZE, SIZE)), np.empty((2 * m, SIZE))
             )
+            upper = cholesky.Upper(start, row, by_itself.diagonal, by_itself.above, *np.empty((2, 0, SIZE)))
             poses = residuals.PoseArrays(turned, place)
-            residuals.add_relative(copies, pairs, poses, by_itself, 1, np.empty(m), _scratch())
+            costs = assembly.Costs(np.empty(m), np.empty(0))
+            assembly.assemble(factors, batches, poses, by_itself, upper, (1, False), costs, _scratch())
             return by_itself
 
         at = each(rotation)
@@ -158,24 +188,50 @@ class FactorsExceptRanges:
 
     def _costs(self, state: GraphState) -> tuple[Array, Array, Array]:
         """Cost of each relative pose, of each sighting, and of each measured position."""
-        none, nothing = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE))
-        matrix = residuals.Matrix(none, nothing, nothing, nothing[:, 0])
+        none, nothing, vectors = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE)), np.empty((0, SIZE))
+        matrix = residuals.Matrix(none, nothing, nothing, vectors)
+        upper = cholesky.Upper(none, none, nothing, nothing, vectors, vectors)
         no_blocks = Blocks(none, none > 0)
-        return self._evaluate(state, FactorBlocks(no_blocks, no_blocks), matrix, 0)
+        blocks = FactorBlocks(no_blocks, no_blocks, self._in_order)
+        return self._evaluate(state, blocks, matrix, upper, (0, False))[0]
+
+    @cached_property
+    def _in_order(self) -> assembly.Batches:
+        """All factors after all batches."""
+        rows = (np.zeros(len(factors), dtype=np.intp) for factors in (self._inner, self._positions.variable))
+        return _batches(np.array([0, 0]), *rows)
 
     def _evaluate(
-        self, state: GraphState, blocks: FactorBlocks, matrix: residuals.Matrix, order: int
-    ) -> tuple[Array, Array, Array]:
-        """Costs as in `_costs`; adds blocks of order 1 or 2 to a matrix."""
+        self,
+        state: GraphState,
+        blocks: FactorBlocks,
+        matrix: residuals.Matrix,
+        upper: cholesky.Upper,
+        task: tuple[int, bool],
+    ) -> tuple[tuple[Array, Array, Array], bool]:
+        """Costs as in `_costs`, and true if elimination failed; a task of order 1 or 2 sets the matrix, see `assembly.assemble`."""
         poses = residuals.PoseArrays(state.rotation, state.position)
         relative, sighted, positions = (
             np.empty(len(rows)) for rows in (self._inner, self._sighted_pairs, self._positions.variable)
         )
-        residuals.add_relative(self._relative, blocks.relative, poses, matrix, order, relative, _scratch())
+        factors = assembly.ChainFactors(self._relative, blocks.relative, self._positions)
+        costs = assembly.Costs(relative, positions)
+        failed = assembly.assemble(factors, blocks.batches, poses, matrix, upper, task, costs, _scratch())
         if sighted.size:  # compile the kernel only if needed
-            residuals.add_sightings(self._sighted, blocks.sighted, poses, matrix, order, sighted, _scratch())
-        residuals.add_places(self._positions, state.position, matrix, order, positions)
-        return relative, sighted, positions
+            residuals.add_sightings(
+                self._sighted, blocks.sighted, poses, matrix, task[0], sighted, _scratch()
+            )
+        return (relative, sighted, positions), failed >= 0
+
+
+def _batches(row: Indices, *eliminated: Indices) -> assembly.Batches:
+    """Factors of each batch of rows, from the first row that each relative pose and each measured position adds to."""
+    parts = []
+    for first in eliminated:
+        batch = np.minimum(np.searchsorted(row[1:], first, side="right"), row.size - 2)
+        count = np.bincount(batch, minlength=row.size - 1)
+        parts += [np.argsort(batch, kind="stable"), np.concatenate([[0], np.cumsum(count)])]
+    return assembly.Batches(row, *parts)
 
 
 def _except_ranges(graph: FactorGraph) -> list[Factors]:
@@ -188,10 +244,31 @@ def _scratch() -> tuple[Array, Array, Array]:
     return np.empty((r.BLOCKS, 6, 6)), np.empty((r.MATRICES, 3, 3)), np.empty((r.VECTORS, 6))
 
 
+def _pieces(count: int) -> Iterator[slice]:
+    """Slices of rows, at least one: temporary arrays of a long mission would take more time and memory than the result."""
+    for first in range(0, max(count, 1), _PIECE):
+        yield slice(first, min(first + _PIECE, count))
+
+
+def _by_pieces(function: Callable[[Array], Array], rows: Array, out: Array) -> Array:
+    """Compute each row of an array from the same row of another."""
+    for piece in _pieces(len(rows)):
+        out[piece] = function(rows[piece])
+    return out
+
+
 def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Factors]) -> list[Any]:
     """Concatenate the columns of several tables."""
-    joined = zip(*map(columns, tables), strict=True)
-    return [np.ascontiguousarray(np.concatenate(parts)) for parts in joined]
+    out: list[Any] = []
+    total, end = sum(map(len, tables)), 0
+    for table in tables:
+        for piece in _pieces(len(table)):
+            parts = columns(table if len(table) <= _PIECE else table[piece])
+            out = out or [np.empty((total, *part.shape[1:]), part.dtype) for part in parts]
+            begin, end = end, end + len(parts[0])
+            for whole, part in zip(out, parts, strict=True):
+                whole[begin:end] = part
+    return out
 
 
 def _relative(table: Factors) -> tuple[Any, ...]:
@@ -210,9 +287,13 @@ def _pose_roots(tables: list[Factors]) -> Array:
     for table in tables:
         start, end, rows = end, end + len(table), table.kind.rows
         if diagonal:
-            out[start:end, :rows] = 1.0 / np.sqrt(table.variance)
+            _by_pieces(
+                lambda variance: 1.0 / np.sqrt(variance),
+                table.variance.reshape(-1, rows),
+                out[start:end, :rows],
+            )
         else:
-            out[start:end, :rows, :rows] = _information_root(table.covariance)
+            _by_pieces(_information_root, table.covariance, out[start:end, :rows, :rows])
     return out
 
 
@@ -450,15 +531,20 @@ class Problem:
         return self.factors.cost(state) + self.ranges.cost(state, self.loss)
 
     def linearize(
-        self, state: GraphState, order: int = 1, into: NormalEquations | None = None
+        self, state: GraphState, order: int = 1, into: NormalEquations | None = None, *, begin: bool = False
     ) -> NormalEquations:
-        """Normal equations at a state, with ranges weighted by the loss; they can overwrite earlier ones."""
+        """
+        Normal equations at a state, with ranges weighted by the loss; they can overwrite earlier ones.
+
+        ``begin`` allows to eliminate batches of rows already; then only `NormalEquations.step` can be called.
+        """
         out = NormalEquations(self.structure, order) if into is None else into.cleared(order)
         i, n, m = np.arange(SIZE), self.factors.n_poses, self.factors.n_variables
         row = self.structure.row
-        out.diagonal[row[n:m, None], i[:3], i[:3]] = 1.0  # a landmark has no rotation
-        out.diagonal[row[m:, None], i, i] = 1.0  # prior of shared unknowns
-        self.factors.add(state, self._blocks, out)
+        begin = begin and order <= 3 and not self.factors.planar and self.structure.batch.size > 2
+        self.factors.add(state, self._blocks, out, begin=begin)
+        out.diagonal[row[n:m, None], i[:3], i[:3]] += 1.0  # a landmark has no rotation
+        out.diagonal[row[m:, None], i, i] += 1.0  # prior of shared unknowns
         self.ranges.add(state, self._range_blocks, self.loss, out)
         if order > 3:
             out.scale = np.diagonal(out.diagonal, axis1=1, axis2=2).copy()
@@ -497,7 +583,7 @@ class ProblemCache:
 
     def __init__(self) -> None:
         self._factors: FactorsExceptRanges | None = None
-        self._structures: dict[tuple[int, bytes], Structure] = {}
+        self._structures: dict[tuple[int, bytes, bytes], Structure] = {}
 
     def factors(self, graph: FactorGraph) -> FactorsExceptRanges:
         """All factors of a graph except its ranges."""
@@ -505,14 +591,16 @@ class ProblemCache:
             self._factors = FactorsExceptRanges(graph)
         return self._factors
 
-    def structure(self, size: int, pairs: Indices, groups: Sequence[Indices]) -> Structure:
-        """Structure of variables that are connected by pairs or within groups."""
+    def structure(
+        self, factors: FactorsExceptRanges, size: int, pairs: Indices, groups: Sequence[Indices]
+    ) -> Structure:
+        """Structure of variables that are connected by factors, by other pairs or within groups."""
         within = [np.stack(np.triu_indices(len(group), 1), axis=1) for group in groups]
-        every = [pairs, *(group[inner] for group, inner in zip(groups, within, strict=True))]
-        joined = np.concatenate(every).astype(np.intp)
-        key = size, joined.tobytes()
+        every = [factors.pairs, pairs, *(group[inner] for group, inner in zip(groups, within, strict=True))]
+        joined, unbatched = np.concatenate(every).astype(np.intp), factors.unbatched(size, [pairs, *groups])
+        key = size, joined.tobytes(), unbatched.tobytes()
         if key not in self._structures:
-            self._structures[key] = Structure(size, joined)
+            self._structures[key] = Structure(size, joined, unbatched=unbatched)
         return self._structures[key]
 
 
@@ -526,8 +614,7 @@ def distance_problem(
     """Problem of a graph whose ranges are distances; the variables of each group are also connected."""
     cache = cache or ProblemCache()
     factors, ranges = cache.factors(graph), Distances(graph)
-    pairs = np.concatenate([factors.pairs, ranges.pairs])
-    return Problem(factors, ranges, cache.structure(graph.n_variables, pairs, groups), loss)
+    return Problem(factors, ranges, cache.structure(factors, graph.n_variables, ranges.pairs, groups), loss)
 
 
 def _cost(white: Array, loss: Loss | None) -> float:

@@ -14,10 +14,10 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
 
-Rows = NDArray[np.intp]
+Rows = Indices
 _LEVEL_DIFFERENCE = 0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
 
 
@@ -55,7 +55,7 @@ class Prediction(NamedTuple):
     travel_time: Array  # (n,) [s]
     transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s/m]
     receiver_gradient: Array  # by the receiver's
-    possible: NDArray[np.bool_]  # true if the assumed ocean has an arrival, (n,)
+    possible: Mask  # true if the assumed ocean has an arrival, (n,)
     bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
 
 

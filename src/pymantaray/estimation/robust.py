@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.estimation.optimize import Optimum, optimize
 from pymantaray.estimation.problems import GraphState, Problem
 from pymantaray.estimation.solution import SolveOptions, SolveProgress
@@ -70,7 +70,7 @@ def _descend_steps(
     state, cost = initial, problem.cost(initial)
     progress = SolveProgress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
-        equations = problem.linearize(state)
+        equations = problem.linearize(state, begin=True)
         solved = equations.step()
         if solved is None:
             return replace(progress, singular=True), state
@@ -86,9 +86,7 @@ def _descend_steps(
     return progress, state
 
 
-def _along(
-    problem: Problem, state: GraphState, step: NDArray[np.float64], cost: float
-) -> tuple[GraphState | None, float]:
+def _along(problem: Problem, state: GraphState, step: Array, cost: float) -> tuple[GraphState | None, float]:
     """State of lowest cost among power-of-two multiples of a step; None if none lowers the cost."""
     factor, best = 1.0, state.moved(problem.structure, step)
     lowest = problem.cost(best)

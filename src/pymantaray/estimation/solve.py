@@ -1,12 +1,13 @@
 """Solve factor graphs and check every solution."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
+from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.fixed_lag import smooth_with_lag
@@ -16,7 +17,6 @@ from pymantaray.estimation.kalman import filter_graph
 from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
 from pymantaray.estimation.mixture import MixtureIterations
-from pymantaray.estimation.normal_equations import Indices
 from pymantaray.estimation.outer import BatchOutcome, OuterIterations
 from pymantaray.estimation.problems import GraphState, Problem, ProblemCache, distance_problem
 from pymantaray.estimation.range_models import ModelRanges, RangeUnknowns, UnknownsEstimate
@@ -48,6 +48,7 @@ class GraphSolver:
         model_is_right: bool = True,
         model_ranges: ModelRanges | None = None,
         covariance_poses: Indices | None = None,
+        covariances_if: Callable[[GraphSolution], bool] | None = None,
     ) -> GraphSolution:
         """
         Solve one graph.
@@ -68,6 +69,8 @@ class GraphSolver:
         covariance_poses : ndarray of int, shape (n_epochs, n_vehicles), optional
             Poses whose covariances to compute. By default none are computed. Under a robust loss they use the
             final weights of the ranges as if these were known.
+        covariances_if : callable, optional
+            Tells of the solution of a batch whether its covariances are needed. By default they are.
 
         Returns
         -------
@@ -114,9 +117,11 @@ class GraphSolver:
             solution = self._batch_solution(
                 graph, end, model_is_right=model_is_right, model_ranges=model_ranges
             )
-        last = end.optimum.last
-        if covariance_poses is not None and solution.usable and last is not None:
+        last, needed = end.optimum.last, covariance_poses is not None and solution.usable
+        if needed and last is not None and (covariances_if is None or covariances_if(solution)):
             solution = replace(solution, covariances=group_marginals(end.problem, last, poses, end.groups))
+        if last is not None:
+            last.factor.release()
         return solution
 
     def _batch(

@@ -1,6 +1,6 @@
 """Starting values: dead reckoning over odometry or a graph's edges, chordal initialization, and anchors of free parts."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,13 +8,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import splu
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_parts
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
-
-Indices = NDArray[Any]
 
 _ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
 _LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1

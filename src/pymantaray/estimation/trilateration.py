@@ -2,16 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph import FactorGraph, GraphValues
-
-Indices = NDArray[Any]
 
 _CIRCLE_POINTS = 8  # starting points on the circle about a straight trajectory
 _SAME_SOLUTION = 1e-3  # of the largest range; nearer solutions count as one

@@ -1,6 +1,6 @@
 """Posterior Cramér-Rao bounds of position errors along the true trajectories, and the degrees of freedom of these errors."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import CONDITIONS, Estimator, GraphValues, build_graph, covariances_at
 from pymantaray.estimation.covariance import dead_reckoning_covariances
-from pymantaray.estimation.graph import FactorGraph
+from pymantaray.estimation.graph import FactorGraph, connected_parts
 from pymantaray.estimation.marginals import PoseCovariance
 from pymantaray.evaluation.ranging_error import check_same_vehicles
 from pymantaray.geometry import stream
@@ -19,9 +19,8 @@ from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
 
-# random vectors; with these numbers a standard error is accurate to 5 and 8 %
-_FLEET_PROBES, _VEHICLE_PROBES = 48, 16
-_AT_ONCE = 16  # of them in memory
+_PROBES = 16  # random vectors in memory; those of a vehicle, whose standard error is then accurate to 8 %
+_FLEET_SETS = 3  # sets of so many vectors for a fleet, whose standard error is then accurate to 5 %
 _RANK = 1e-9  # of the largest singular value; directions with smaller ones are not determined
 
 
@@ -152,26 +151,26 @@ class DegreesOfFreedom:
     def __init__(self, truth: Trajectories, measurements: Measurements, condition: str = "straight") -> None:
         self._submerged = submerged_at_pings(truth, measurements)
         self._shape, self._samples = truth.status.shape, ping_samples(measurements)
-        graph = _bound_graph(_known(condition), measurements)
-        self._covariance = PoseCovariance(graph, _true_values(truth, measurements))
+        self._graph = _bound_graph(_known(condition), measurements)
+        self._covariance = PoseCovariance(self._graph, _true_values(truth, measurements))
+        self._signs = _RandomSigns(self._graph.n_poses)
 
     @cached_property
     def fleet(self) -> float:
         """All poses of all vehicles."""
-        return self._of(np.ones(self._shape, dtype=bool), _FLEET_PROBES)
+        return self._of(np.ones(self._shape, dtype=bool))
 
     @cached_property
     def vehicle(self) -> Array:
         """All poses of each vehicle."""
-        each = np.eye(self._shape[0], dtype=bool)
-        return np.array([self._of(np.tile(own[:, None], self._shape[1]), _VEHICLE_PROBES) for own in each])
+        return np.array(_of_vehicles(self._covariance.positions, self._graph, self._signs))
 
     @cached_property
     def at_pings(self) -> float:
         """Vehicles under water at the pings."""
         mask = np.zeros(self._shape, dtype=bool)
         mask[:, self._samples] = self._submerged.T
-        return self._of(mask, _FLEET_PROBES)
+        return self._of(mask)
 
     @cached_property
     def tilt(self) -> float:
@@ -185,11 +184,11 @@ class DegreesOfFreedom:
 
     def _attitude(self, axes: list[bool]) -> float:
         every = np.broadcast_to(axes, (*self._shape, 3))
-        return _effective(self._covariance.rotations, every, _FLEET_PROBES)
+        return _effective(self._covariance.rotations, every, self._signs)
 
-    def _of(self, mask: NDArray[np.bool_], probes: int) -> float:
+    def _of(self, mask: NDArray[np.bool_]) -> float:
         """Degrees of freedom of the positions of the poses of a mask."""
-        return _effective(self._covariance.positions, mask[..., None] & np.ones(3, dtype=bool), probes)
+        return _effective(self._covariance.positions, mask[..., None] & np.ones(3, dtype=bool), self._signs)
 
 
 def graph_degrees_of_freedom(graph: FactorGraph, values: GraphValues) -> dict[str, float]:
@@ -207,25 +206,54 @@ def graph_degrees_of_freedom(graph: FactorGraph, values: GraphValues) -> dict[st
     dict of str to float
         For each vehicle's name and ``"(all)"``; NaN if the measurements do not determine some direction.
     """
-    covariance, every = PoseCovariance(graph, values).positions, np.ones((graph.n_poses, 3), dtype=bool)
-    own = {
-        str(name): _effective(covariance, every & (graph.pose_vehicle == a)[:, None], _VEHICLE_PROBES)
-        for a, name in enumerate(graph.vehicle_name)
-    }
-    return {**own, "(all)": _effective(covariance, every, _FLEET_PROBES)}
+    covariance, signs = PoseCovariance(graph, values).positions, _RandomSigns(graph.n_poses)
+    own = dict(zip(graph.vehicle_name.tolist(), _of_vehicles(covariance, graph, signs), strict=True))
+    return {**own, "(all)": _effective(covariance, np.ones((graph.n_poses, 3), dtype=bool), signs)}
 
 
-def _effective(covariance: Callable[[Array], Array], mask: NDArray[np.bool_], probes: int) -> float:
+class _RandomSigns:
+    """Sets of random vectors of signs for all poses, the same for each use; each set is drawn once."""
+
+    def __init__(self, n_poses: int) -> None:
+        self._rng, self._shape = stream(0, 0, "evaluation", "degrees of freedom"), (_PROBES, n_poses, 3)
+        self._sets: list[NDArray[np.int8]] = []
+
+    def __getitem__(self, number: int) -> NDArray[np.int8]:
+        """Set of vectors, (count, n_poses, 3)."""
+        while len(self._sets) <= number:
+            self._sets.append(self._rng.choice([-1.0, 1.0], self._shape).astype(np.int8))
+        return self._sets[number]
+
+
+def _effective(covariance: Callable[[Array], Array], mask: NDArray[np.bool_], signs: _RandomSigns) -> float:
     """Degrees of freedom of the errors of a mask, (..., 3), from random products with their covariance."""
-    rng, own = stream(0, 0, "evaluation", "degrees of freedom"), mask.reshape(-1, 3)
-    trace, square = np.empty((2, probes))
-    for first in range(0, probes, _AT_ONCE):
-        count = min(_AT_ONCE, probes - first)
-        z = own * rng.choice([-1.0, 1.0], (count, *own.shape))
-        product = own * covariance(z)
-        for k in range(count):
-            trace[first + k], square[first + k] = np.sum(z[k] * product[k]), np.sum(product[k] ** 2)
-    return float(trace.mean() ** 2 / square.mean()) if mask.any() else np.nan
+    if not mask.any():
+        return np.nan
+    own = mask.reshape(-1, 3).astype(float)
+    sets = (own * signs[i].astype(float) for i in range(_FLEET_SETS))
+    return _from_products((z, own * covariance(z)) for z in sets)
+
+
+def _of_vehicles(
+    covariance: Callable[[Array], Array], graph: FactorGraph, signs: _RandomSigns
+) -> list[float]:
+    """Degrees of freedom of the positions of all poses of each vehicle."""
+    masks = (np.repeat(graph.pose_vehicle == a, 3).reshape(-1, 3) for a in range(graph.vehicle_name.size))
+    part, vectors = connected_parts(graph).part[: graph.n_poses], signs[0].astype(float)
+    vehicles_and_parts = np.unique([part, graph.pose_vehicle], axis=1)
+    if len(np.unique(part)) == vehicles_and_parts.shape[1]:  # vehicles do not depend on each other
+        product = covariance(vectors)
+        return [_from_products([(mask * vectors, mask * product)]) for mask in masks]
+    return [_from_products([(mask * vectors, mask * covariance(mask * vectors))]) for mask in masks]
+
+
+def _from_products(products: Iterable[tuple[Array, Array]]) -> float:
+    """Degrees of freedom from random vectors and their products with a covariance, in sets."""
+    trace, square = list[float](), list[float]()
+    for vectors, product in products:
+        trace += [float(np.sum(z * p)) for z, p in zip(vectors, product, strict=True)]
+        square += [float(np.sum(p**2)) for p in product]
+    return float(np.mean(trace) ** 2 / np.mean(square))
 
 
 def _known(condition: str) -> Estimator:

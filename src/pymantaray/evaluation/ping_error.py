@@ -7,7 +7,12 @@ import pandas as pd
 
 from pymantaray.arrays import Array
 from pymantaray.evaluation.bound import DegreesOfFreedom, ping_samples, rms_bound, submerged_at_pings
-from pymantaray.evaluation.trajectory_error import spread_standard_error, standard_error, trajectory_errors
+from pymantaray.evaluation.trajectory_error import (
+    lengths,
+    spread_standard_error,
+    standard_error,
+    trajectory_errors,
+)
 from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Estimates, Measurements, Trajectories
 
@@ -73,7 +78,7 @@ def ping_error_table(
     straight = estimates.position[names.index(BASELINE)] if BASELINE in names else np.nan
     rows = []
     for c, name in enumerate(names):
-        from_straight = at_pings(np.linalg.norm(estimates.position[c] - straight, axis=-1))
+        from_straight = at_pings(lengths(estimates.position[c] - straight))
         own, apart = (e[np.isfinite(e)] for e in (at_pings(errors[c]), from_straight))
         squares = np.mean(from_straight**2, axis=1) if apart.size else np.empty(0)  # of each realization
         bound = rms_bound(bounds[name], submerged) if bounds is not None else np.nan

@@ -59,6 +59,7 @@ from pymantaray.water.ocean import (
     local_ocean,
     mission_start,
     open_start,
+    with_tide,
 )
 from pymantaray.water.water import build_reception, mission_ocean
 
@@ -116,11 +117,13 @@ class Beliefs:
         """Assumed ocean that varies during the mission: like the study's ocean, like another day's, or with a tide."""
         if section not in self._over_time:
             ocean = self.config.ocean
+            if isinstance(section, InternalTideBelief):
+                run, local = self._run, with_tide(section, self._run.ocean)
+                self._over_time[section] = OceanFields(None, local, run.profile, run.region)
+                return self._over_time[section]
             if isinstance(section, OtherDayBelief):
                 day = mission_start(ocean) - np.timedelta64(dt.timedelta(days=section.days_earlier))
                 ocean = ocean.model_copy(update={"time": day.astype("datetime64[us]").item()})
-            elif isinstance(section, InternalTideBelief):
-                ocean = ocean.model_copy(update={"internal_tide": section, "time_varying": False})
             self._over_time[section] = build_ocean(ocean, self.config.mission.duration_h * 3600.0)
         return self._over_time[section]
 
@@ -226,8 +229,9 @@ class Beliefs:
                 section.equation or ocean.equation,
                 section.interpolation or interpolation,
             )
-            geographic = self._true.isel(depth=_every(self._true["depth"].size, section.every_level))
-            local = self._local_by(equation, geographic)
+            if equation != ocean.equation or section.every_level > 1:
+                levels = _every(self._true["depth"].size, section.every_level)
+                local = self._local_by(equation, self._true.isel(depth=levels))
         elif not isinstance(section, ExactBelief):
             local = self._local_by(ocean.equation, self._geographic_belief(section))
         return Belief(

@@ -5,13 +5,11 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array, Indices
 from pymantaray.estimation._gtsam import incremental as isam2
 from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
 from pymantaray.estimation.graph import FactorGraph, GraphValues
-
-Array = NDArray[np.float64]
 
 
 class LaggedSmoother:
@@ -35,7 +33,7 @@ class LaggedSmoother:
         self.seconds = 0.0
         """CPU time of the last update and of its estimate."""
 
-    def update(self, k: int, _groups: list[NDArray[np.intp]]) -> bool:
+    def update(self, k: int, _groups: list[Indices]) -> bool:
         """Add what enters at an update, and update; True if it succeeded."""
         n, now = self._graph.n_poses, float(self._times[k])
         variables = np.flatnonzero(self._line.variable_update == k)
@@ -49,7 +47,7 @@ class LaggedSmoother:
         none = np.empty(0, dtype=np.intp)
         return all(self._updated(none, gtsam.Values(), {}) for _ in range(updates))
 
-    def _updated(self, rows: NDArray[np.intp], new: Any, time: dict[int, float]) -> bool:
+    def _updated(self, rows: Indices, new: Any, time: dict[int, float]) -> bool:
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(self._factors.at(i))
@@ -71,7 +69,7 @@ class LaggedSmoother:
         """Current estimate of one pose."""
         return self._smoother.calculateEstimatePose3(key)
 
-    def covariance(self, poses: NDArray[np.intp]) -> Array | None:
+    def covariance(self, poses: Indices) -> Array | None:
         """Joint covariance of poses in their tangents, (6 n, 6 n); None unless all are in the window."""
         values = self._smoother.getLinearizationPoint()
         if not all(values.exists(key) for key in poses.tolist()):

@@ -5,9 +5,8 @@ from typing import Any, NamedTuple, Protocol
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.estimation._gtsam.factors import poses_of
 from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues
 from pymantaray.estimation.trilateration import trilaterate
@@ -16,8 +15,8 @@ from pymantaray.estimation.trilateration import trilaterate
 class EntryUpdates(NamedTuple):
     """Update at which each factor and each variable enters; -1 for a variable without factors."""
 
-    factor_update: NDArray[np.intp]
-    variable_update: NDArray[np.intp]
+    factor_update: Indices
+    variable_update: Indices
 
 
 def timeline(factors: Any, variable_time: Array, update_time: Array) -> EntryUpdates:
@@ -59,7 +58,7 @@ class IncrementalSmoother:
     def __init__(self, relinearize: float, wildfire: float) -> None:
         self._smoother = gtsam.ISAM2(parameters(Options(relinearize, wildfire)))
 
-    def update(self, factors: Any, rows: NDArray[np.intp], new: Any) -> tuple[float, int] | None:
+    def update(self, factors: Any, rows: Indices, new: Any) -> tuple[float, int] | None:
         """Add factors and variables and update: seconds and number of relinearized variables; None if singular."""
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
@@ -106,7 +105,7 @@ class Entering:
             self._edges.setdefault(a, []).append((b, row, False))
         self._there: set[int] = set()
 
-    def values(self, variables: NDArray[np.intp], smoother: Smoother, update: int) -> Any:
+    def values(self, variables: Indices, smoother: Smoother, update: int) -> Any:
         """Starting values of the new variables of an update."""
         out = gtsam.Values()
         poses = variables[variables < self._n_poses]

@@ -6,9 +6,12 @@ columns are all connected by its elimination, so that each pair of them has its 
 """
 
 import math
+from collections import namedtuple
 
-from pymantaray.compile import entry, inlined
+from pymantaray.compile import entry, inlined, shared
 from pymantaray.estimation._kernels.products import (
+    prefetch,
+    solve_transposed,
     subtract_from_vector,
     subtract_product,
     subtract_product_transposed,
@@ -20,6 +23,10 @@ from pymantaray.estimation._kernels.products import (
 NO_DIGITS = 1e-12
 # Least information: some direction may stray by 1,000 km, or as many radians, given all that are eliminated after it.
 MIN_PIVOT = 1e-12
+AHEAD = (
+    8  # rows whose blocks are fetched before they are needed: up the factor, the machine does not foresee it
+)
+BATCH_ROWS = 256  # their blocks take about 250 kB and stay in a core's cache
 
 
 @entry
@@ -46,14 +53,157 @@ def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ig
 
 
 @entry
-def factorize(start, column, diagonal, above, element, x):  # type: ignore[no-untyped-def]
+def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: ignore[no-untyped-def]
     """
-    Turn a matrix into its upper factor; a row without digits left, -1 for none.
+    Order the variables with at most two neighbours first, as minimum degree does; return how many there are, and pairs that they join.
 
-    ``element`` has the diagonal elements (m, 6) of the rows to eliminate; below them the Schur complement remains. A right-hand side x,
-    (n, 6) or empty, goes down the transposed factor on the way, so that the blocks are read once.
+    ``pairs`` (m, 2) of variables share a factor. Loose ends of chains are first, one variable of each per turn. Then each turn eliminates
+    variables that are not neighbours, and connects the two neighbours of each. Variables are not ordered if they are ``fixed`` or have more neighbours; ``fixed`` is then true. ``joined`` becomes pairs of these
+    that elimination connects. ``near`` (n, 2), with -1, ``turn``, with zeros, and ``left`` are scratch.
     """
-    for k in range(element.shape[0]):
+    for p in range(pairs.shape[0]):
+        for end in range(2):
+            a, b = pairs[p, end], pairs[p, 1 - end]
+            if a == b or near[a, 0] == b or near[a, 1] == b:
+                continue
+            if near[a, 0] < 0:
+                near[a, 0] = b
+            elif near[a, 1] < 0:
+                near[a, 1] = b
+            else:
+                fixed[a] = True
+    count, done, joins, now = 0, 0, 0, 0
+    for i in range(fixed.size):
+        if not fixed[i] and min(near[i, 0], near[i, 1]) < 0:
+            left[count] = i
+            count += 1
+    while count > 0:  # loose ends
+        now, kept = now + 1, 0
+        for k in range(count):
+            i = left[k]
+            row[i], turn[i] = done, -1
+            done += 1
+            a = max(near[i, 0], near[i, 1])
+            if a >= 0 and not fixed[a]:
+                if min(near[a, 0], near[a, 1]) >= 0:
+                    left[kept] = a
+                    kept += 1
+                _connect(near, a, i, -1)
+        count = kept
+    count = 0
+    for i in range(fixed.size):
+        if not fixed[i] and turn[i] == 0:
+            left[count] = i
+            count += 1
+    while count > 0:
+        now, kept = now + 1, 0
+        for k in range(count):
+            i = left[k]
+            if turn[i] == now:
+                left[kept] = i
+                kept += 1
+                continue
+            row[i] = done
+            done += 1
+            a, b = near[i, 0], near[i, 1]
+            if a >= 0 and not fixed[a]:
+                _connect(near, a, i, b)
+                turn[a] = now
+            if b >= 0 and not fixed[b]:
+                _connect(near, b, i, a)
+                turn[b] = now
+            if a >= 0 and b >= 0 and fixed[a] and fixed[b]:
+                joined[joins, 0], joined[joins, 1] = a, b
+                joins += 1
+        count = kept
+    return done, joins
+
+
+@inlined
+def _connect(near, a, old, new):  # type: ignore[no-untyped-def]
+    """Replace a neighbour of a variable by another one, -1 for none."""
+    own = 0 if near[a, 0] == old else 1
+    near[a, own] = -1 if near[a, 1 - own] == new else new
+
+
+Upper = namedtuple("Upper", "start column diagonal above element right")
+Upper.__doc__ = """A matrix and its right-hand side on their way to a factor.
+
+``element`` has the diagonal elements (n, 6) before elimination. ``right``, (n, 6) or empty, goes down the transposed factor on the way,
+so that blocks are read once."""
+
+
+@entry
+def gather_rows(parent, row, fixed, size, root, place, end):  # type: ignore[no-untyped-def]
+    """
+    Number rows anew, so that blocks of neighbouring variables are near each other; return the number of batches.
+
+    A batch holds subtrees, of at most BATCH_ROWS rows in all, in the order of their first variables. Its rows keep their order, in which
+    successive rows rarely depend on each other. Rows above the subtrees come last, as do variables for which ``fixed`` is true.
+    ``place`` becomes the new number of each row, and ``end[b]`` the end of each batch; ``size`` and ``root`` are scratch.
+    """
+    n, batches, room, total = row.size, 0, 0, 0
+    for k in range(n):
+        size[k] = 1
+    for i in range(n):
+        if fixed[i]:
+            size[row[i]] += BATCH_ROWS
+    for k in range(n):
+        if parent[k] >= 0:
+            size[parent[k]] += size[k]
+    for k in range(n - 1, -1, -1):  # root of each row's subtree; -1 above all subtrees
+        if size[k] > BATCH_ROWS:
+            root[k] = -1
+        elif parent[k] >= 0 and root[parent[k]] >= 0:
+            root[k] = root[parent[k]]
+        else:
+            root[k] = k
+    for i in range(n):  # a root's size becomes -1 - b in batch b
+        top = root[row[i]]
+        if top >= 0 and size[top] > 0:
+            if size[top] > room:
+                end[batches], room = 0, BATCH_ROWS
+                batches += 1
+            room -= size[top]
+            end[batches - 1] += size[top]
+            size[top] = -batches
+    for b in range(batches):
+        rows = end[b]
+        end[b] = total
+        total += rows
+    for k in range(n):
+        if root[k] < 0:
+            place[k] = total
+            total += 1
+        else:
+            b = -1 - size[root[k]]
+            place[k] = end[b]
+            end[b] += 1
+    return batches
+
+
+@entry
+def factorize(upper, begin, end):  # type: ignore[no-untyped-def]
+    """
+    Eliminate rows from begin to end: they become those of the upper factor, and below them the Schur complement remains.
+
+    Return a row without digits left, or -1.
+    """
+    return eliminate_rows(upper, begin, end, upper.diagonal.shape[0])
+
+
+@shared
+def eliminate_rows(upper, begin, end, watched):  # type: ignore[no-untyped-def]
+    """Eliminate rows as `factorize` does; ``element`` of the watched rows, the last ones, counts what elimination takes from their diagonals."""
+    start, column, diagonal, above, element, x = (
+        upper.start,
+        upper.column,
+        upper.diagonal,
+        upper.above,
+        upper.element,
+        upper.right,
+    )
+    for k in range(begin, end):
         for r in range(6):
             pivot = diagonal[k, r, r]
             if not pivot > max(NO_DIGITS * element[k, r], MIN_PIVOT):
@@ -66,19 +216,16 @@ def factorize(start, column, diagonal, above, element, x):  # type: ignore[no-un
                 for c in range(i, 6):
                     diagonal[k, i, c] -= diagonal[k, r, i] * diagonal[k, r, c]
         for p in range(start[k], start[k + 1]):
-            for r in range(6):
-                for i in range(r):
-                    share = diagonal[k, i, r]
-                    for c in range(6):
-                        above[p, r, c] -= share * above[p, i, c]
-                inverse = 1.0 / diagonal[k, r, r]
-                for c in range(6):
-                    above[p, r, c] *= inverse
+            solve_transposed(above, p, diagonal, k)
         if x.size:
             _go_down(start, column, diagonal, above, x, k)
         for p in range(start[k], start[k + 1]):
             i = column[p]
             subtract_transposed_product(diagonal, i, above, p, above, p)
+            if i >= watched:
+                for r in range(6):
+                    for c in range(6):
+                        element[i, c] += above[p, r, c] * above[p, r, c]
             at = start[i]
             for q in range(p + 1, start[k + 1]):
                 while column[at] != column[q]:
@@ -106,6 +253,10 @@ def substitute(start, column, diagonal, above, x, down):  # type: ignore[no-unty
         for k in range(n):
             _go_down(start, column, diagonal, above, x, k)
     for k in range(n - 1, -1, -1):
+        if k >= AHEAD:
+            for p in range(start[k - AHEAD], start[k - AHEAD + 1]):
+                prefetch(above, p)
+            prefetch(diagonal, k - AHEAD)
         for p in range(start[k], start[k + 1]):
             subtract_from_vector(x, k, above, p, x, column[p])
         for r in range(5, -1, -1):
@@ -166,7 +317,7 @@ def invert(start, column, diagonal, above, rows, inverse_diagonal, inverse_above
     Blocks of the inverse in those rows that are marked and in all that their elimination joined them to, which are marked then.
 
     By Takahashi's recursion from the last row: with U_kk X = I, ``Z_kj = -X sum_i U_ki Z_ij`` and
-    ``Z_kk = X (X^T - sum_i U_ki Z_ik)``. Inverse blocks have to come in as zero.
+    ``Z_kk = X (X^T - sum_i U_ki Z_ik)``. Blocks of other rows stay as they are.
     """
     for k in range(rows.size):
         if rows[k]:
@@ -176,6 +327,10 @@ def invert(start, column, diagonal, above, rows, inverse_diagonal, inverse_above
         if not rows[k]:
             continue
         begin, end = start[k], start[k + 1]
+        for p in range(begin, end):
+            for r in range(6):
+                for c in range(6):
+                    inverse_above[p, r, c] = 0.0
         for p in range(begin, end):
             i = column[p]
             subtract_product(inverse_above, p, above, p, inverse_diagonal, i)

@@ -10,16 +10,25 @@ import math
 from collections import namedtuple
 
 from pymantaray.compile import entry, inlined, kernel
-from pymantaray.estimation._kernels.products import add_transposed_product, set_product
+from pymantaray.estimation._kernels.products import (
+    add_transposed_product,
+    add_transposed_product_half_empty,
+    set_product,
+    set_product_of_three,
+    set_transposed_product_of_three,
+    subtract_product_of_three,
+)
 
 _SMALL_ANGLE = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
 
 
 # Scratch: blocks of six by six and matrices of three by three; the latter, by what they hold:
 TO_ERROR, ERROR, JACOBIAN, BY_ETA, BETWEEN, LEVER, CROSS = range(7)
+# derivatives of rotation and translation by the second pose's rotation, of the translation by its place, and by the first's rotation
+TURN_BY_SECOND, SHIFT_BY_SECOND, SHIFT_BY_PLACE, TURN_BY_FIRST, SHIFT_BY_FIRST = JACOBIAN, 7, 8, 9, 10
 # Vectors beside them: the residual, whitened; R1^T (p2 - p1); the error's rotation vector and translation; and of the logarithm.
 RESIDUAL, WHITE, STRIDE, ETA, SHIFT, BEND = range(6)
-BLOCKS, MATRICES, VECTORS = 4, 7, 6
+BLOCKS, MATRICES, VECTORS = 4, 11, 6
 
 
 RelativePoses = namedtuple("RelativePoses", "first second turn step root")
@@ -37,12 +46,12 @@ Matrix.__doc__ = (
 )
 
 
-@entry
-def add_relative(relative, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
+@inlined
+def add_relative(relative, blocks, poses, matrix, order, i, work):  # type: ignore[no-untyped-def]
     """
-    Costs (n,) of relative poses; of order 1 their blocks and gradient as well, of order 2 also their curvature.
+    Cost of a relative pose; of order 1 add its blocks and gradient as well, of order 2 also its curvature.
 
-    Residuals ``root Log(Z^-1 T1^-1 T2)``; where ``first`` is negative T1 is the world. ``work`` is scratch: blocks, matrices,
+    Residual ``root Log(Z^-1 T1^-1 T2)``; where ``first`` is negative T1 is the world. ``work`` is scratch: blocks, matrices,
     vectors of six.
     """
     root, row, diagonal, above, gradient = (
@@ -53,32 +62,32 @@ def add_relative(relative, blocks, poses, matrix, order, cost, work):  # type: i
         matrix.gradient,
     )
     j, m, v = work
-    for i in range(cost.size):
-        a, b = relative.first[i], relative.second[i]
-        _residual(relative, poses, i, m, v)
-        total = 0.0
-        _whiten(root, i, v)
-        for r in range(6):
-            total += v[WHITE, r] * v[WHITE, r]
-        cost[i] = 0.5 * total
-        if order == 0:
-            continue
-        k = row[b]
-        _by_second(m, v, j)
-        if a >= 0:
-            _by_first(a, b, relative.turn, i, poses.rotation, m, v, j)
-            if order == 2:
-                _add_curvature(relative, blocks, poses, matrix, i, m, v)
-            _whiten_block(root, i, j, 2, 0)
-            add_transposed_product(diagonal, row[a], j, 2, j, 2)
-            _add_gradient(gradient, row[a], j, 2, v)
-        _whiten_block(root, i, j, 3, 1)
-        add_transposed_product(diagonal, k, j, 3, j, 3)
-        _add_gradient(gradient, k, j, 3, v)
-        if a >= 0 and blocks.turned[i]:
-            add_transposed_product(above, blocks.block[i], j, 3, j, 2)
-        elif a >= 0:
-            add_transposed_product(above, blocks.block[i], j, 2, j, 3)
+    a, b = relative.first[i], relative.second[i]
+    _residual(relative, poses, i, m, v)
+    total = 0.0
+    _whiten(root, i, v)
+    for r in range(6):
+        total += v[WHITE, r] * v[WHITE, r]
+    if order == 0:
+        return 0.5 * total
+    k = row[b]
+    _by_second(m, v)
+    if a >= 0:
+        _by_first(a, b, relative.turn, i, poses.rotation, m, v)
+        if order == 2:
+            _add_curvature(relative, blocks, poses, matrix, i, m, v)
+        _whiten_block(root, i, j, 2, m, (TURN_BY_FIRST, SHIFT_BY_FIRST, -1.0))
+        add_transposed_product_half_empty(diagonal, row[a], j, 2, j, 2)
+        _add_gradient(gradient, row[a], j, 2, v)
+    _whiten_block(root, i, j, 3, m, (TURN_BY_SECOND, SHIFT_BY_SECOND, 1.0))
+    add_transposed_product_half_empty(diagonal, k, j, 3, j, 3)
+    _add_gradient(gradient, k, j, 3, v)
+    if a >= 0:
+        turned = blocks.turned[i]
+        add_transposed_product_half_empty(
+            above, blocks.block[i], j, 3 if turned else 2, j, 2 if turned else 3
+        )
+    return 0.5 * total
 
 
 @inlined
@@ -96,14 +105,19 @@ def _whiten(root, i, v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _whiten_block(root, i, j, to, of):  # type: ignore[no-untyped-def]
-    """A block of derivatives in standard deviations."""
-    if root.ndim == 2:
-        for r in range(6):
-            for c in range(6):
-                j[to, r, c] = root[i, r] * j[of, r, c]
-    else:
-        set_product(j, to, root, i, j, of)
+def _whiten_block(root, i, j, to, m, parts):  # type: ignore[no-untyped-def]
+    """Block of derivatives in standard deviations, from its quarters: by rotation, and by the place with a sign."""
+    turn, shift, sign = parts
+    whole = root.ndim == 3
+    at = 0 if whole else to
+    for r in range(3):
+        by_turn, by_shift = (1.0, 1.0) if whole else (root[i, r], root[i, 3 + r])
+        for c in range(3):
+            j[at, r, c], j[at, r, 3 + c] = by_turn * m[turn, r, c], 0.0
+            j[at, 3 + r, c] = by_shift * m[shift, r, c]
+            j[at, 3 + r, 3 + c] = by_shift * (sign * m[SHIFT_BY_PLACE, r, c])
+    if whole:
+        set_product(j, to, root, i, j, at)
 
 
 @inlined
@@ -202,9 +216,9 @@ def _cross(m, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _by_second(m, v, j):  # type: ignore[no-untyped-def]
+def _by_second(m, v):  # type: ignore[no-untyped-def]
     """
-    Derivatives by the second pose, block 1.
+    Derivatives by the second pose.
 
     The inverse right Jacobian is ``1 + [w] / 2 + c [w] [w]``, V^-1 its transpose, and V^-1 t changes with w by
     ``[t] / 2 - c ([w x t] + [w] [t]) + c' / |w| (w x (w x t)) w^T``.
@@ -226,32 +240,22 @@ def _by_second(m, v, j):  # type: ignore[no-untyped-def]
         for c in range(3):  # [w] [t] = t w^T - (w . t) 1
             m[BY_ETA, r, c] = m[CROSS, r, c] + (slope * v[SHIFT, 3 + r] - bend * v[SHIFT, r]) * v[ETA, c]
         m[BY_ETA, r, r] += bend * along
-    for r in range(3):
-        for c in range(3):
-            j[1, r, c], j[1, r, 3 + c] = m[JACOBIAN, r, c], 0.0
-            j[1, 3 + r, c] = j[1, 3 + r, 3 + c] = 0.0
-            for k in range(3):
-                j[1, 3 + r, c] += m[BY_ETA, r, k] * m[JACOBIAN, k, c]
-                j[1, 3 + r, 3 + c] += m[JACOBIAN, k, r] * m[TO_ERROR, k, c]
+    set_product_of_three(m, SHIFT_BY_SECOND, m, BY_ETA, m, JACOBIAN)
+    set_transposed_product_of_three(m, SHIFT_BY_PLACE, m, JACOBIAN, m, TO_ERROR)
 
 
 @inlined
-def _by_first(first, second, turn, i, rotation, m, v, j):  # type: ignore[no-untyped-def]
-    """Derivatives by the first pose, block 0: it turns the error by ``-R2^T R1``, and its stride by a lever."""
+def _by_first(first, second, turn, i, rotation, m, v):  # type: ignore[no-untyped-def]
+    """Derivatives by the first pose: it turns the error by ``-R2^T R1``, and its stride by a lever."""
     _cross(m, v[STRIDE, 0], v[STRIDE, 1], v[STRIDE, 2])
+    set_transposed_product_of_three(m, BETWEEN, rotation, second, rotation, first)
+    set_transposed_product_of_three(m, LEVER, turn, i, m, CROSS)
     for r in range(3):
         for c in range(3):
-            m[BETWEEN, r, c] = m[LEVER, r, c] = 0.0
-            for k in range(3):
-                m[BETWEEN, r, c] += rotation[second, k, r] * rotation[first, k, c]
-                m[LEVER, r, c] += turn[i, k, r] * m[CROSS, k, c]
-    for r in range(3):
-        for c in range(3):
-            j[0, r, c] = j[0, r, 3 + c] = j[0, 3 + r, c] = 0.0
-            j[0, 3 + r, 3 + c] = -j[1, 3 + r, 3 + c]
-            for k in range(3):
-                j[0, r, c] -= j[1, r, k] * m[BETWEEN, k, c]
-                j[0, 3 + r, c] += m[JACOBIAN, k, r] * m[LEVER, k, c] - j[1, 3 + r, k] * m[BETWEEN, k, c]
+            m[TURN_BY_FIRST, r, c] = 0.0
+    subtract_product_of_three(m, TURN_BY_FIRST, m, JACOBIAN, m, BETWEEN)
+    set_transposed_product_of_three(m, SHIFT_BY_FIRST, m, JACOBIAN, m, LEVER)
+    subtract_product_of_three(m, SHIFT_BY_FIRST, m, SHIFT_BY_SECOND, m, BETWEEN)
 
 
 @inlined
@@ -340,24 +344,22 @@ def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: i
             add_transposed_product(above, blocks.block[i], j, 2, j, 3)
 
 
-@entry
-def add_places(placed, place, matrix, order, cost):  # type: ignore[no-untyped-def]
-    """Costs (n,) of measured positions, and of order 1 and above their blocks and gradient."""
+@inlined
+def add_place(placed, place, matrix, order, i):  # type: ignore[no-untyped-def]
+    """Cost of a measured position; of order 1 and above add its block and gradient."""
     measured, information = placed.measured, placed.information
     row, diagonal, gradient = matrix.row, matrix.diagonal, matrix.gradient
-    for i in range(cost.size):
-        v = placed.variable[i]
-        total = 0.0
-        for r in range(3):
-            pull = 0.0
-            for c in range(3):
-                pull += information[i, r, c] * (place[v, c] - measured[i, c])
-                if order > 0:
-                    diagonal[row[v], 3 + r, 3 + c] += information[i, r, c]
-            total += pull * (place[v, r] - measured[i, r])
+    v, total = placed.variable[i], 0.0
+    for r in range(3):
+        pull = 0.0
+        for c in range(3):
+            pull += information[i, r, c] * (place[v, c] - measured[i, c])
             if order > 0:
-                gradient[row[v], 3 + r] += pull
-        cost[i] = 0.5 * total
+                diagonal[row[v], 3 + r, 3 + c] += information[i, r, c]
+        total += pull * (place[v, r] - measured[i, r])
+        if order > 0:
+            gradient[row[v], 3 + r] += pull
+    return 0.5 * total
 
 
 @entry
