@@ -24,9 +24,9 @@ def main() -> None:
         from pymantaray.cli.main import main as run
 
         signal.signal(signal.SIGINT, before)
-    from pymantaray.installation import collect_garbage_rarely
+    from pymantaray.installation import spare_memory_management
 
-    collect_garbage_rarely()
+    spare_memory_management()
     run()
 
 

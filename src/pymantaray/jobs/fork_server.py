@@ -23,7 +23,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
-from pymantaray.installation import collect_garbage_rarely
+from pymantaray.installation import spare_memory_management
 
 _PROGRAM = """
 import json, sys
@@ -217,7 +217,7 @@ def serve_forks(work: Callable[[BinaryIO], NoReturn], program: Sequence[str]) ->
     program : sequence of str
         Command of a worker in a new interpreter.
     """
-    collect_garbage_rarely()
+    spare_memory_management()
     connection = socket.socket(fileno=os.dup(0))
     started: dict[int, subprocess.Popen[bytes]] = {}  # in new interpreters
     with suppress(ConnectionError):  # the parent was killed

@@ -9,8 +9,9 @@ from matplotlib.image import imread
 
 from pymantaray.records.digits import counted
 from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
+from pymantaray.report.drawing import Picture
 from pymantaray.report.explore import as_json
-from pymantaray.report.page import Explorer, Page, Picture
+from pymantaray.report.page import Explorer, Page
 
 _MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]

@@ -17,13 +17,14 @@ from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
+from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_quantiles import quantiles_by_run
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
 from pymantaray.report.folder import PAGE, write_files
-from pymantaray.report.page import Explorer, Page, Picture, entries
+from pymantaray.report.page import Explorer, Page, entries
 from pymantaray.report.run_page import SYNTHETIC_NOTE
 from pymantaray.report.style import condition_label, shortened
 from pymantaray.report.table_explorer import table_explorer

@@ -15,9 +15,10 @@ from pymantaray.records import whole_file
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report import style
+from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec
 from pymantaray.report.folder import PAGE, write_files
-from pymantaray.report.page import Card, Page, Picture, origin_table
+from pymantaray.report.page import Card, Page, origin_table
 from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json
 

@@ -5,15 +5,17 @@ import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from plotly.offline import get_plotlyjs
 
 from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
+from pymantaray.report.drawing import Picture
 from pymantaray.report.folder import PAGE
 from pymantaray.study.store import FIGURES, TABLES
 
@@ -34,19 +36,6 @@ class Explorer(NamedTuple):
 
     kind: str
     data: str
-
-
-class Picture(NamedTuple):
-    """A drawn figure: size on the page [px], files by kind, signs, colours and words of its legend, counterpart in the paper, folder."""
-
-    name: str
-    caption: str
-    width: int
-    height: int
-    files: Mapping[str, bytes]
-    legend: Sequence[tuple[str, str, str]] = ()
-    paper: str = ""
-    folder: str = f"{FIGURES}/"
 
 
 @dataclass(frozen=True)
@@ -72,18 +61,7 @@ class Page:
 
     def html(self) -> str:
         """Page as one HTML file that loads no other files; it links to its tables and figures. All text is escaped."""
-        loader = PackageLoader("pymantaray.report", "templates")
-        environment = Environment(
-            loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-        )
-        environment.filters["base64"] = lambda content: b64encode(content).decode()
-        environment.filters["packed"] = lambda text: b64encode(
-            gzip.compress(text.encode(), 6, mtime=0)
-        ).decode()
-        environment.filters["unbroken"] = _unbroken
-        environment.filters["first"] = lambda table: table.first(_MAX_ROWS)
-        environment.globals["plotly"] = get_plotlyjs
-        return environment.get_template("page.html").render(page=self) + "\n"
+        return page_template().render(page=self) + "\n"
 
     def files(self, formats: Sequence[str] = ()) -> dict[str, bytes]:
         """Files of a report by name: tables as CSV and optionally LaTeX, figures, and the page."""
@@ -101,6 +79,21 @@ class Page:
         with whole_file(out) as temporary:
             temporary.write_text(self.html(), encoding="utf-8")
         return out
+
+
+@cache
+def page_template() -> Template:
+    """Compiled template of all pages."""
+    loader = PackageLoader("pymantaray.report", "templates")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["base64"] = lambda content: b64encode(content).decode()
+    environment.filters["packed"] = lambda text: b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    environment.filters["unbroken"] = _unbroken
+    environment.filters["first"] = lambda table: table.first(_MAX_ROWS)
+    environment.globals["plotly"] = get_plotlyjs
+    return environment.get_template("page.html")
 
 
 def _unbroken(text: str) -> str:

@@ -16,9 +16,10 @@ from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report import plan_figures as figures
 from pymantaray.report import style
+from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec, with_source
 from pymantaray.report.folder import PAGE, write_files
-from pymantaray.report.page import Card, Page, Picture, origin_table
+from pymantaray.report.page import Card, Page, origin_table
 from pymantaray.report.run_page import SYNTHETIC_NOTE
 from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import checked_formats, draw

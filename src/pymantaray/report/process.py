@@ -14,14 +14,17 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.report.folder import PARTS, write_files
 
 if TYPE_CHECKING:
-    from pymantaray.report.write import Drawing, ReportMaker
+    from pymantaray.report.drawing import Drawing
+    from pymantaray.report.write import ReportMaker
     from pymantaray.study.store import Run
 
 _IMPORTS = [
     "pymantaray.study.realization",  # processes that solve realizations start next
     "pymantaray.report.write",
     "pymantaray.report.figures:find_figures",
+    "pymantaray.acoustics._kernels.link",
     "pymantaray.study.first_use:use_all",
+    "pymantaray.report.first_use:use_all",
 ]
 
 

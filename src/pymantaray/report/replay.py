@@ -15,9 +15,10 @@ from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
 from pymantaray.report import style
+from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec
 from pymantaray.report.folder import PAGE, write_files
-from pymantaray.report.page import Card, Explorer, Page, Picture, origin_table
+from pymantaray.report.page import Card, Explorer, Page, origin_table
 from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import checked_formats, draw
 from pymantaray.study.store import write_json

@@ -14,9 +14,10 @@ from pymantaray.records.digits import metres, signed_metres
 from pymantaray.records.glossary import GLOSSARY, explained
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
+from pymantaray.report.drawing import Picture
 from pymantaray.report.explore import explorer
 from pymantaray.report.figures import RunResults
-from pymantaray.report.page import Card, Explorer, Page, Picture, origin_table
+from pymantaray.report.page import Card, Explorer, Page, origin_table
 from pymantaray.report.style import clock, condition_label
 from pymantaray.study.mission import earth_note
 from pymantaray.study.references import MANTARAY

@@ -3,16 +3,16 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.result_table import ResultTable
+from pymantaray.report.drawing import Drawing, Picture
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
-from pymantaray.report.page import Picture
 from pymantaray.report.run_page import run_page
 from pymantaray.report.style import legend_entries, rendered
 from pymantaray.study.store import Run, open_run
@@ -61,13 +61,6 @@ def checked_formats(formats: Sequence[str]) -> Sequence[str]:
         if name not in FORMATS:
             raise ReportError(f"format {name!r}: unknown; allowed: {', '.join(FORMATS)}")
     return formats
-
-
-class Drawing(NamedTuple):
-    """Figures of a run by name, and its rays as JSON; empty if they are not drawn yet."""
-
-    pictures: Mapping[str, Picture] = MappingProxyType({})
-    rays: str = ""
 
 
 class ReportMaker:

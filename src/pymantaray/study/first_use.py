@@ -2,6 +2,7 @@
 
 import numpy as np
 import xarray as xr
+from netCDF4 import Dataset
 
 from pymantaray.estimation import GraphSolver
 from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
@@ -9,8 +10,10 @@ from pymantaray.estimation.marginals import PoseCovariance
 
 
 def use_all() -> None:
-    """Let xarray import the array libraries that are installed, and load or compile the kernels of solves and standard errors."""
+    """Let xarray import the array libraries that are installed and its reader, and load or compile the kernels of solves and standard errors."""
     xr.Variable("sample", [0.0])
+    in_memory = Dataset("records.nc", "w", diskless=True)
+    xr.open_dataset(xr.backends.NetCDF4DataStore(in_memory)).close()  # type: ignore[no-untyped-call]
     pose = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
     rows = {
         "prior": ([[0], [2]], pose),
