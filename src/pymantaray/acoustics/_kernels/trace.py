@@ -191,9 +191,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                     return False, count, turns, code
                 _record(path[count], pos, y, K[0], axis, hit)
             hit = at.IN_WATER
-        if pos >= span:
-            break
-        if walls.held >= 0.0 and pos > length:  # beyond the extended cell, without a bed
+        if pos >= span or (walls.held >= 0.0 and pos > length):  # the end, or an extended cell without a bed
             break
         wanted, aimed = h, -1
         if s.kind == at.LINEAR and aims:
@@ -225,10 +223,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
         face = -1
         if s.kind == at.LINEAR and aimed >= 0:
             h_next = max(h_next, wanted)
-            if crossing(s, walls, cell, (*faces, aimed), pos, h, ray, axis)[0] < 0:
-                h_hit = settle(s, walls, cell, aimed, pos, at.StepLengths(h, span - pos, near), ray, axis)
-                if h_hit > 0.0:
-                    face, h = aimed, h_hit
+            lengths = at.StepLengths(h, span - pos, near)
+            face, h = _on_aimed_face(s, walls, cell, (*faces, aimed), pos, lengths, ray, axis)
         if face < 0 and (s.kind == at.LINEAR or not direct) and faces[1] > faces[0]:
             face, h_hit = crossing(s, walls, cell, (*faces, -1), pos, h, ray, axis)
             if face >= 0:
@@ -245,9 +241,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
             y[i] = ray.ynew[i]
             K[0, i] = K[6, i]
         if not direct and face >= SURFACE:
-            hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
-            if pos >= span:  # in the receiver's plane: the end, not a reflection
-                hit = at.IN_WATER
+            if pos < span:  # in the receiver's plane it is the end, not a reflection
+                hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
         elif s.kind == at.LINEAR and face >= 0:
             ok, cell = _next_cell(s, walls, cell, face, pos, ray, axis)
             if not ok:
@@ -256,19 +251,14 @@ def trace(s, walls, course, angle, q0, tol, ray):
         new_down = axis.sb + K[0, at.W] * axis.cb
         z = _depth(axis, pos, y)
         if n_eq == at.N_FAN:
-            y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
-            if y[at.W] < y[at.HIGHEST]:
-                y[at.HIGHEST], y[at.HIGHEST_RATE] = y[at.W], y[at.XI]
-            elif y[at.W] > y[at.LOWEST]:
-                y[at.LOWEST], y[at.LOWEST_RATE] = y[at.W], y[at.XI]
+            _note_extremes(y)
             if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN:
                 _note_exit(walls, axis, pos, z, y, K)
         if s.kind == at.SMOOTH:
             cell = at.Cell(cell.column, move_level(s.depth, cell.layer, z))
             if at_levels:
                 h = min(h, _to_level(s, cell.layer, z, new_down))
-        if new_down * down < 0.0:
-            turns += 1
+        turns += 1 if new_down * down < 0.0 else 0
         if new_down != 0.0:
             down = new_down
         if record:
@@ -276,6 +266,26 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 return False, count, turns, code
             _record(path[count], pos, y, K[0], axis, hit)
     return pos >= span, count, turns, code
+
+
+@inlined
+def _on_aimed_face(s, walls, cell, faces, pos, lengths, ray, axis):
+    """Move the end of a step onto the face faces[2] at which it aimed, unless it crosses another one; return the face or -1, and the step."""
+    if crossing(s, walls, cell, faces, pos, lengths.first, ray, axis)[0] < 0:
+        h = settle(s, walls, cell, faces[2], pos, lengths, ray, axis)
+        if h > 0.0:
+            return faces[2], h
+    return -1, lengths.first
+
+
+@inlined
+def _note_extremes(y):
+    """Update the largest variation of a ray of a fan, and the extreme offsets of its path with the variation there."""
+    y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
+    if y[at.W] < y[at.HIGHEST]:
+        y[at.HIGHEST], y[at.HIGHEST_RATE] = y[at.W], y[at.XI]
+    elif y[at.W] > y[at.LOWEST]:
+        y[at.LOWEST], y[at.LOWEST_RATE] = y[at.W], y[at.XI]
 
 
 @inlined
