@@ -23,6 +23,7 @@ _SHARED_SOURCES = tuple(
     for p in (
         "compile.py",
         "linking.py",
+        "release.py",
         "fewer_instructions.py",
         "shortcuts.py",
         "unreachable.py",

@@ -26,6 +26,7 @@ from numba.core.types.containers import BaseNamedTuple
 
 from pymantaray.fewer_instructions import remove_unused, variables_without_memory
 from pymantaray.messages import announce_compilation
+from pymantaray.release import release_code, release_module
 from pymantaray.shortcuts import QuickPassManager, shortcuts
 from pymantaray.unreachable import DecideByType
 
@@ -57,6 +58,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         """Add code without what nobody uses."""
         remove_unused(ir_module)
         super().add_ir_module(ir_module)
+        release_module(ir_module)
 
 
 class KernelLibrary(Library):
@@ -208,6 +210,7 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
         no_entry = ("{" + f"{name} is called by kernels only" + "}").format
         state.targetctx.insert_user_function(no_entry, state.cr.fndesc, [state.library])
         state["cr"] = state.cr._replace(cfunc=no_entry)
+        release_code(state)
         return changed
 
 
@@ -241,6 +244,7 @@ class EntryLowering(NativeLowering):  # type: ignore[misc]
         state.library.enable_object_caching()
         state.flags.no_cfunc_wrapper = True
         changed: bool = super().run_pass(state)
+        release_code(state)
         return changed
 
 

@@ -39,6 +39,7 @@ from numba.core.typing.context import BaseContext as TypingContext
 from numba.np import arrayobj
 
 from pymantaray import fewer_instructions
+from pymantaray.release import types_without_variables
 
 _WITHOUT_VARIABLES = {
     ir.Loc,
@@ -331,6 +332,7 @@ def _replacements() -> list[tuple[Any, str, Any]]:
         (TypingContext, "resolve_value_type", _constants()),
         (TypingContext, "resolve_getattr", _attributes()),
         (typeinfer.ConstraintNetwork, "propagate", _propagate),
+        (typeinfer.TypeInferer, "unify", types_without_variables()),
         *[(module, "new_error_context", _ErrorContext) for module in (typeinfer, lowering)],
         (BaseContext, "get_function", _implementations()),
         (base, "_has_loc", _parameters()),
