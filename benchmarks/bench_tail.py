@@ -1,7 +1,8 @@
 """Count and time the links that the two-point solver finds hardest: shallow ducts, links without a ray, raw casts.
 
 Run with ``python benchmarks/bench_tail.py``; it needs the reference and the real data in ../shared/data beside the repository, and without
-them does nothing. One thread; each link is solved by itself, so that CPU time and rays of the fan are known of each.
+them does nothing. One thread; each link is solved by itself, so that CPU time and rays of the fan are known of each, and some sets of links
+in one call.
 
 ``duct``: medium `e` of the reference (an Arctic duct with a front and an eddy), smooth, 2,310 links of 0.5 to 12 km between
 twelve depths. ``gulf``, ``gulf-1d``: a map of 60 ranges and 60 depths from one source in HYCOM's Gulf Stream, and in the
@@ -17,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pymantaray.acoustics import Medium
+from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, RAYS, Results, Settings, solver_room
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics.solving import MAX_ARRIVALS
@@ -70,6 +71,20 @@ def row(name: str, cost: Cost, links: np.ndarray, sort_seconds: float) -> None:
     )
 
 
+def one_call(name: str, medium: Medium, ends: Ends, sort_seconds: float) -> None:
+    """Print what links take in one call, whose rays are traced together: median of five."""
+    seconds = []
+    for _ in range(6):  # the first compiles
+        start = time.process_time()
+        find_eigenrays(medium, *ends, threads=1)
+        seconds.append(time.process_time() - start)
+    each = 1e6 * statistics.median(seconds[1:]) / len(ends[0])
+    print(
+        f"{name:34} {len(ends[0]):5d} links in one call: {each:8.0f} us a link; {1e-3 * each / sort_seconds:6.1f} thousandths of a sort",
+        flush=True,
+    )
+
+
 def sorting() -> float:
     """CPU time of sorting a million numbers. [s]"""
     numbers, times = np.random.default_rng(0).random(1_000_000), []
@@ -103,7 +118,10 @@ def bench_duct(sort_seconds: float) -> None:
         ("both ends at 250 m or below", "one end at 50 m or above", "both ends at 50 m or above")
     ):
         row(f"duct, {words}", cost, shallow == n, sort_seconds)
-    row("duct, links above 5 ms", cost, cost.seconds > 5e-3, sort_seconds)
+    row("duct, links above 3 ms", cost, cost.seconds > 3e-3, sort_seconds)
+    one_call("duct, all", medium, ends, sort_seconds)
+    both = [end[shallow == 2] for end in ends]
+    one_call("duct, both ends at 50 m or above", medium, (both[0], both[1]), sort_seconds)
 
 
 def map_links(source: np.ndarray, azimuth: float, longest: float, deepest: float) -> Ends:
@@ -114,9 +132,24 @@ def map_links(source: np.ndarray, azimuth: float, longest: float, deepest: float
     return np.broadcast_to(source, receiver.shape).copy(), receiver
 
 
+def random_links(medium: Medium, n: int) -> Ends:
+    """Links of 0.5 to 20 km at random places of a medium, with both ends between 5 and 200 m."""
+    rng = np.random.default_rng(1)
+    source, receiver = np.empty((n, 3)), np.empty((n, 3))
+    low, high = np.array([medium.north[0], medium.east[0]]), np.array([medium.north[-1], medium.east[-1]])
+    azimuth, length = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(500.0, 20e3, n)
+    step = length[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    least, most = np.maximum(low, low - step), np.minimum(high, high - step)
+    source[:, :2] = rng.uniform(least, most)
+    receiver[:, :2] = source[:, :2] + step
+    source[:, 2], receiver[:, 2] = rng.uniform(5.0, 200.0, (2, n))
+    return source, receiver
+
+
 def bench_maps(sort_seconds: float) -> None:
     ocean = open_ocean(DATA / "hycom" / "hycom_glby_930_2019030712_t003_ts3z.nc", currents="rest")
     sea = Medium.from_dataset(to_local(ocean))
+    one_call("gulf, 0.5 to 20 km above 200 m", sea, random_links(sea, 1000), sort_seconds)
     source = np.array([0.0, 20e3, 50.0])
     ends = map_links(source, 0.25 * np.pi, 20e3, 1000.0)
     column = sea.sound_speed[np.argmin(np.abs(sea.north)), np.argmin(np.abs(sea.east - 20e3))]
