@@ -21,6 +21,7 @@ from pymantaray.estimation import (
     to_gtsam,
 )
 from pymantaray.estimation.covariance import dead_reckoning_covariances
+from pymantaray.estimation.starts import dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 
@@ -111,7 +112,10 @@ def test_replay_has_the_covariances_of_the_batch_at_its_end(make_fleet):
 def test_dead_reckoning_has_the_covariance_of_a_graph_of_odometry_alone(make_fleet):
     fleet = make_fleet(seed=13, turn=0.3)
     o, bare = fleet.noisy, without(build_graph(fleet.noisy), "depth")
-    graph, own = covariances_at(bare, fleet.reckoned, poses_at(o)), dead_reckoning_covariances(o, SAMPLES)
+    graph, own = (
+        covariances_at(bare, fleet.reckoned, poses_at(o)),
+        dead_reckoning_covariances(o, SAMPLES, dead_reckon(o)),
+    )
     for a, b in ((own.pose, graph.pose), (own.position.reshape(3, 9, 9), graph.position.reshape(3, 9, 9))):
         assert_same(a, b)
     assert (own.range_dimension == 0).all()
@@ -123,7 +127,8 @@ def test_straight_track_without_turning_spreads_like_a_random_walk(make_fleet):
     certain = np.array(o.odometry_sigma)
     certain[..., :3] = 1e-12
     first = np.tile([1e-12] * 3 + [0.1] * 3, (3, 1))
-    found = dead_reckoning_covariances(replace(o, odometry_sigma=certain, first_sigma=first), SAMPLES)
+    sure = replace(o, odometry_sigma=certain, first_sigma=first)
+    found = dead_reckoning_covariances(sure, SAMPLES, dead_reckon(sure))
     for e, k in enumerate(SAMPLES):
         expected = 0.1**2 + np.sum(certain[:, :k, 3:] ** 2, axis=1)
         variance = np.diagonal(found.pose[e, :, 3:, 3:], axis1=1, axis2=2)
@@ -218,7 +223,7 @@ def test_fixed_epochs_are_multiples_and_the_end():
 
 def test_record_has_nan_for_what_is_missing(make_fleet):
     o = make_fleet(seed=20).noisy
-    own = dead_reckoning_covariances(o, SAMPLES)
+    own = dead_reckoning_covariances(o, SAMPLES, dead_reckon(o))
     record = collect_covariances(o, SAMPLES, [{"odometry": own, "x": None}, {"odometry": own, "x": own}])
     np.testing.assert_array_equal(record.pose_covariance[0, 1], own.pose)
     assert np.isnan(record.pose_covariance[1, 0]).all()

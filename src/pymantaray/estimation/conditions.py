@@ -275,7 +275,8 @@ class _Fleet:
         solution = self._by_vehicle(make_solution(values, SolveProgress(0, np.nan, np.nan), SolveStatus.OK))
         if self._samples is None:
             return solution
-        return replace(solution, covariances=dead_reckoning_covariances(self._measurements, self._samples))
+        covariances = dead_reckoning_covariances(self._measurements, self._samples, self._dead_reckoned)
+        return replace(solution, covariances=covariances)
 
     def _values(self, position: Array, quaternion: Array) -> GraphValues:
         place, turn = (np.asarray(table) for table in (position, quaternion))

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.starts import dead_reckon
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion
 from pymantaray.records import Measurements, PoseCovariances
 
@@ -68,15 +67,17 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
     return np.unique([*nearest, time.size - 1])
 
 
-def dead_reckoning_covariances(measurements: Measurements, samples: Indices) -> EpochCovariances:
+def dead_reckoning_covariances(
+    measurements: Measurements, samples: Indices, trajectory: tuple[Array, Array]
+) -> EpochCovariances:
     r"""
-    First-order covariances of dead reckoning at samples; vehicles are independent.
+    First-order covariances of dead reckoning at samples, from what `dead_reckon` returned; vehicles are independent.
 
     Each step :math:`T_{j-1} D_j` has the error :math:`\exp(q_j)` in the tangent of its second pose. At pose k the error is
     :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`.
     """
     n_epochs = len(samples)
-    position, quaternion = dead_reckon(measurements)
+    position, quaternion = trajectory
     rotation = matrix_from_quaternion(quaternion)
     vehicles = np.arange(measurements.name.size)
     # errors of all steps up to a sample, in the world's axes, relative to each vehicle's first position

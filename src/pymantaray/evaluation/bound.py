@@ -13,6 +13,7 @@ from pymantaray.estimation import CONDITIONS, Estimator, GraphValues, build_grap
 from pymantaray.estimation.covariance import dead_reckoning_covariances
 from pymantaray.estimation.graph import FactorGraph, connected_parts
 from pymantaray.estimation.marginals import PoseCovariance
+from pymantaray.estimation.starts import dead_reckon
 from pymantaray.evaluation.ranging_error import check_same_vehicles
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import root_mean
@@ -95,7 +96,7 @@ def error_bound(
     if not samples.size:
         return np.empty((0, *2 * (o.name.size, 3)))
     if e.dead_reckoned:
-        return dead_reckoning_covariances(o, samples).position
+        return dead_reckoning_covariances(o, samples, dead_reckon(o)).position
     graph = _bound_graph(e, o)
     values = _true_values(truth, o)
     poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, samples].T
