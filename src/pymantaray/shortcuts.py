@@ -135,13 +135,25 @@ def _implementations() -> Callable[..., Any]:
 
 
 def _refresh() -> Callable[..., Any]:
-    """Numba's search for new functions in its registries, which only a new module fills."""
-    refresh, seen = BaseContext.refresh, dict[int, int]()
+    """
+    Numba's search for new functions in its registries, only if there are more of them, or new modules.
+
+    Numba copies a context for each function. All copies share their registries, which are kept by identity.
+    """
+    refresh, seen = BaseContext.refresh, dict[int, tuple[Any, int]]()
 
     def refresh_if_new(context: Any) -> None:
-        if seen.get(id(context)) != len(sys.modules):
+        own = context._registries
+        lists = (
+            x
+            for one in (*own, *context.typing_context._registries)
+            for x in vars(one).values()
+            if isinstance(x, list)
+        )
+        count = len(sys.modules) + sum(map(len, lists))
+        if seen.get(id(own)) != (own, count):
             refresh(context)
-            seen[id(context)] = len(sys.modules)
+            seen[id(own)] = own, count  # with the registries, which therefore keep their id
 
     return refresh_if_new
 

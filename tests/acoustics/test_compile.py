@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from factories import python
 from llvmlite import ir as llvm_ir
-from numba import njit
+from numba import njit, types
 from numba.core import ir
 from numba.core.errors import TypingError
 from numba.core.typeinfer import TypeVar
+from numba.extending import intrinsic
 
 from pymantaray import compile as compilation
 from pymantaray.acoustics._kernels import layout as at
@@ -279,6 +280,31 @@ def test_what_compilers_made_on_the_way_is_freed_without_a_garbage_collection():
     finally:
         gc.enable()
     assert sum(more.values()) < 500, more  # some of the function that Python calls remain
+
+
+@intrinsic
+def twice(_context, kind):
+    def generate(_context, builder, _signature, arguments):
+        (x,) = arguments
+        return (builder.add if isinstance(kind, types.Integer) else builder.fadd)(x, x)
+
+    return kind(kind), generate
+
+
+@kernel
+def twice_of(x):
+    return twice(x)
+
+
+@entry
+def call_twice(a, b, c):
+    return twice_of(a) + twice_of(b) + twice_of(c)
+
+
+@pytest.mark.skipif(compilation.PLAIN, reason="plain Python has no intrinsics")
+def test_instructions_that_are_first_needed_during_a_compilation_are_found():
+    """A first start failed by chance: an instruction is registered for a type when it is first needed, without a new module."""
+    assert call_twice(np.int64(3), np.float64(0.5), np.float32(0.25)) == 7.5
 
 
 @pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])
