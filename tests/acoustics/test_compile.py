@@ -2,6 +2,7 @@
 
 import gc
 import itertools
+import pickle
 from collections import Counter, namedtuple
 
 import numpy as np
@@ -15,8 +16,11 @@ from numba.core.typeinfer import TypeVar
 from numba.extending import intrinsic
 
 from pymantaray import compile as compilation
+from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.compile import entry, kernel
+from pymantaray.geometry import EarthSphere
 
 LINKED = bool(compilation._KERNEL)
 """Whether kernels are linked into entries, which say that they are compiled; else Numba compiles each by itself."""
@@ -305,6 +309,19 @@ def call_twice(a, b, c):
 def test_instructions_that_are_first_needed_during_a_compilation_are_found():
     """A first start failed by chance: an instruction is registered for a type when it is first needed, without a new module."""
     assert call_twice(np.int64(3), np.float64(0.5), np.float32(0.25)) == 7.5
+
+
+@pytest.mark.skipif(compilation.PLAIN, reason="plain Python compiles nothing")
+@pytest.mark.parametrize("earth", [None, EarthSphere(6371e3)])
+def test_a_medium_from_another_process_needs_no_other_kernels(earth):
+    """Its arrays can be written, for which Numba compiled all kernels again, in each process of a service."""
+    medium = Medium.from_profile([0.0, 90.0], [1450.0, 1460.0], bottom_depth=90.0, earth=earth)
+    ends = [0.0, 0.0, 10.0], [500.0, 0.0, 20.0]
+    one = find_eigenrays(medium, *ends)
+    compiled = list(solve_links.signatures)
+    other = find_eigenrays(pickle.loads(pickle.dumps(medium)), *ends)
+    assert solve_links.signatures == compiled
+    assert other.travel_time[0] == one.travel_time[0]
 
 
 @pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])

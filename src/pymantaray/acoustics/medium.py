@@ -431,16 +431,17 @@ class Medium:
         return speed if self.earth is None else speed / self.earth.stretch(points[:, 2])
 
     def domain(self) -> Domain:
-        """Medium in the form of the kernels, with columns of a section every eighth of a cell."""
+        """Medium in the form of the kernels, with columns of a section every eighth of a cell; all arrays are read-only."""
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
 
         radius, depth = 0.0, self.depth
         bed, surface = self.bed.grid, self.surface.grid
         if self.earth is not None:
-            radius, depth = self.earth.radius, _flattened(self.earth, depth)
-            bed, surface = (b._replace(depth=_flattened(self.earth, b.depth)) for b in (bed, surface))
+            radius, depth = self.earth.radius, self.earth.flattened_depth(depth)
+            bed = bed._replace(depth=self.earth.flattened_depth(bed.depth))
+            surface = surface._replace(depth=self.earth.flattened_depth(surface.depth))
         steps = [np.diff(axis).min() for axis in (self.north, self.east) if axis.size > 1]
-        return Domain(
+        domain = Domain(
             SMOOTH if self.interpolation == "smooth" else LINEAR,
             self.north,
             self.east,
@@ -459,6 +460,22 @@ class Medium:
             self.layered,
             radius,
         )
+        every: Domain = _read_only(domain)
+        return every
+
+
+def _read_only(value: Any) -> Any:
+    """
+    Array that nobody can write, or named tuple of such arrays.
+
+    Kernels are compiled for these only. Arrays that came from another process can be written.
+    """
+    if isinstance(value, np.ndarray):
+        value = value.view()
+        value.setflags(write=False)
+    elif hasattr(value, "_fields"):
+        value = value._make(map(_read_only, value))
+    return value
 
 
 def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
@@ -512,13 +529,6 @@ def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:
             raise AcousticsError(
                 f"ice_draft: the ice reaches {-gap.min():g} m into the sea bed; reduce the draft"
             )
-
-
-def _flattened(earth: EarthSphere, depth: Array) -> Array:
-    """Depths in flattened water; read-only if the input is read-only, because kernels are compiled for both kinds of arrays. [m]"""
-    flat = earth.flattened_depth(depth)
-    flat.setflags(write=depth.flags.writeable)
-    return flat
 
 
 def ice_of(ocean: xr.Dataset) -> BoundarySurface | float:
