@@ -248,7 +248,9 @@ def test_numba_is_unchanged_after_a_compilation_even_if_it_failed():
     assert [vars(owner)[name] for owner, name in places] == before
 
 
-@pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])
+@pytest.mark.parametrize(
+    "place", ["beside the source", pytest.param("NUMBA_CACHE_DIR", marks=pytest.mark.slow)]
+)
 def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_path, place):
     folder = tmp_path / "cache"
     environment = {"NUMBA_CACHE_DIR": str(folder) if place == "NUMBA_CACHE_DIR" else ""}
