@@ -49,6 +49,8 @@ def pytest_configure(config):
         # each process of the tests has a processor: threads of OpenBLAS that wait for one take it from others, up to 20 times
         # what they compute (tests/study/test_study_anywhere.py compares numbers of threads)
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # tests start hundreds of interpreters: without bytecode, each of them compiles all that it imports for seconds
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
         # once, before there are workers
         subprocess.run([sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path})

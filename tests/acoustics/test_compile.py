@@ -324,7 +324,9 @@ def test_a_medium_from_another_process_needs_no_other_kernels(earth):
     assert other.travel_time[0] == one.travel_time[0]
 
 
-@pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])
+@pytest.mark.parametrize(
+    "place", ["beside the source", pytest.param("NUMBA_CACHE_DIR", marks=pytest.mark.slow)]
+)
 def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_path, place):
     folder = tmp_path / "cache"
     environment = {"NUMBA_CACHE_DIR": str(folder) if place == "NUMBA_CACHE_DIR" else ""}

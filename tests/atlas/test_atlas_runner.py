@@ -18,7 +18,6 @@ from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_at
 from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.atlas.plan import instants_between
 from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
-from pymantaray.jobs.dask_pool import open_pool
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
 
@@ -190,10 +189,9 @@ def test_a_block_that_fails_is_told_when_the_others_are_done(
 
 def test_a_damaged_block_is_removed_and_told(here, ocean, file, links, tiles, monkeypatch, tmp_path):
     atlas, out = Atlas(file, links, window=_window(ocean, 10, 11, 10, 15)), tmp_path / "atlas.nc"
-    monkeypatch.setattr(runner, "write_atlas", lambda *_, **__: (_ for _ in ()).throw(WriteError("full")))
-    refused(WriteError, "^full$", run_atlas, atlas, out)
-    monkeypatch.undo()
-    monkeypatch.setattr(plan, "_COLUMNS", 3)
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "write_atlas", lambda *_, **__: (_ for _ in ()).throw(WriteError("full")))
+        refused(WriteError, "^full$", run_atlas, atlas, out)
     block = next((tmp_path / "atlas.nc.blocks" / "blocks").glob("*.npz"))
     block.write_bytes(block.read_bytes()[:-100])
     refused(
@@ -202,9 +200,10 @@ def test_a_damaged_block_is_removed_and_told(here, ocean, file, links, tiles, mo
         run_atlas,
         atlas,
         out,
-        workers=1,
     )
-    assert open_atlas(run_atlas(atlas, out, workers=1)).attrs["atlas_key"] == atlas.key
+    assert len(here) == 2
+    assert open_atlas(run_atlas(atlas, out)).attrs["atlas_key"] == atlas.key
+    assert len(here) == 3
 
 
 def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_path):
@@ -212,7 +211,7 @@ def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_
     monkeypatch.setattr(
         runner,
         "open_pool",
-        lambda _, *rest: open_pool(partial(away, str(tmp_path / "away")), *rest),
+        lambda *_: factories.pool_here(partial(away, str(tmp_path / "away"))),
     )
     atlas = Atlas(file, links, every=20)
     refused(
@@ -221,7 +220,6 @@ def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_
         run_atlas,
         atlas,
         tmp_path / "a.nc",
-        workers=1,
     )
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from factories import pool_here
 from refusals import refused
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays
@@ -14,8 +15,10 @@ WHERE = {"window": (78.7, 78.8, 0.0, 0.3), "every": 1}
 
 
 @pytest.fixture(autouse=True)
-def _own_cache(tmp_path, monkeypatch):
+def _own_cache_and_process(tmp_path, monkeypatch):
+    """Blocks are computed in this process; `test_workers_and_tiles_change_no_digit` is about others."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr("pymantaray.atlas.runner.open_pool", pool_here)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +28,7 @@ def fram():
 
 def errors(out, *arguments, **options):
     """Range errors by the sound speed at the transmitter, of the first column."""
-    run_atlas(Atlas(*arguments, **options), out, workers=1)
+    run_atlas(Atlas(*arguments, **options), out)
     with open_atlas(out) as atlas:
         return atlas["range_error"].isel(time=0, lat=0, lon=0, convention=0).values.ravel(), atlas.load()
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 import xarray as xr
+from factories import pool_here
 
 WORDS = ("--pair", "20,100", "--distances", "1000,2000", "--bearings", "2", "--every", "6", "--workers", "1")
 
 
-def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, tmp_path):
+def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monkeypatch, tmp_path):
     out = tmp_path / "atlas.nc"
     ran = mantaray("atlas", "run", ocean_file, "--out", out, *WORDS)
     assert (ran.code, ran.err) == (0, "")
@@ -22,6 +23,7 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, tmp_p
     atlas = told("atlas", "show", out)
     assert atlas["title"] == shown.out.splitlines()[0]
     assert atlas["safety"][0].keys() > {"convention", "distance_m", "median_m", "safe_to_1m_percent"}
+    monkeypatch.setattr("pymantaray.atlas.runner.open_pool", pool_here)
     again = told("atlas", "run", ocean_file, "--out", out, *WORDS, "--force")
     assert again == {"columns_lat": 3, "columns_lon": 5, "instants": 1, "links": 4, "file": str(out)} | {
         "safety": atlas["safety"]

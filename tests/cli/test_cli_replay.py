@@ -82,7 +82,14 @@ def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
     assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
 
 
-@pytest.mark.parametrize("detection", [(), ("--detection", "sonar.toml"), ("--detection", "salty.toml")])
+@pytest.mark.parametrize(
+    "detection",
+    [
+        (),
+        pytest.param(("--detection", "sonar.toml"), marks=pytest.mark.slow),
+        ("--detection", "salty.toml"),
+    ],
+)
 def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detection):
     (files / "sonar.toml").write_text(DETECTION)
     (files / "salty.toml").write_text(DETECTION.replace("thorp", "francois-garrison"))

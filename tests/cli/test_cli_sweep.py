@@ -6,6 +6,7 @@ import sys
 import pandas as pd
 import pytest
 import xarray as xr
+from factories import pool_here
 
 from pymantaray.sweep import open_sweep
 
@@ -65,10 +66,11 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     )
 
 
-def test_the_exit_status_says_that_points_have_failed(mantaray, told, file, tmp_path):
+def test_the_exit_status_says_that_points_have_failed(mantaray, told, file, monkeypatch, tmp_path):
+    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", pool_here)
     file.write_text('base = "small.toml"\ncross.fleet.vehicles.A.north = [1e6]')
     out = tmp_path / "out"
-    ran = mantaray("sweep", "run", file, "--out", out, "--workers", "1")
+    ran = mantaray("sweep", "run", file, "--out", out)
     assert ran.code == 1
     assert "0 done, 1 failed, 0 open of 1 points" in ran.out
     assert ran.err.startswith("warning: failed: 1 x ")

@@ -7,17 +7,27 @@ from refusals import refused
 
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import PlanError
+from pymantaray.ocean import open_ocean
 from pymantaray.plan import DeploymentPlan, search_designs
 from pymantaray.plan.definition import PlanSection
 from pymantaray.plan.ensemble import worst_score
 from pymantaray.plan.evaluate import DesignEvaluator
 from pymantaray.plan.waters import Missions
+from pymantaray.records import write_netcdf
 from pymantaray.study import parse_study
 from pymantaray.study.beliefs import Beliefs
 
 MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 OTHER = {"name": "U", "north": -500.0, "east": 700.0, "depth": 50.0}
 SHORT = {**TINY["mission"], "duration_h": 2.0}
+
+
+@pytest.fixture(scope="module")
+def window(tmp_path_factory):
+    """Ocean of TINY in a file of its surroundings alone, which is perturbed faster."""
+    path = tmp_path_factory.mktemp("ocean") / "window.nc"
+    write_netcdf(open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.2, -138.8)), path)
+    return {"ocean": {**TINY["ocean"], "source": str(path)}}
 
 
 def plan_of(tree=None, **section):
@@ -100,11 +110,13 @@ def test_errors_at_given_times_are_those_of_their_pings():
     refused(PlanError, "plan.error_at_h: found 9; allowed: 0 to 2", plan_of, free=free, error_at_h=[9.0])
 
 
-def test_members_differ_from_the_ocean_and_from_each_other_and_repeat():
+def test_members_differ_from_the_ocean_and_from_each_other_and_repeat(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 2}
-    plan = plan_of(free={"landmarks.T.depth": [5.0]}, perturbed=errors)
+    plan = plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)
     assert plan.waters == [(0, 0), (0, 1)]
-    still = Missions(plan_of(free={"landmarks.T.depth": [5.0]})).run({}, 0, None)[0].ocean["sound_speed"]
+    still = (
+        Missions(plan_of(window, free={"landmarks.T.depth": [5.0]})).run({}, 0, None)[0].ocean["sound_speed"]
+    )
     missions = Missions(plan)
     one, other = (missions.run({}, 0, k)[0].ocean["sound_speed"] for k in range(2))
     for changed in (one - still, other - still, one - other):
@@ -113,7 +125,7 @@ def test_members_differ_from_the_ocean_and_from_each_other_and_repeat():
     np.testing.assert_array_equal(again, other)
 
 
-def test_an_exact_belief_knows_the_perturbed_water_and_a_file_does_not():
+def test_an_exact_belief_knows_the_perturbed_water_and_a_file_does_not(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
     beliefs = {
         "exact": {"kind": "exact"},
@@ -124,17 +136,20 @@ def test_an_exact_belief_knows_the_perturbed_water_and_a_file_does_not():
         conditions = [
             {"name": name, "ranges": "refracted", "range_model": {"kind": "eigenray", "belief": belief}}
         ]
-        plan = plan_of({"conditions": conditions}, free={"landmarks.T.depth": [5.0]}, perturbed=errors)
+        plan = plan_of(
+            {"conditions": conditions, **window}, free={"landmarks.T.depth": [5.0]}, perturbed=errors
+        )
         bias[name] = DesignEvaluator(plan)({})[0].bias_rmse_m
     assert bias["exact"] < 1e-3
     assert bias["forecast"] > 100.0 * bias["exact"]
 
 
-def test_the_result_has_the_worst_tenth_and_its_front():
+def test_the_result_has_the_worst_tenth_and_its_front(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 3}
     free = {"landmarks.T.depth": [5.0, 200.0]}
     results = search_designs(
-        plan_of(free=free, perturbed=errors, ranked_by="worst-tenth", condition="refracted"), workers=1
+        plan_of(window, free=free, perturbed=errors, ranked_by="worst-tenth", condition="refracted"),
+        workers=1,
     )
     frame = results.frame
     assert (frame["worst_error_m"] >= frame["error_m"]).all()
@@ -201,10 +216,10 @@ def test_the_best_value_at_a_limit_is_reported():
     )
 
 
-def test_a_cast_of_a_perturbed_water_is_the_column_of_that_water_at_its_place():
+def test_a_cast_of_a_perturbed_water_is_the_column_of_that_water_at_its_place(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
-    run, ocean = Missions(plan_of(free={"landmarks.T.depth": [5.0]}, perturbed=errors)).run({}, 0, 0)
-    still = Missions(plan_of(free={"landmarks.T.depth": [5.0]})).run({}, 0, None)[0].ocean
+    run, ocean = Missions(plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)).run({}, 0, 0)
+    still = Missions(plan_of(window, free={"landmarks.T.depth": [5.0]})).run({}, 0, None)[0].ocean
     cast = Beliefs(run, ocean).believed(CastBelief(kind="cast", north=0.0, east=0.0), 0).local["sound_speed"]
     below = cast.sel(depth=slice(1.0, 250.0)).interp(north=0.0, east=0.0)
     of_member, of_forecast = (

@@ -94,12 +94,12 @@ def test_a_search_over_a_range_finds_the_smallest_sigma_and_repeats(tmp_path):
         free={"noise.range_sigma": {"from": 0.5, "to": 20.0}},
         objectives=["error"],
         condition="straight",
-        evaluations=20,
+        evaluations=12,
     )
     first, second = (search_designs(load_plan(file), workers=n) for n in (1, 2))
     assert first.designs == second.designs
     assert first.frame.equals(second.frame)
-    assert len(first.designs) <= 20 + 1
+    assert len(first.designs) <= 12 + 1
     values = [design["noise.range_sigma"] for design in first.designs]
     assert values[first.best] == min(values)
     assert min(values) < 1.5

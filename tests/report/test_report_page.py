@@ -1,5 +1,6 @@
 """A whole report in a run folder: tables equal independent computations, the page refers to what is there."""
 
+import json
 import pickle
 import re
 import shutil
@@ -77,13 +78,20 @@ def without_drawing(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def reported(tiny_run_folder, tmp_path_factory):
-    """Folder of a run with its report, the page's text, and what was told of the progress."""
-    folder, calls = tmp_path_factory.mktemp("report") / "run", []
-    shutil.copytree(tiny_run_folder, folder)
-    page = write_report(folder, formats=("pdf", "tex"), progress=lambda *call: calls.append(call))
-    assert page == folder / "index.html"
-    return SimpleNamespace(folder=folder, text=page.read_text(encoding="utf-8"), calls=calls)
+def reported(once, tiny_run_folder):
+    """Folder of a run with its report, the page's text, and what was told of the progress; not to be written to."""
+
+    def report(place):
+        calls = []
+        shutil.copytree(tiny_run_folder, place / "run")
+        page = write_report(place / "run", formats=("pdf", "tex"), progress=lambda *call: calls.append(call))
+        assert page == place / "run" / "index.html"
+        (place / "calls.json").write_text(json.dumps(calls))
+
+    place = once("reported", report)
+    text = (place / "run" / "index.html").read_text(encoding="utf-8")
+    calls = json.loads((place / "calls.json").read_text())
+    return SimpleNamespace(folder=place / "run", text=text, calls=calls)
 
 
 def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run_folder):

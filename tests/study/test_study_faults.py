@@ -25,7 +25,7 @@ def fill(stage, done, total):  # no file can grow beyond this once realizations 
     if stage == "realizations" and done == total:
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 try:
-    run_study(parse_study(TINY), "run", workers=1, progress=fill)
+    run_study(parse_study(TINY | {"conditions": ["odometry"]}), "run", workers=1, progress=fill)
 except WriteError as error:
     print(error)
 """

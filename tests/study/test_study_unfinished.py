@@ -51,6 +51,17 @@ def interrupted(config, out, after):
         run_study(config, out, workers=1, progress=stop)
 
 
+@pytest.fixture(scope="session")
+def undisturbed(once, tiny):
+    """Run of so many realizations that was not interrupted."""
+
+    def run(count):
+        config = tiny(study={"realizations": count})
+        return open_run(once(f"tiny-{count}", lambda folder: run_study(config, folder, workers=1)))
+
+    return run
+
+
 def same(one, other):
     """Whether all data of two runs are equal to the last digit."""
     for name in DATA:
@@ -61,20 +72,22 @@ def same(one, other):
     assert names[0] == names[1]
 
 
-def test_the_same_call_goes_on_with_what_was_done(tiny, at_once, solved, monkeypatch, tmp_path, caplog):
+def test_the_same_call_goes_on_with_what_was_done(
+    tiny, at_once, solved, monkeypatch, undisturbed, tmp_path, caplog
+):
     config, out = tiny(study={"realizations": 3}), tmp_path / "run"
     interrupted(config, out, 2)
     assert solved == [0, 1]
     assert [path.name for path in tmp_path.iterdir()] == ["run.unfinished"]
     assert "2 realizations are saved in " in caplog.text
-    monkeypatch.setattr(runner, "simulate_mission", None)  # is not called again
     told = []
-    run = run_study(config, out, workers=1, progress=lambda *counts: told.append(counts))
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "simulate_mission", None)  # is not called again
+        run = run_study(config, out, workers=1, progress=lambda *counts: told.append(counts))
     assert solved == [0, 1, 2]
     assert [done for stage, done, _ in told if stage == "realizations"] == [2, 3]
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-    monkeypatch.undo()
-    same(run, run_study(config, tmp_path / "undisturbed", workers=1))
+    same(run, undisturbed(3))
 
 
 def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monkeypatch, tmp_path, caplog):
@@ -88,10 +101,10 @@ def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monk
     assert "are saved in" not in caplog.text
 
 
-def test_workers_go_on_as_well(tiny, at_once, tmp_path):
+def test_workers_go_on_as_well(tiny, at_once, undisturbed, tmp_path):
     config, out = tiny(study={"realizations": 3}), tmp_path / "run"
     interrupted(config, out, 1)
-    same(run_study(config, out, workers=2), run_study(config, tmp_path / "undisturbed", workers=1))
+    same(run_study(config, out, workers=2), undisturbed(3))
 
 
 def test_what_another_configuration_left_is_not_taken(tiny, at_once, solved, tmp_path):
@@ -116,9 +129,11 @@ class Harmful:
         return (open, (str(self.path), "w"))
 
 
-@pytest.mark.parametrize("content", ["empty", "cut", "text", "pickle"])
+@pytest.mark.parametrize(
+    "content", ["cut", "pickle", *(pytest.param(name, marks=pytest.mark.slow) for name in ("empty", "text"))]
+)
 def test_a_damaged_realization_is_discarded_and_solved_again(
-    tiny, at_once, solved, tmp_path, caplog, content
+    tiny, at_once, solved, undisturbed, tmp_path, caplog, content
 ):
     config, out = tiny(study={"realizations": 3}), tmp_path / "run"
     interrupted(config, out, 2)
@@ -136,11 +151,13 @@ def test_a_damaged_realization_is_discarded_and_solved_again(
     assert solved == [0, 1, 0, 2]
     assert "0.nc: damaged: its content does not have its checksum; removed" in caplog.text
     assert not (tmp_path / "harmed").exists()
-    same(run, run_study(config, tmp_path / "undisturbed", workers=1))
+    same(run, undisturbed(3))
 
 
-@pytest.mark.parametrize("damage", ["cut", "gone", "sums"])
-def test_a_damaged_mission_is_discarded_and_simulated_again(tiny, at_once, solved, tmp_path, caplog, damage):
+@pytest.mark.parametrize("damage", ["gone", "sums", pytest.param("cut", marks=pytest.mark.slow)])
+def test_a_damaged_mission_is_discarded_and_simulated_again(
+    tiny, at_once, solved, undisturbed, tmp_path, caplog, damage
+):
     config, out = tiny(study={"realizations": 2}), tmp_path / "run"
     interrupted(config, out, 1)
     (own,) = (tmp_path / "run.unfinished").iterdir()
@@ -153,7 +170,7 @@ def test_a_damaged_mission_is_discarded_and_simulated_again(tiny, at_once, solve
     run = run_study(config, out, workers=1)
     assert solved == [0, 0, 1]
     assert "damaged: wrong checksums; removed and computed again" in caplog.text
-    same(run, run_study(config, tmp_path / "undisturbed", workers=1))
+    same(run, undisturbed(2))
 
 
 def test_what_the_user_has_in_the_unfinished_folder_stays(tiny, at_once, tmp_path):

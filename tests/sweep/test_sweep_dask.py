@@ -2,17 +2,19 @@
 
 import pytest
 from dask_cluster import client_here
+from factories import pool_here
 
 from pymantaray.sweep import run_sweep
 
 pytest.importorskip("distributed")
 
 
-def test_a_client_gives_the_same_digits_as_processes_of_this_machine(noises, summaries, tmp_path):
+def test_a_client_gives_the_same_digits_as_this_process(noises, summaries, monkeypatch, tmp_path):
     sweep = noises(3)
     with client_here(2) as client:
         by_dask = run_sweep(sweep, tmp_path / "dask", client=client)
         assert client.status == "running"  # it is its owner's
-    here = run_sweep(sweep, tmp_path / "here", workers=1)
+    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", pool_here)
+    here = run_sweep(sweep, tmp_path / "here")
     assert by_dask.status().done == 3
     assert summaries(by_dask) == summaries(here)

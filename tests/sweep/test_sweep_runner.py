@@ -11,7 +11,6 @@ import xarray as xr
 
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
-from pymantaray.jobs.dask_pool import open_pool
 from pymantaray.jobs.pool import Pool
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.jobs.store import open_store
@@ -210,12 +209,12 @@ def test_each_task_follows_the_stage_that_it_needs(depths):
 def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkeypatch):
     monkeypatch.setattr(
         "pymantaray.sweep.runner.open_pool",
-        lambda _, *rest: open_pool(partial(run_task, str(tmp_path / "away")), *rest),
+        lambda *_: factories.pool_here(partial(run_task, str(tmp_path / "away"))),
     )
     with pytest.raises(
         JobError, match=r"workers wrote 2 points to another place; all workers must have access to this one$"
     ):
-        run_sweep(noises(2), tmp_path / "out", workers=1)
+        run_sweep(noises(2), tmp_path / "out")
 
 
 def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp_path):
