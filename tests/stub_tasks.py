@@ -40,12 +40,12 @@ def compute(store, task):
     if store.has(name_of(task.key)):
         return
     marks = [name for name in store.names("marks") if name.startswith(f"{task.number}-")]
+    time.sleep(task.seconds)
     if len(marks) < task.deaths:
         store.write(f"marks/{task.number}-{len(marks)}", b"")
         os.kill(os.getpid(), signal.SIGKILL)
     if task.number < 0:
         raise ValueError(f"{task.number} is negative")
-    time.sleep(task.seconds)
     content = {"square": task.number**2, "padding": " " * task.size}
     store.write(name_of(task.key), json.dumps(content).encode())
 

@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,27 @@ pytest.importorskip("distributed")
 
 def tasks(count, seconds=0.05):
     return [Square(n, seconds) for n in range(count)]
+
+
+@contextmanager
+def dead_workers_replaced(cluster):
+    """As the nannies of Dask do, and batch systems."""
+    over = threading.Event()
+
+    def replace_workers():
+        while not over.wait(0.2):
+            dead = [worker for worker in cluster.workers if worker.poll() is not None]
+            cluster.workers[:] = [worker for worker in cluster.workers if worker not in dead]
+            for _ in dead:
+                cluster.add_worker()
+
+    thread = threading.Thread(target=replace_workers)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 @pytest.fixture
@@ -110,29 +132,27 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path
 
 @pytest.mark.slow
 def test_a_task_that_kills_its_worker_fails_alone_although_others_are_in_its_batch(
-    cluster, tmp_path, monkeypatch
+    cluster, tmp_path, monkeypatch, caplog
 ):
     monkeypatch.setattr(dask_pool, "_BATCH_SECONDS", 1e9)
     deadly = Square(90, deaths=1000)
-    over = threading.Event()
-
-    def replace_workers():
-        while not over.wait(0.2):
-            dead = [worker for worker in cluster.workers if worker.poll() is not None]
-            cluster.workers[:] = [worker for worker in cluster.workers if worker not in dead]
-            for _ in dead:
-                cluster.add_worker()
-
-    thread = threading.Thread(target=replace_workers)
-    thread.start()
-    try:
-        every = [deadly if n == deadly.number else Square(n) for n in range(150)]
+    every = [deadly if n == deadly.number else Square(n) for n in range(150)]
+    with dead_workers_replaced(cluster):
         lines = run_squares(every, tmp_path / "out", client=cluster.address)
-    finally:
-        over.set()
-        thread.join()
     assert {n for n, line in lines.items() if line} == {deadly.number}
     assert lines[deadly.number].startswith("a worker ended early")
+    assert "run again alone, after all others" in caplog.text
+
+
+@pytest.mark.slow
+def test_a_task_is_not_blamed_for_the_deaths_of_workers_that_others_kill(cluster, tmp_path):
+    spare = cluster.workers.pop()
+    spare.kill()
+    spare.wait()
+    two = [Square(n, seconds=0.3, deaths=3) for n in range(2)]  # each kills fewer workers than a task may
+    with dead_workers_replaced(cluster):
+        assert run_squares(two, tmp_path / "out", client=cluster.address) == {0: None, 1: None}
+    assert len(list((tmp_path / "out/marks").iterdir())) == 6
 
 
 @pytest.mark.slow

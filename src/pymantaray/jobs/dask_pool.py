@@ -3,6 +3,9 @@ Pool of the workers of a Dask scheduler, which receive short tasks in batches.
 
 A message of Dask costs several milliseconds of CPU. The pool measures tasks of each kind and sends as many at a time as take
 half a second. Before it has measured a kind it sends single tasks, a limited number of them.
+
+If a worker ends, Dask blames all tasks that it had assigned to this worker, including those that had not started. So a task fails only
+after workers ended while no other task was with the scheduler: the pool sends blamed tasks again one at a time, after all others.
 """
 
 import hashlib
@@ -37,8 +40,8 @@ _MEASURED = 8  # batches after which a kind is measured
 _BATCHES_PER_THREAD = 2  # at least, so that all threads of the workers are busy
 
 
-class _BatchLostError(Exception):
-    """A worker ended during a batch; its tasks are issued again, one by one."""
+class _BlamedError(Exception):
+    """Workers ended with this task and maybe with others; the task is issued again and runs alone."""
 
 
 class _Issued(NamedTuple):
@@ -79,8 +82,12 @@ class DaskPool(Pool):
         self._seconds: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=2 * _MEASURED))
         """Mean times of a task in the latest batches of each kind."""
         self._first_tasks = _FIRST_TASKS
-        self._alone: set[str] = set()
-        """Keys of tasks that are sent one by one, because a worker ended during their batch."""
+        self._blamed: set[str] = set()
+        """Keys of tasks with which workers ended."""
+        self._suspects: deque[_Issued] = deque()
+        """Blamed tasks that are not sent yet."""
+        self._alone: _Issued | None = None
+        """Blamed task with the scheduler; no other task is."""
         self._lock = threading.Lock()  # results arrive in a thread of Dask
 
     def __enter__(self) -> Self:
@@ -105,14 +112,23 @@ class DaskPool(Pool):
         """Issue a task, which `flush` sends; return its future."""
         issued = _Issued(task, Future())
         with self._lock:
-            self._waiting.setdefault(task.kind, []).append(issued)
+            blamed = task.key in self._blamed
+            (self._suspects if blamed else self._waiting.setdefault(task.kind, [])).append(issued)
         return issued.future
 
     def flush(self) -> None:
-        """Send issued tasks, short ones in batches."""
+        """Send issued tasks, short ones in batches, and blamed ones if no other is left."""
+        if self._alone is not None:
+            return
         for kind in list(self._waiting):
             while batch := self._next_batch(kind):
                 self._send(kind, batch)
+        with self._lock:
+            if self._sent or not self._suspects:
+                return
+            self._alone = self._suspects.popleft()
+            self._number_sent[self._alone.task.kind] += 1
+        self._send(f"{self._alone.task.kind}-alone", [self._alone])
 
     def _next_batch(self, kind: str) -> list[_Issued]:
         """Tasks to send together; none if no more tasks of this kind should be with the scheduler now."""
@@ -124,32 +140,29 @@ class DaskPool(Pool):
                 typical = statistics.median(self._seconds[kind])
                 share = (sent + len(waiting)) // (_BATCHES_PER_THREAD * max(self._threads, 1))
                 size = max(min(int(_BATCH_SECONDS / max(typical, 1e-6)), _MAX_BATCH, share), 1)
-            if waiting and waiting[0].task.key in self._alone:
-                size = 1
-            batch = waiting[:size]
-            cut = next((i for i, issued in enumerate(batch) if i and issued.task.key in self._alone), size)
-            batch, self._waiting[kind] = batch[:cut], waiting[cut:]
+            batch, self._waiting[kind] = waiting[:size], waiting[size:]
             self._number_sent[kind] += len(batch)
         return batch
 
     def _is_measured(self, kind: str) -> bool:
         return len(self._seconds[kind]) >= _MEASURED
 
-    def _send(self, kind: str, batch: list[_Issued]) -> None:
+    def _send(self, prefix: str, batch: list[_Issued]) -> None:
+        """Send tasks to the scheduler, with a prefix of the name that Dask shows."""
         tasks = [issued.task for issued in batch]
         name = tasks[0].key
         if len(tasks) > 1:
             name = hashlib.sha256("".join(task.key for task in tasks).encode()).hexdigest()
         try:
-            future = self._client.submit(run_batch, self._work, tasks, key=f"{kind}-{name}")
+            future = self._client.submit(run_batch, self._work, tasks, key=f"{prefix}-{name}")
         except (OSError, RuntimeError, ValueError) as error:  # the client is closed
             self.check()
             raise SchedulerLostError(str(error)) from None
         with self._lock:
             self._sent[future] = batch
-        future.add_done_callback(partial(self._receive, kind))
+        future.add_done_callback(self._receive)
 
-    def _receive(self, kind: str, future: Any) -> None:
+    def _receive(self, future: Any) -> None:
         """Pass the results of a batch to the futures of its tasks."""
         with self._lock:
             batch = self._sent.pop(future, None)
@@ -161,13 +174,22 @@ class DaskPool(Pool):
             seconds, results = future.result()
         except BaseException as cause:  # noqa: BLE001  raised again in the main thread
             error = cause
+        kind, alone = batch[0].task.kind, batch[0] is self._alone
         with self._lock:
             self._number_sent[kind] -= len(batch)
+            if alone:
+                self._alone = None
             if error is None:
                 self._seconds[kind].append(seconds)
-            elif isinstance(error, self._dask.KilledWorker) and len(batch) > 1:
-                error = _BatchLostError()
-                self._alone.update(issued.task.key for issued in batch)
+            elif isinstance(error, self._dask.KilledWorker) and not alone:
+                self._blamed.update(issued.task.key for issued in batch)
+                _LOG.warning(
+                    "workers ended %d times during the same tasks (%d, %s); these run again alone, after all others",
+                    error.allowed_failures + 1,
+                    len(batch),
+                    kind,
+                )
+                error = _BlamedError()
         if error is not None:
             for issued in batch:
                 issued.future.set_exception(error)
@@ -177,10 +199,11 @@ class DaskPool(Pool):
 
     def worker_failure(self, key: str, error: BaseException) -> str | None:
         """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
-        if isinstance(error, _BatchLostError):
+        if isinstance(error, _BlamedError):
             return ""
         if isinstance(error, self._dask.KilledWorker):
-            return f"a worker ended early {error.allowed_failures + 1} times on {key[:8]}; it may be out of memory"
+            times = error.allowed_failures + 1
+            return f"a worker ended early {times} times on {key[:8]} alone; it may be out of memory"
         if isinstance(error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)):
             raise SchedulerLostError(str(error))
         return None
@@ -215,6 +238,8 @@ class DaskPool(Pool):
         with self._lock:
             self._sent.clear()
             self._waiting.clear()
+            self._suspects.clear()
+            self._alone = None
             self._number_sent.clear()
 
     def _connect(self, timeout: float) -> Any:
