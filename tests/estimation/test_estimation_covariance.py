@@ -208,7 +208,7 @@ def test_singular_graph_has_no_covariance_and_stops_nothing(make_fleet, change, 
 def test_wrong_poses_are_refused(make_fleet, poses):
     fleet = make_fleet(seed=19)
     graph = build_graph(fleet.noise_free)
-    with pytest.raises(EstimationError, match="covariances: needs poses with a prior or odometry, each once"):
+    with pytest.raises(EstimationError, match="covariances: each pose must have a prior or odometry"):
         GraphSolver().solve(graph, fleet.truth, model_is_right=False, covariance_poses=np.array(poses))
 
 

@@ -176,7 +176,7 @@ def test_a_long_chain_is_determined_though_its_weakest_direction_is_weak():
 
     result = solve_graph(GraphFile(graph, values, {}), estimator=hasty)
     assert not result.solution.usable
-    assert "needs a prior" not in result.diagnosis
+    assert "add a prior" not in result.diagnosis
     assert "try another start" in result.diagnosis
 
 

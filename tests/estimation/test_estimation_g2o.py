@@ -115,7 +115,7 @@ def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph)
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 3", "line 4: second VERTEX_SE3:QUAT 3; allowed: one for each id"),
+    ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 3", "line 4: second VERTEX_SE3:QUAT 3; allowed: one of each id"),
     ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT -7", "line 4: id '-7'; allowed: integers up to 2147483647"),
     ("VERTEX_SE3:QUAT 7", f"VERTEX_SE3:QUAT {'7' * 5000}", "line 4: id '7+'"),
     ("VERTEX_SE3:QUAT 7", "VERTEX_SE3:QUAT 2147483648", "line 4: id '2147483648'"),

@@ -82,7 +82,7 @@ def test_a_graph_goes_to_disk_and_back(whole, tmp_path):
 @pytest.mark.parametrize(("field", "index", "value", "message"), [
     ("odometry_translation", (1, 4, 2), np.nan, "^B5: odometry is .*nan"),
     ("odometry_sigma", (2, 0, 0), 0.0, "^C1: odometry sigma is .0,"),
-    ("odometry_sigma", slice(None), -1.0, "^A1: odometry sigma is .*positive finite"),
+    ("odometry_sigma", slice(None), -1.0, "^A1: odometry sigma is .*positive and finite"),
     ("depth", (0, 7), np.nan, "^A7: depth is .nan."),
     ("depth_sigma", 1, 0.0, "^B0: depth sigma is .0."),
     ("gnss_position", (1, 0), np.nan, "^A10: GNSS fix is .nan,"),

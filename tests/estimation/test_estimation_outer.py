@@ -511,7 +511,7 @@ def test_a_sigma_that_no_cost_can_meet_is_not_fitted(make_fleet):
 def test_bad_priors_are_refused_by_name(make_fleet):
     fleet = make_fleet(seed=11)
     o = fleet.noisy
-    with pytest.raises(EstimationError, match="prior sigma of clock skew A is -1e-08 1; needs a positive"):
+    with pytest.raises(EstimationError, match="prior sigma of clock skew A is -1e-08 1; it must be positive"):
         estimate(o, Adjustable(), clocks=ClockPrior(1e-3, -1e-8))
     with pytest.raises(EstimationError, match="prior sigma of mode 2 is nan m/s"):
         estimate(o, Adjustable(sigma=(1.0, np.nan)))

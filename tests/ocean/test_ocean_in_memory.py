@@ -72,7 +72,7 @@ def test_a_name_without_its_variable_lists_what_there_is(fram):
     refused(OceanError, no_variable, open_ocean, plain, names={"tmp": "sea_water_temperature"})
     refused(
         OceanError,
-        "temp: 'sea water'; needs a CF standard name",
+        "temp: 'sea water'; it must be a CF standard name",
         open_ocean,
         plain,
         names={"temp": "sea water"},

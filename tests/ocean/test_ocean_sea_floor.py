@@ -241,7 +241,7 @@ REFUSED = {
         {n: (("lat", "lon"), Z, {"standard_name": "surface_altitude"}) for n in "ab"},
         coords={"lat": LAT, "lon": LON_360},
     ).to_netcdf(path),
-    "is in 'feet'; needs metres": lambda path: save(path, "elevation", Z, {"units": "feet"}),
+    "is in 'feet'; it must be in metres": lambda path: save(path, "elevation", Z, {"units": "feet"}),
     "check fill value and units": lambda path: save(path, "elevation", 100.0 * Z),
     "no value at 1 of": lambda path: save(path, "elevation", HOLED),
     "set its attribute positive": lambda path: save(path, "bathymetry", Z + 2_000.0),
@@ -381,7 +381,7 @@ def test_the_number_of_nodes_is_capped_stated_and_the_mean_kept(sloping_ocean, m
 def test_a_floor_that_does_not_cover_the_domain_is_refused(sloping_ocean):
     with pytest.raises(OceanError, match=r"not the domain of \+-60 km by \+-30 km; fetch a larger window"):
         to_local(sloping_ocean, half_extent=(60e3, 30e3), sea_floor=file_floor(0.01, half=(0.3, 3.0)))
-    with pytest.raises(OceanError, match=r"needs \(lat, lon\)"):
+    with pytest.raises(OceanError, match=r"must have \(lat, lon\)"):
         to_local(sloping_ocean, sea_floor=file_floor(0.01).rename(lat="y"))
 
 

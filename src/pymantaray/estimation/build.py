@@ -85,8 +85,8 @@ def timed_ranges(measurements: Measurements, ranges: MeasuredRanges, links: Link
     if not np.all(speed > 0.0):
         first = int(np.argmin(speed > 0.0))
         raise EstimationError(
-            f"sound speed at the transmitter of range {np.flatnonzero(use)[first]} is {speed[first]:g} m/s; needs"
-            " positive values"
+            f"sound speed at the transmitter of range {np.flatnonzero(use)[first]} is {speed[first]:g} m/s;"
+            " it must be positive"
         )
     distance = measurements.refracted_range if ranges == "refracted" else measurements.straight_range
     sample = measurements.range_sample[use]
@@ -197,7 +197,7 @@ def _table(
         first = int(np.argmin(fine))
         numbers = ", ".join(f"{v:g}" for v in sigma[first])
         raise EstimationError(
-            f"{graph.variable_name(int(factors.subject[first]))}: {kind.what} sigma is [{numbers}]; needs positive finite"
-            " values"
+            f"{graph.variable_name(int(factors.subject[first]))}: {kind.what} sigma is [{numbers}]; it must be positive"
+            " and finite"
         )
     return factors

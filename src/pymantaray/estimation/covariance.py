@@ -61,7 +61,7 @@ def fixed_epochs(time: Array, interval: float) -> Indices:
         If the interval is not positive.
     """
     if not interval > 0.0:
-        raise EstimationError(f"interval of epochs is {interval:g} s; needs a positive number")
+        raise EstimationError(f"interval of epochs is {interval:g} s; it must be positive")
     multiple = np.arange(interval, time[-1] * (1.0 + 1e-12), interval)
     nearest = np.abs(time[None, :] - multiple[:, None]).argmin(axis=1)
     return np.unique([*nearest, time.size - 1])
@@ -169,7 +169,9 @@ def collect_covariances(
     """
     conditions = list(solutions[0]) if solutions else []
     if not solutions or any(list(s) != conditions for s in solutions):
-        raise EstimationError("covariances: needs one realization at least, all with the same conditions")
+        raise EstimationError(
+            "covariances: all realizations must have the same conditions, and there must be at least one"
+        )
     nothing = EpochCovariances.unknown(len(samples), measurements.name.size)
 
     def table(attribute: str) -> NDArray[Any]:

@@ -28,7 +28,7 @@ def check_conditioned(graph: FactorGraph) -> None:
         what, variable, variance, median = tightest
         raise EstimationError(
             f"{graph.variable_name(variable)}: {what} variance {variance:g} is {variance / median:.0e} of the median,"
-            f" {median:g}: badly conditioned; needs variances of more like size"
+            f" {median:g}: badly conditioned; give variances of more similar size"
         )
 
 
@@ -44,12 +44,12 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     if np.isinf(weakest.sigma):
         why = "nothing measures it"
     elif weakest.sigma < _UNDETERMINED:
-        why = "it may move, with what it is tied to, and nothing would change"
+        why = "if it moves together with the variables tied to it, no residual changes"
     else:
         why = f"it may stray by {weakest.sigma:.0e} {'rad' if weakest.turns else 'm'}"
     return (
         f"{graph.variable_name(weakest.variable)}: priors, odometry and ranges do not determine its"
-        f" {'rotation' if weakest.turns else 'position'}: {why}; singular, needs a prior or more ranges"
+        f" {'rotation' if weakest.turns else 'position'}: {why}; singular; add a prior or more ranges"
     )
 
 

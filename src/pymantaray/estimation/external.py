@@ -353,7 +353,7 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
     """
     if wanted and result.estimator not in {"batch", "incremental"}:
         raise EstimationError(
-            f"certificate of {result.estimator}: needs least squares; use estimator 'batch'"
+            f"certificate of {result.estimator}: only least squares can be certified; use estimator 'batch'"
         )
     graph, size = result.graph, sum(len(result.graph[name]) for name in KINDS)
     small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not len(graph["depth"])

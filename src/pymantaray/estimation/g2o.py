@@ -234,7 +234,7 @@ class _Reader:
             landmarks = sorted(set(sightings[1]))
         if not poses:
             words = f"{POSE}, {EDGE}, {_FLAT[POSE]} or {_FLAT[EDGE]}"
-            self._lines.refuse(f"no {words} in the file", "one pose at least", 0)
+            self._lines.refuse(f"no {words} in the file", "at least one pose", 0)
         return poses, landmarks, valueless
 
     def _ids(self, word: str) -> list[int]:
@@ -243,7 +243,7 @@ class _Reader:
         if len(set(ids)) != len(ids):
             before: set[int] = set()
             row = next(i for i, k in enumerate(ids) if k in before or before.add(k))  # type: ignore[func-returns-value]
-            self._lines.refuse(f"second {table.word} {ids[row]}", "one for each id", table.line[row])
+            self._lines.refuse(f"second {table.word} {ids[row]}", "one of each id", table.line[row])
         return ids
 
     def _edges(self) -> Factors:

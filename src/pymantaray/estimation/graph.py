@@ -226,7 +226,7 @@ class Factors:
         if len({len(table) for table in tables}) != 1:
             sizes = " and ".join(str(len(table)) for table in tables)
             raise EstimationError(
-                f"{self.kind.what}: {sizes} rows of variables, measurements and covariances; needs as many of each"
+                f"{self.kind.what}: {sizes} rows of variables, measurements and covariances; their numbers must be equal"
             )
         for table in tables:
             table.setflags(write=False)
@@ -472,8 +472,8 @@ def check_anchored(graph: FactorGraph) -> None:
     loose = connected_parts(graph).loose
     if loose.any():
         raise EstimationError(
-            f"{graph.variable_name(int(np.argmax(loose)))}: no first-pose prior, GNSS fix or landmark prior anchors it,"
-            f" nor anything that it is tied to ({np.count_nonzero(loose)} variables in all); give its vehicle a prior"
+            f"{graph.variable_name(int(np.argmax(loose)))}: no first-pose prior, GNSS fix or landmark prior anchors it"
+            f" or a variable that is tied to it ({np.count_nonzero(loose)} variables in all); give its vehicle a prior"
         )
 
 
@@ -603,5 +603,5 @@ def _refuse(
     numbers = ", ".join(f"{v:g}" for v in np.atleast_1d(values[first]))
     raise EstimationError(
         f"{graph.variable_name(int(variables[first]))}: {what} is [{numbers}] ({np.count_nonzero(~fine)} such in all);"
-        f" needs {allowed}"
+        f" allowed: {allowed}"
     )

@@ -22,7 +22,7 @@ def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
     """Check that each pose occurs once and has a prior or odometry."""
     used = [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
     if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
-        raise EstimationError("covariances: needs poses with a prior or odometry, each once")
+        raise EstimationError("covariances: each pose must have a prior or odometry, and must be given once")
     return poses.astype(np.intp)
 
 

@@ -69,7 +69,7 @@ class MixtureIterations(OuterIterations):
         assert isinstance(model, CandidateModel)  # the caller checks
         if model_ranges.uncertainty is not None:
             raise EstimationError(
-                "a mixture of candidates has variances of its own; leave the uncertainty of travel times out"
+                "a mixture of candidates has its own variances; remove the uncertainty of travel times"
             )
         self._graph, self._model = graph, model
         self._variance = np.array(graph["range"].variance)

@@ -58,7 +58,7 @@ class OuterIterations:
         _check_rows(graph, model_ranges)
         if loss is not None and model_ranges.correlated:
             raise EstimationError(
-                "a robust loss on correlated ranges: each has a loss of its own; leave one of them out"
+                "a robust loss applies to single ranges, but these are correlated; remove the loss or the correlation"
             )
         self._model_ranges, self._loss = model_ranges, loss
         r, n = model_ranges.ranges, graph.n_variables

@@ -145,8 +145,10 @@ def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) 
     if vehicles + landmarks != full:
         odd = next((name for name in full if not _STUDY_NAME.fullmatch(name)), None)
         if odd is not None or len(set(full)) != len(full):
-            what = "a name twice" if odd is None else f"the name {odd!r}"
-            raise EstimationError(f"{path}: {what}; needs different names of letters, digits, _ and -")
+            what = "two equal names" if odd is None else f"the name {odd!r}"
+            raise EstimationError(
+                f"{path}: {what}; names must differ and consist of letters, digits, _ and -"
+            )
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
         file.writelines(_texts(graph, initial, (vehicles, landmarks), known))
         if vehicles + landmarks == full:
@@ -239,7 +241,7 @@ class _Reader:
         """Convert all lines; ``names`` maps symbols of vehicles and landmarks to their names."""
         (poses,), (landmarks,) = self._names[POSE], self._names[LANDMARK]
         if not poses:
-            self._lines.refuse(f"no {POSE} or {FLAT[POSE]} in the file", "one pose at least", 0)
+            self._lines.refuse(f"no {POSE} or {FLAT[POSE]} in the file", "at least one pose", 0)
         for word, vertices in ((POSE, poses), (LANDMARK, landmarks)):
             for row, name in enumerate(vertices):
                 if name in self._variable:
@@ -413,7 +415,7 @@ def _read_names(path: Path) -> dict[str, str]:
     names = {row[0]: row[1] for row in rows if len(row) == 2 and _STUDY_NAME.fullmatch(row[1])}
     if head != ["symbol", "name"] or len(names) != len(rows) or len(set(names.values())) != len(rows):
         raise EstimationError(
-            f"{path}: needs a line symbol,name, then in each line a symbol of the graph file and a name of letters, digits, _ and -,"
+            f"{path}: not a table of names; it must have a line symbol,name, then in each line a symbol of the graph file and a name of letters, digits, _ and -,"
             " each once"
         )
     return names

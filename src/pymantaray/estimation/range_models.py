@@ -209,11 +209,13 @@ class MeanSlowness(RangeModel):
         z, c = np.array(depth, dtype=float), np.array(sound_speed, dtype=float)
         if z.ndim != 1 or z.shape != c.shape or z.size < 2 or not np.all(np.diff(z) > 0.0):
             raise EstimationError(
-                f"mean slowness: depths of shape {z.shape} for sound speeds {c.shape}; needs two or more increasing"
-                " depths, one speed each"
+                f"mean slowness: depths of shape {z.shape} for sound speeds {c.shape}; give at least two increasing"
+                " depths and one speed for each"
             )
         if not np.all((c > 0.0) & np.isfinite(c)):
-            raise EstimationError(f"mean slowness: sound speed {c.min():g} m/s; needs positive finite values")
+            raise EstimationError(
+                f"mean slowness: sound speed {c.min():g} m/s; sound speeds must be positive and finite"
+            )
         self.depth, self.sound_speed = z, c
         self._sum = np.concatenate([[0.0], np.cumsum(np.diff(z) * _mean_inverse(c[:-1], c[1:]))])
 
@@ -323,14 +325,14 @@ class RangeUnknowns:
         self.sigma = np.array(sigma, dtype=float)
         if not self.sigma.size:
             raise EstimationError(
-                "unknowns: neither modes, scale, clocks nor biases; give one of them or leave unknowns out"
+                "unknowns: neither modes, scale, clocks nor biases; give at least one of them, or no unknowns"
             )
         wrong = ~((self.sigma > 0.0) & np.isfinite(self.sigma))
         if wrong.any():
             first = int(np.argmax(wrong))
             what, unit = [*zip(names, units, strict=True), ("a bias", "m")][min(first, len(names))]
             raise EstimationError(
-                f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; needs a positive finite value"
+                f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; it must be positive and finite"
             )
         self._n_modes, self._n_vehicles = modes.size, n
         # all landmarks as one vehicle, left out in the end

@@ -96,12 +96,12 @@ class GraphSolver:
         if method.kalman:
             if method != Method(kalman=True):
                 raise EstimationError(
-                    "a Kalman filter has no robust loss and no lag; leave the other options of the method out"
+                    "a Kalman filter has no robust loss and no lag; remove the other options of the method"
                 )
             return filter_graph(graph, model_ranges=model_ranges, covariance_poses=covariance_poses)
         if method.lag is not None:
             if loss is not None:
-                raise EstimationError("a fixed-lag smoother has no robust loss; leave one of them out")
+                raise EstimationError("a fixed-lag smoother has no robust loss; remove the loss or the lag")
             return smooth_with_lag(
                 graph,
                 initial,
@@ -134,7 +134,7 @@ class GraphSolver:
     ) -> BatchOutcome:
         if model_ranges is not None and isinstance(model_ranges.model, CandidateModel):
             if loss is not None:
-                raise EstimationError("a mixture of candidates has no robust loss; leave one of them out")
+                raise EstimationError("a mixture of candidates has no robust loss; remove the loss")
             return MixtureIterations(self._cache, graph, model_ranges, poses).solve(initial, self.options)
         if model_ranges is not None:
             return OuterIterations(self._cache, graph, model_ranges, loss, poses).solve(initial, self.options)

@@ -32,7 +32,7 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
     e, p = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
     if p.shape != (*e.shape, e.shape[-1]):
         raise EvaluationError(
-            f"covariance of shape {p.shape} for errors of {e.shape}; needs {(*e.shape, e.shape[-1])}"
+            f"covariance of shape {p.shape} for errors of {e.shape}; it must have shape {(*e.shape, e.shape[-1])}"
         )
     out = np.full(e.shape[:-1], np.nan)
     good = np.isfinite(e).all(axis=-1) & np.isfinite(p).all(axis=(-2, -1))

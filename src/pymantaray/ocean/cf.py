@@ -78,7 +78,7 @@ def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -
         match = re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", meaning)
         if not match:
             raise OceanError(
-                f"name of {name}: {meaning!r}; needs a CF standard name such as sea_water_potential_temperature, or with a"
+                f"name of {name}: {meaning!r}; it must be a CF standard name such as sea_water_potential_temperature, or with a"
                 " unit sea_water_temperature[degC]"
             )
         close = get_close_matches(match[1], _STANDARD_NAMES, n=1, cutoff=0.9)

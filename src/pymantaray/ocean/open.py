@@ -380,15 +380,15 @@ class Collection:
 
     def _lacks(self, roles: Sequence[str]) -> OceanError:
         relative = [n for p in self.parts for n in p.layout.grid_relative]
-        rest = 'or set them to zero with --currents rest (in TOML under [ocean] and in Python: currents = "rest")'
+        rest = 'set the currents to zero with --currents rest (in TOML under [ocean] and in Python: currents = "rest")'
         if relative and set(roles) <= set(_ROLES[2:]):
-            return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, {rest}")
+            return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, or {rest}")
         line = (
             f"{self.names}: no {' and no '.join(roles)}; an ocean needs water_temp, salinity, water_u and"
             " water_v, or their CF standard names (for HYCOM the ts3z and uv3z files together); it contains"
             f" {'; '.join(cf.listed_variables(part.data) for part in self.parts[:_MAX_LISTED_FILES])}"
         )
-        return OceanError(line + (f", {rest}" if list(roles) == list(_ROLES[2:]) else ""))
+        return OceanError(line + (f"; add them, or {rest}" if list(roles) == list(_ROLES[2:]) else ""))
 
 
 def _check_same_grid(part: Part, role: str, first_role: str, first: tuple[Part, cf.Field]) -> None:

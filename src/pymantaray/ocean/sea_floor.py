@@ -140,7 +140,7 @@ def local_floor(
     """
     if sea_floor.dims != ("lat", "lon") or min(sea_floor.shape) < 2:
         raise OceanError(
-            f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; needs (lat, lon) with at least"
+            f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; it must have (lat, lon) with at least"
             " 2 points each, as open_sea_floor returns it"
         )
     theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
@@ -318,7 +318,7 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
     if fields:
         unit = text(data.variables[fields[0].name], "units")
         if unit and not is_our_unit("length", unit):
-            raise OceanError(f"{where}: {fields[0].name} is in {unit!r}; needs metres")
+            raise OceanError(f"{where}: {fields[0].name} is in {unit!r}; it must be in metres")
         return fields[0]
     if "spacing" in data.variables and len(data.variables.get("z", data.variables["spacing"]).dims) == 1:
         raise OceanError(
@@ -326,7 +326,7 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
         )
     listed = ", ".join([str(n) for n, v in data.variables.items() if v.dims != (n,)][:6]) or "nothing"
     raise OceanError(
-        f"{where}: no sea floor on latitude and longitude among {listed}; needs elevation, z, deptho or a variable"
+        f"{where}: no sea floor on latitude and longitude among {listed}; the file must have elevation, z, deptho or a variable"
         " with a CF standard name such as sea_floor_depth_below_geoid"
     )
 

@@ -133,7 +133,7 @@ def _box(*limits: Limits) -> Box:
         step = numbers[2] if len(numbers) == 3 else (last - first) / _STEPS
         if not (first < last and 0.0 < step <= last - first and first >= 0.0):
             raise OnlineError(
-                f"{name} is {tuple(values)}; needs 0 <= lower < upper and 0 < step <= upper - lower"
+                f"{name} is {tuple(values)}; allowed: 0 <= lower < upper and 0 < step <= upper - lower"
             )
         lower.append(first)
         upper.append(last)

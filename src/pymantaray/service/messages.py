@@ -40,7 +40,7 @@ class Participant(Section):
             or (self.north is None) != (self.east is None)
             or (self.lat is None) != (self.lon is None)
         ):
-            raise ValueError("needs either north and east or lat and lon")
+            raise ValueError("give either north and east or lat and lon")
         return self
 
     @property

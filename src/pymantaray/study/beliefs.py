@@ -138,7 +138,7 @@ class Beliefs:
         depth, shapes, sigma = self._scaled_modes(section.casts, section.rms, section.down_to)
         if section.count > sigma.size:
             raise OceanError(
-                f"modes: count is {section.count}, but there are {sigma.size} that vary; give at most so many"
+                f"modes: count is {section.count}, but only {sigma.size} modes vary; give at most {sigma.size}"
             )
         return depth, shapes[: section.count], sigma[: section.count]
 

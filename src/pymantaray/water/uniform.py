@@ -143,15 +143,13 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
     place, bottom = section.centre or profile.position, section.bathymetry
     if profile.water is None or place is None or not isinstance(bottom, float):
         lacks = (
-            "temperature and salinity"
+            "temperature and salinity, which this task needs; use a cast with both, or an ocean"
             if profile.water is None
-            else "its place"
+            else "position, which this task needs; give --centre LAT LON (in Python: centre)"
             if place is None
-            else "a flat sea bed"
+            else "sea bed of one depth, which this task needs; give it in metres with --sea-floor (in Python: bathymetry)"
         )
-        raise OceanError(
-            f"{label(section, profile)}: the profile has no {lacks}, which this task needs; use a cast with it, or an ocean"
-        )
+        raise OceanError(f"{label(section, profile)}: the profile has no {lacks}")
     temperature, salinity = profile.water
     start: np.datetime64 = np.datetime64(EPOCH) if np.isnat(profile.time) else profile.time
     if section.time is not None:
