@@ -5,17 +5,19 @@ Python calls entries. Entries call kernels, which are compiled as part of them. 
 (``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1``.
 """
 
+import fcntl
 import hashlib
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numba
 from numba import config, njit, types
 from numba.extending import intrinsic
 
-from pymantaray.messages import warn_not_cached
+from pymantaray.messages import announce_compilation, warn_not_cached
 
 PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
 _SHARED_SOURCES = tuple(
@@ -70,7 +72,8 @@ def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], *
     Compile a function and cache it on disk, or in memory if no folder is writable.
 
     Numba checks only the file of the function itself, not the files of the functions that it calls, so it could load stale
-    code. Here, the names of its cache files contain a digest of all sources. Files with other digests are removed.
+    code. Here, the names of its cache files contain a digest of all sources. Files with other digests are removed. If several
+    processes need code that is not cached, one compiles it and the others wait.
     """
     name = function.__qualname__
     digest = _digest(Path(function.__code__.co_filename).parent)
@@ -83,10 +86,11 @@ def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], *
     finally:
         function.__qualname__ = name
     if not PLAIN:
-        _discard_stale(
-            Path(compiled.stats.cache_path), f"{Path(function.__code__.co_filename).stem}.{name}", digest
-        )
+        folder, stem = Path(compiled.stats.cache_path), f"{Path(function.__code__.co_filename).stem}.{name}"
+        _discard_stale(folder, stem, digest)
         _ignore_failed_saves(compiled._cache)
+        if decorate is njit:
+            _compile_in_one_process(compiled, folder / f"{stem}-{digest}.lock")
     return compiled
 
 
@@ -103,9 +107,37 @@ def _ignore_failed_saves(disk_cache: Any) -> None:
     disk_cache.save_overload = try_to_save
 
 
+def _compile_in_one_process(compiled: Any, path: Path) -> None:
+    """Let a process that finds no code on disk wait for one that compiles it; the lock ends with its process."""
+    load, compile_types, locks = compiled._cache.load_overload, compiled.compile, list[TextIO]()
+
+    def load_or_wait(signature: Any, context: Any) -> Any:
+        code = load(signature, context)
+        if code is not None or locks:
+            return code
+        with suppress(OSError):  # the folder is not writable, or its disk has no locks
+            locks.append(path.open("w"))
+            try:
+                fcntl.flock(locks[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                announce_compilation()
+                fcntl.flock(locks[0], fcntl.LOCK_EX)
+        return load(signature, context)
+
+    def compile_and_unlock(signature: Any) -> Any:
+        try:
+            return compile_types(signature)
+        finally:
+            while locks:
+                with locks.pop() as lock, suppress(OSError):
+                    fcntl.flock(lock, fcntl.LOCK_UN)  # a process that was forked meanwhile has the file, too
+
+    compiled._cache.load_overload, compiled.compile = load_or_wait, compile_and_unlock
+
+
 def _discard_stale(folder: Path, stem: str, digest: str) -> None:
     stem = stem.replace("<", "").replace(">", "")
-    for file in folder.glob(f"{stem}-*.nb[ic]"):
+    for file in (*folder.glob(f"{stem}-*.nb[ic]"), *folder.glob(f"{stem}-*.lock")):
         if digest not in file.name:
             try:
                 file.unlink()

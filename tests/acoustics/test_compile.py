@@ -2,8 +2,12 @@
 
 import gc
 import itertools
+import os
 import pickle
+import subprocess
+import sys
 from collections import Counter, namedtuple
+from functools import partial
 
 import numpy as np
 import pytest
@@ -54,6 +58,52 @@ def two_files(tmp_path):
         return done.stdout.split(), done.stderr
 
     return run
+
+
+SLOW = """
+import time
+from pathlib import Path
+
+from numba import types
+from numba.extending import intrinsic
+from pymantaray.compile import entry
+
+@intrinsic
+def wait(_context):
+    Path("compiling").touch()
+    while not Path("go").exists():
+        time.sleep(0.01)
+    return types.none(), lambda context, *_: context.get_dummy_value()
+
+@entry
+def doubled(x):
+    wait()
+    return 2.0 * x
+
+print("calls", flush=True)
+print(doubled(1.0), sum(doubled.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(compilation.PLAIN, reason="nothing is compiled")
+def test_one_process_compiles_and_another_waits_for_its_code(tmp_path):
+    (tmp_path / "slow.py").write_text(SLOW)
+    start = partial(
+        subprocess.Popen,
+        [sys.executable, "slow.py"],
+        cwd=tmp_path,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with start() as first:
+        while not (tmp_path / "compiling").exists():
+            assert first.poll() is None
+        with start() as second:
+            assert second.stdout.readline() == "calls\n"
+            (tmp_path / "go").touch()
+            assert second.communicate()[0] == "2.0 1\n"
+        assert first.communicate()[0] == "calls\n2.0 0\n"
 
 
 SHARED = """
