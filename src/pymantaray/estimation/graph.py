@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
+from pymantaray.geometry.se3 import lengths
 from pymantaray.records.base import Column, Record, column
 
 if TYPE_CHECKING:
@@ -564,7 +565,7 @@ def _check_upright(graph: FactorGraph, what: str, variables: Indices, quaternion
 
 
 def _check_length(graph: FactorGraph, what: str, variables: Indices, quaternion: Array) -> None:
-    fine = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) <= QUATERNION_TOLERANCE
+    fine = np.abs(lengths(quaternion) - 1.0) <= QUATERNION_TOLERANCE
     _refuse(graph, what, variables, quaternion, fine, "length 1")
 
 
