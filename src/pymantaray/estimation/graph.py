@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
+from pymantaray.geometry.se3 import lengths
 from pymantaray.records.base import Column, Record, column
 
 if TYPE_CHECKING:
@@ -459,7 +460,7 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
         )
     variables = np.arange(sum(needed), dtype=np.int32)
     place = np.concatenate([values.position, values.landmark_position])
-    fine = (np.abs(place) <= LARGEST).all(axis=1)  # NaN does not pass
+    fine = np.abs(place) <= LARGEST  # NaN does not pass
     _refuse(graph, "position", variables, place, fine, f"finite values of at most {LARGEST:g}")
     _check_length(graph, "quaternion", variables[: needed[0]], values.quaternion)
     if graph.planar:
@@ -528,8 +529,8 @@ def _check_ends(graph: FactorGraph, factors: Factors) -> None:
 
 def _check_measured(graph: FactorGraph, factors: Factors) -> None:
     what, values = factors.kind.what, factors.measured
-    _refuse(graph, what, factors.subject, values, np.isfinite(values).all(axis=1), "finite values")
-    small = (np.abs(values) <= LARGEST).all(axis=1)
+    _refuse(graph, what, factors.subject, values, np.isfinite(values), "finite values")
+    small = np.abs(values) <= LARGEST
     _refuse(graph, what, factors.subject, values, small, f"values of at most {LARGEST:g}")
     if "quaternion" in factors.kind.columns_at:
         _check_length(graph, f"{what} quaternion", factors.subject, factors.column("quaternion"))
@@ -564,20 +565,19 @@ def _check_upright(graph: FactorGraph, what: str, variables: Indices, quaternion
 
 
 def _check_length(graph: FactorGraph, what: str, variables: Indices, quaternion: Array) -> None:
-    fine = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) <= QUATERNION_TOLERANCE
+    fine = np.abs(lengths(quaternion) - 1.0) <= QUATERNION_TOLERANCE
     _refuse(graph, what, variables, quaternion, fine, "length 1")
 
 
 def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
     what, variables, covariance = factors.kind.what, factors.subject, factors.covariance
     diagonal = np.diagonal(covariance, axis1=1, axis2=2)
-    within = (diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])  # NaN does not pass
-    fine = within.all(axis=1)
+    fine = (diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])  # NaN does not pass
     allowed = f"positive finite variances, {VARIANCES[0]:g} to {VARIANCES[1]:g}"
     _refuse(graph, f"{what} variance", variables, diagonal, fine, allowed)
-    full = np.count_nonzero(covariance, axis=(1, 2)) > covariance.shape[1]
-    if not full.any():
+    if np.count_nonzero(covariance) <= diagonal.size:
         return
+    full = np.count_nonzero(covariance, axis=(1, 2)) > covariance.shape[1]
     variables, covariance = variables[full], covariance[full]
     sigma = np.sqrt(diagonal[full])
     # without units, so that metres and radians do not look like bad conditioning
@@ -596,9 +596,10 @@ def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
 def _refuse(
     graph: FactorGraph, what: str, variables: Indices, values: Array, fine: Any, allowed: str
 ) -> None:
-    """Refuse values (n, k) unless all are fine (n,), in a line that names the first variable concerned."""
+    """Refuse values (n, k) unless all are fine, (n,) or (n, k), in a line that names the first variable concerned."""
     if fine.all():
         return
+    fine = fine.reshape(len(values), -1).all(axis=1)
     first = int(np.argmin(fine))
     numbers = ", ".join(f"{v:g}" for v in np.atleast_1d(values[first]))
     raise EstimationError(

@@ -72,8 +72,11 @@ def write_rows(
     word = words[1] if flat else words[0]
     measured, matrix = to_file(measured, matrix, planar=flat)
     table = measured if matrix is None else np.concatenate([measured, triangle(matrix)], axis=1)
-    form = f"{word} %s " + " ".join(["%.17g"] * table.shape[1]) + "\n"
-    for head, row in zip(heads, table.tolist(), strict=True):
+    bits = np.ascontiguousarray(table).view(np.int64)  # zeros have signs
+    same = (bits == bits[:1]).all(axis=0) & bool(len(table))
+    numbers = [f"{table[0, k]:.17g}" if same[k] else "%.17g" for k in range(table.shape[1])]
+    form = f"{word} %s {' '.join(numbers)}\n"
+    for head, row in zip(heads, table[:, ~same].tolist(), strict=True):
         yield form % (head, *row)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
+from pymantaray.geometry.se3 import lengths
 
 Rows = Indices
 _LEVEL_DIFFERENCE = 0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
@@ -457,5 +458,5 @@ def _along_chords(links: RangeEndpoints, slowness: Array) -> Prediction:
 def chord(a: Array, b: Array) -> tuple[Array, Array]:
     """Distances between positions, shape (n,), and directions from first to second, (n, 3); zero for equal positions."""
     step = b - a
-    distance = np.linalg.norm(step, axis=1)
+    distance = lengths(step)
     return distance, step / np.where(distance > 0.0, distance, 1.0)[:, None]

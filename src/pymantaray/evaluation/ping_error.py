@@ -8,11 +8,11 @@ import pandas as pd
 from pymantaray.arrays import Array
 from pymantaray.evaluation.bound import DegreesOfFreedom, ping_samples, rms_bound, submerged_at_pings
 from pymantaray.evaluation.trajectory_error import (
-    lengths,
     spread_standard_error,
     standard_error,
     trajectory_errors,
 )
+from pymantaray.geometry.se3 import lengths
 from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Estimates, Measurements, Trajectories
 

@@ -11,7 +11,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import FactorGraph, GraphValues, rmse_standard_error
 from pymantaray.evaluation.bound import DegreesOfFreedom
-from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
+from pymantaray.geometry.se3 import lengths, matrix_from_quaternion, so3_log
 from pymantaray.records import Estimates, SolveStatus, Trajectories
 
 USABLE = tuple(status for status in SolveStatus if status.usable)
@@ -48,14 +48,6 @@ def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
             f"positions of shape {estimate.shape} against {truth.shape}; both need (..., n_times, 3), n_times equal"
         )
     return lengths(estimate - truth)
-
-
-def lengths(vectors: Array) -> Array:
-    """Lengths of vectors, (..., n, 3), with the digits of `numpy.linalg.norm` in half of its time."""
-    squares = vectors * vectors
-    total = squares[..., 0] + squares[..., 1]
-    total += squares[..., 2]
-    return np.asarray(np.sqrt(total, out=total))
 
 
 def ate_statistics(errors: ArrayLike) -> dict[str, float]:

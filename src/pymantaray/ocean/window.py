@@ -256,11 +256,18 @@ class Window:
         lat, lon = self.frame.to_geodetic(north, east)
         return lat, wrapped(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
 
-    def holds(self, half_north: float, half_east: float) -> bool:
-        """Return True if a rectangle with these half sides [m] around the frame's centre is inside the data set."""
+    def holds(self, half_north: float, half_east: float, *, coarsely: bool = False) -> bool:
+        """
+        Return True if a rectangle with these half sides [m] around the frame's centre is inside the data set.
+
+        ``coarsely`` checks some points of its sides only.
+        """
         north, east = rectangle(half_north, half_east)
         some = slice(None, None, _SIDE_POINTS // 4)  # are outside of most rectangles that are outside
-        return all(self.contains(self.geographic(north[of], east[of])) for of in (some, slice(None)))
+        return all(
+            self.contains(self.geographic(north[of], east[of]))
+            for of in (some, slice(None))[: 1 if coarsely else 2]
+        )
 
     def contains(self, places: tuple[Array, Array]) -> bool:
         """Return True if latitudes and longitudes from `geographic` are all inside the data set."""
@@ -285,7 +292,7 @@ class Window:
         return _largest_rectangle(*edges, (self.frame.latitude_deg, self.frame.longitude_deg))
 
 
-@lru_cache(maxsize=32)  # many oceans have one grid, and a search takes a quarter of a second
+@lru_cache(maxsize=32)  # many oceans have one grid, and a search takes some hundredths of a second
 def _largest_rectangle(
     lat: tuple[float, float], lon: tuple[float, float], centre: tuple[float, float]
 ) -> tuple[float, float]:
@@ -299,7 +306,8 @@ def _largest_rectangle(
         )
 
     def width(north: float) -> float:
-        return _reach(lambda east: window.holds(north, east))
+        most = _reach(lambda east: window.holds(north, east, coarsely=True))
+        return most if window.holds(north, most) else _reach(lambda east: window.holds(north, east))
 
     best = optimize.minimize_scalar(
         lambda north: -north * width(north), bounds=(0.0, tallest), options={"xatol": 1.0}

@@ -1,7 +1,7 @@
 """Data of the interactive figures of a run's page, as JSON for its script: the fleet, the links of each ping, and rays."""
 
 import json
-import math
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -36,6 +36,7 @@ _KINDS = [
     for (name, look), dash in zip(RAY_KINDS, ("solid", "dash", "dashdot", "dot"), strict=True)
 ]
 _QUANTILES = np.linspace(0.0, 1.0, 101)
+_WHOLE, _NOT_FINITE = re.compile(r"\.0(?![0-9])"), re.compile("NaN|-?Infinity")
 
 
 def explorer(results: RunResults, rays: str) -> str:
@@ -181,26 +182,25 @@ def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
 
 def section(picture: xr.Dataset) -> dict[str, Any]:
     """Section along one link with its earliest rays, to somewhat below the deepest of them."""
-    rays = picture.isel(ray=slice(0, _MAX_RAYS))
-    lowest = max(
-        float(picture["chord_depth"].max()), float(rays["ray_depth"].max()) if rays.sizes["ray"] else 0.0
-    )
-    depth = picture["depth"].to_numpy()
+    values = {str(name): variable.to_numpy() for name, variable in picture.variables.items()}
+    rays = {name: column[:_MAX_RAYS] for name, column in values.items() if name.startswith("ray_")}
+    chord, depth = values["chord_depth"], values["depth"]
+    lowest = float(np.nanmax(rays["ray_depth"], initial=chord.max()))
     shown = int(np.clip(np.searchsorted(depth, _DEPTH_FACTOR * lowest + 20.0), 2, depth.size))
     levels = _evenly(np.arange(shown), _MAX_LEVELS)
     return {
-        "range": _rounded(picture["range"], 0),
+        "range": _rounded(values["range"], 0),
         "depth": _rounded(depth[levels], 1),
         "speed": _rounded(picture["sound_speed"].transpose("depth", "range").to_numpy()[levels], 1),
-        "bed": _rounded(picture["sea_floor_depth"], 0),
+        "bed": _rounded(values["sea_floor_depth"], 0),
         "ray_range": _rounded(rays["ray_range"], 0),
         "ray_depth": _rounded(rays["ray_depth"], 1),
         "time": _rounded(rays["ray_travel_time"], 7),
-        "chord": float(picture["chord_travel_time"].round(7)),
-        "surface": rays["ray_surface_bounces"].to_numpy(),
-        "bottom": rays["ray_bottom_bounces"].to_numpy(),
+        "chord": _rounded(values["chord_travel_time"], 7),
+        "surface": rays["ray_surface_bounces"],
+        "bottom": rays["ray_bottom_bounces"],
         "spreading": _rounded(rays["ray_spreading"], 1),
-        "ends": _rounded(picture["chord_depth"], 1),
+        "ends": _rounded(chord, 1),
     }
 
 
@@ -274,18 +274,20 @@ def _rounded(values: Any, digits: int) -> Array:
 
 
 def as_json(content: Any) -> str:
-    """JSON that is safe inside a script of a page."""
-    return json.dumps(_plain(content), separators=(",", ":")).replace("<", "\\u003c")
+    """JSON that is safe inside a script of a page; numbers that are not finite become null."""
+    return _json(content).replace("<", "\\u003c")
 
 
-def _plain(value: Any) -> Any:
-    """Arrays as lists, and values that are not finite as null."""
+def _json(value: Any) -> str:
+    """JSON of nested values and arrays; whole numbers have no decimals."""
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return f"{{{','.join(f'{_json(key)}:{_json(item)}' for key, item in value.items())}}}"
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return None if not math.isfinite(value) else int(value) if value.is_integer() else value
-    return value.item() if isinstance(value, np.generic) else value
+        return f"[{','.join(map(_json, value))}]"
+    if not isinstance(value, np.ndarray | np.generic | float):
+        return json.dumps(value)
+    array = np.asarray(value)
+    if array.dtype.kind != "f":
+        return json.dumps(array.tolist(), separators=(",", ":"))
+    text = json.dumps((array + 0.0).tolist(), separators=(",", ":"))  # without negative zeros
+    return _NOT_FINITE.sub("null", _WHOLE.sub("", text))

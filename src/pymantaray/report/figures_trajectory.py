@@ -103,6 +103,13 @@ def error_over_time(
     )
     hours = time / 3600.0
     looks = style.condition_looks(list(errors))
+    shared = grid[0, 0]  # all panels share its scales and limits; each change takes the time of all panels
+    shared.set_yscale("log")
+    shared.yaxis.set_minor_locator(NullLocator())
+    shared.set_xlim(hours[0], hours[-1])
+    shared.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    for axes in grid.flat:
+        axes.set_autoscaley_on(False)  # until all lines are there
     for name, values in errors.items():
         whole = values[np.isfinite(values).all(axis=(1, 2))]
         if not len(whole):
@@ -118,16 +125,14 @@ def error_over_time(
         if i >= len(names):
             axes.set_visible(False)
             continue
-        axes.set_yscale("log")
-        axes.yaxis.set_minor_locator(NullLocator())
-        axes.set_xlim(hours[0], hours[-1])
-        axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
         marks = np.repeat(hours[fixes[i]], 3), np.tile([0.0, 0.045, np.nan], int(fixes[i].sum()))
         look: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "solid_capstyle": "butt"}
         axes.plot(*marks, color=style.SKY, linewidth=0.6, **look)  # one line, since each costs as much as all
         if i + columns >= len(names):
             axes.tick_params(labelbottom=True)
+    for axes in grid.flat:
+        axes.set_autoscaley_on(True)
     figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")
     figure.supylabel("Position error [m]", x=0.06 / width, ha="left")
     handles = [

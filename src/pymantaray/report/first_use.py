@@ -3,13 +3,13 @@
 from matplotlib.figure import Figure
 
 from pymantaray.report import style
-from pymantaray.report.page import page_template
+from pymantaray.report.page import Explorer, Page
 
 
 def use_all() -> None:
-    """Draw a figure, which loads fonts and the parser of formulas, and compile the page's template."""
+    """Draw a figure, which loads fonts and the parser of formulas, and make a page, which compiles templates and compresses its library."""
     style.rendered(_figure(), ("png",))
-    page_template()
+    Page("", explorer=Explorer("run", "{}")).html()
 
 
 @style.styled

@@ -5,7 +5,7 @@ import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -89,11 +89,17 @@ def page_template() -> Template:
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["base64"] = lambda content: b64encode(content).decode()
-    environment.filters["packed"] = lambda text: b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    environment.filters["packed"] = packed
     environment.filters["unbroken"] = _unbroken
     environment.filters["first"] = lambda table: table.first(_MAX_ROWS)
     environment.globals["plotly"] = get_plotlyjs
     return environment.get_template("page.html")
+
+
+@lru_cache(maxsize=2)  # of a page, and plotly, which all pages share
+def packed(text: str) -> str:
+    """Text as the script of a page reads it, compressed."""
+    return b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
 
 
 def _unbroken(text: str) -> str:

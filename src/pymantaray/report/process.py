@@ -59,10 +59,10 @@ class ReportProcesses(ExitStack):
         drawing = self._drawn.result()
         self._computed.result()
         errors = self._figures.submit(methodcaller("draw_errors", run.path))
-        rest = self._tables.submit(methodcaller("draw_rest", run.path))
-        drawing = drawing._replace(pictures={**drawing.pictures, **errors.result()})
+        rest = self._tables.submit(methodcaller("draw_rest", run.path, drawing.rays))
+        drawn = {**drawing.pictures, **errors.result()}
         rest.result()
-        files, tables = self._tables.submit(methodcaller("make", run.path, drawing=drawing)).result()
+        files, tables = self._tables.submit(methodcaller("make", run.path, drawn=drawn)).result()
         with staged_parts(run.path, PARTS) as stage:
             write_files(stage, files)
         run.tables.use(tables)

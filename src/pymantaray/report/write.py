@@ -1,6 +1,7 @@
 """Report of a run in its folder: tables, figures and page, replaced atomically."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +14,7 @@ from pymantaray.report.drawing import Drawing, Picture
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
+from pymantaray.report.page import Page, packed
 from pymantaray.report.run_page import run_page
 from pymantaray.report.style import legend_entries, rendered
 from pymantaray.study.store import Run, open_run
@@ -68,13 +70,14 @@ class ReportMaker:
     Maker of a run's report.
 
     `make` does everything. The other methods do parts of it earlier, which two processes can share: the first draws figures of the
-    mission, then of position errors; the second computes tables, draws the other figures and makes the files.
+    mission, then of position errors; the second computes tables, draws the other figures, and makes the page and the files.
     """
 
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats = checked_formats(formats)
         self._mission, self._tables = dict[str, Any](), dict[str, ResultTable]()
         self._results: RunResults | None = None
+        self._page: Page | None = None
         self._rest = dict[str, Picture]()
 
     def draw_mission(self, folder: Path) -> Drawing:
@@ -96,23 +99,31 @@ class ReportMaker:
         """Figures of a finished run that depend on its position errors, and not on tables."""
         return self._drawn(run_figure_specs(self._opened(folder), of_errors=True))
 
-    def draw_rest(self, folder: Path) -> None:
-        """Compute the tables of a finished run, and draw the figures that no other method draws."""
+    def draw_rest(self, folder: Path, rays: str) -> None:
+        """Compute the tables of a finished run, draw the figures that no other method draws, and fill the page except its figures."""
         self._results = results = self._opened(folder)
         others = [*run_figure_specs(results, of_mission=True), *run_figure_specs(results, of_errors=True)]
         names = {spec.name for spec in others}
         _ = list(results.tables.values())
         self._rest = self._drawn([spec for spec in run_figure_specs(results) if spec.name not in names])
+        self._page = run_page(results, (), rays)
+        assert self._page.explorer is not None
+        packed(self._page.explorer.data)
 
     def make(
-        self, folder: Path, progress: Progress | None = None, drawing: Drawing | None = None
+        self,
+        folder: Path,
+        progress: Progress | None = None,
+        drawn: Mapping[str, Picture] = MappingProxyType({}),
     ) -> tuple[dict[str, bytes], dict[str, ResultTable]]:
         """Files of the report of a finished run, by name, and the tables that a command prints."""
-        results, other = self._results or self._opened(folder), drawing or Drawing()
-        drawn = {**self._rest, **other.pictures}
-        pictures = draw(run_figure_specs(results), formats=self._formats, drawn=drawn, progress=progress)
-        files = run_page(results, pictures, other.rays or mission_rays(results)).files(self._formats)
-        return files, {name: results.tables[name] for name in SUMMARY if name in results.tables}
+        results = self._results or self._opened(folder)
+        specs, drawn = run_figure_specs(results), {**self._rest, **drawn}
+        page = self._page or run_page(results, (), mission_rays(results))
+        page = replace(page, pictures=draw(specs, formats=self._formats, drawn=drawn, progress=progress))
+        return page.files(self._formats), {
+            name: results.tables[name] for name in SUMMARY if name in results.tables
+        }
 
     def _keep(self, run: Run) -> None:
         """Keep what was read and computed of a mission."""
