@@ -17,7 +17,8 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
-from pymantaray.jobs import pool
+from pymantaray.jobs import dask_pool
+from pymantaray.jobs.pool import TaskFunction
 from pymantaray.study import load_study, parse_study
 from pymantaray.sweep import Sweep, open_sweep, run_sweep, tasks
 
@@ -60,7 +61,7 @@ def noises(config, count):
     return Sweep(config, cross={"noise.range_sigma": [1.0 + 1e-4 * k for k in range(count)]})
 
 
-def start_for_nothing(work: pool.TaskFunction) -> pool.TaskFunction:
+def start_for_nothing(work: TaskFunction) -> TaskFunction:
     """A worker whose points take no time: the first one's summary stands for all."""
     solve, first = tasks._solve, {}
 
@@ -75,7 +76,7 @@ def start_for_nothing(work: pool.TaskFunction) -> pool.TaskFunction:
 
 def overhead() -> None:
     """Of points whose study takes no time: everything but the study."""
-    pool._start = start_for_nothing
+    dask_pool._start = start_for_nothing
     config, memory = small(), {}
     with folder() as out:
         before = cpu()

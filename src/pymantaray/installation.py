@@ -78,9 +78,10 @@ def peak_memory_mib() -> float:
     Without ``/proc``, it is the peak of the parent process if that is larger.
     """
     try:
-        (line,) = [x for x in Path("/proc/self/status").read_text().splitlines() if x.startswith("VmHWM")]
-        return round(float(line.split()[1]) / 2.0**10, 1)
-    except (OSError, ValueError):
+        with Path("/proc/self/status").open("rb", buffering=0) as file:
+            status = file.read(2**16)  # in one call, because workers call this after each message
+        return round(float(status.partition(b"VmHWM:")[2].split(maxsplit=1)[0]) / 2.0**10, 1)
+    except (OSError, ValueError, IndexError):
         unit = 2.0**20 if sys.platform == "darwin" else 2.0**10  # bytes on macOS, KiB elsewhere
         return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)
 

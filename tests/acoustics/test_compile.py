@@ -367,7 +367,9 @@ def test_a_medium_from_another_process_needs_no_other_kernels(earth):
     """Its arrays can be written, for which Numba compiled all kernels again, in each process of a service."""
     medium = Medium.from_profile([0.0, 90.0], [1450.0, 1460.0], bottom_depth=90.0, earth=earth)
     ends = [0.0, 0.0, 10.0], [500.0, 0.0, 20.0]
+    size = len(pickle.dumps(medium))
     one = find_eigenrays(medium, *ends)
+    assert len(pickle.dumps(medium)) == size  # without a second copy for the kernels
     compiled = list(solve_links.signatures)
     other = find_eigenrays(pickle.loads(pickle.dumps(medium)), *ends)
     assert solve_links.signatures == compiled

@@ -53,11 +53,19 @@ def scattered(n, side=5e3, seed=3):
 
 
 @settings(max_examples=25)
-@given(n=st.integers(0, 700), threads=st.integers(1, 5), each=st.sampled_from([0.0, 1e-6, 1e-3]))
-def test_blocks_hold_every_row_once_and_in_order(n, threads, each):
-    runs = list(in_blocks(lambda start, stop: time.sleep(each) or range(start, stop), n, threads=threads))
+@given(
+    n=st.integers(0, 700),
+    threads=st.integers(1, 5),
+    each=st.sampled_from([0.0, 1e-6, 1e-3]),
+    first=st.integers(1, 20),
+)
+def test_blocks_hold_every_row_once_and_in_order(n, threads, each, first):
+    def work(start, stop):
+        return time.sleep(each) or range(start, stop)
+
+    runs = list(in_blocks(work, n, threads=threads, first=first))
     assert [i for run in runs for i in run] == list(range(n))
-    assert len(runs[0]) == min(n, 1)
+    assert len(runs[0]) == min(n, first)
     assert max(len(run) for run in runs) <= 512
 
 

@@ -67,7 +67,7 @@ def filled(kind, empty=()):
         dtype = f.metadata["dtype"]
         if dtype == "U":
             columns[f.name] = np.array(NAMES[: shape[0]], dtype=str)
-        elif dtype.startswith("i"):
+        elif dtype.kind == "i":
             columns[f.name] = rng.integers(-3, 100, shape)
         else:
             columns[f.name] = rng.standard_normal(shape)

@@ -24,7 +24,7 @@ from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.records import RayStatus
 from pymantaray.service import RangingService, connections, make_server, server
-from pymantaray.service.messages import PingAnswer
+from pymantaray.service.messages import ANSWER
 from pymantaray.service.server import MAX_BYTES
 
 pytestmark = pytest.mark.network
@@ -85,7 +85,7 @@ def test_an_answer_is_the_services_to_the_last_digit(port, service, links):
     assert answer["time"] == 7.25
     same_as_ping(answer, service.ping(7.25, source, receivers))
     assert all(r["arrivals"] is None for r in answer["receivers"])
-    PingAnswer.model_validate(answer)
+    ANSWER.validate_python(answer)
 
 
 def test_with_arrivals_all_that_reaches_a_receiver_is_told(loud_port, loud, links):

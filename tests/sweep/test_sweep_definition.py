@@ -5,11 +5,15 @@ import datetime as dt
 import numpy as np
 import pytest
 
+from pymantaray.config.keys import with_key
 from pymantaray.errors import SweepError
-from pymantaray.study import load_study, study_toml
+from pymantaray.study import load_study, parse_study, study_toml
 from pymantaray.sweep import Sweep, load_sweep
 from pymantaray.sweep.definition import parse_sweep
+from pymantaray.sweep.keys import task_keys
 from pymantaray.sweep.plan import SweepPlan
+
+MODEM = {"source_level_db": 185.0, "frequency_hz": 25e3, "bandwidth_hz": 5e3}
 
 FILE = """
 base = "quick"
@@ -48,6 +52,35 @@ def test_every_value_meets_every_other_and_the_last_axis_is_the_fastest(sweep):
     fram = configs[2]
     assert fram.fleet.vehicles[1].target_depth == 200.0
     assert fram.fleet.vehicles[2] == load_study("quick").fleet.vehicles[2]
+
+
+PLACED = {"name": "L", "lat": 73.55, "lon": -144.5, "depth": 100.0}
+
+
+@pytest.mark.parametrize(
+    "cross",
+    [
+        {"noise.range_sigma": [0.5, 1, "2 m"]},
+        {"noise": [{"range_sigma": 2.0}, {"depth_sigma": 0.5}]},
+        {"detection": [MODEM, MODEM | {"surface_loss": "bubbles"}], "acoustics.max_surface_bounces": [1]},
+        {"landmarks": [[PLACED]], "ocean.centre_lat": [73.4, 73.5]},
+        {"conditions": [["odometry"], [{"name": "straight"}, {"name": "refracted"}]]},
+        {"study.conditions": [["odometry"], ["straight"]]},
+        {"fleet.vehicles.B.target_depth": [100.0, 200.0], "study.seed": [1, 2]},
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*The old names will not be read:FutureWarning")
+def test_a_point_is_the_study_of_its_own_tables_although_sections_of_the_base_are_checked_once(cross):
+    base = load_study("quick")
+    sweep = Sweep(base, cross=cross)
+    plan = SweepPlan(sweep)
+    for number in range(len(sweep)):
+        tree = base.model_dump(exclude_none=True, exclude_unset=True)
+        for k, axis in zip(sweep.place(number), sweep.axes, strict=True):
+            tree = with_key(tree, axis.name, axis.values[axis.name][k])
+        study = parse_study(tree)
+        assert sweep.point(number) == study
+        assert plan.keys[number] == task_keys(study, {})
 
 
 def test_all_else_is_the_base(sweep):

@@ -80,10 +80,10 @@ def changed(tree, field):
 
 
 class Dumped:
-    """A configuration whose fields are what a test says, allowed together or not: keys look at nothing else."""
+    """A configuration whose fields are what a test says, allowed together or not; of other objects keys need only the identity."""
 
     def __init__(self, config, tree):
-        self.ocean, self.fleet, self.files, self._tree = config.ocean, config.fleet, config.files, tree
+        vars(self).update(vars(config), files=config.files, _tree=tree)
 
     def model_dump(self, mode):
         assert mode == "json"

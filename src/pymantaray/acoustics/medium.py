@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -430,8 +431,16 @@ class Medium:
         speed: Array = np.concatenate([block.info[:, SOURCE_SPEED] for block in blocks])
         return speed if self.earth is None else speed / self.earth.stretch(points[:, 2])
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Fields without the domain, whose arrays would be pickled again."""
+        return {name: value for name, value in vars(self).items() if name != "_domain"}
+
     def domain(self) -> Domain:
         """Medium in the form of the kernels, with columns of a section every eighth of a cell; all arrays are read-only."""
+        return self._domain
+
+    @cached_property
+    def _domain(self) -> Domain:
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
 
         radius, depth = 0.0, self.depth

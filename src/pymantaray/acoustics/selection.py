@@ -73,8 +73,10 @@ def first_rows(link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[
     """First allowed row of each link in the order of the keys, the most important key first."""
     order = np.lexsort([*reversed(keys), link])
     order = order[allowed[order]]
-    links, at = np.unique(link[order], return_index=True)
-    return Chosen(link=links.astype(np.int64), row=order[at].astype(np.int64))
+    links = link[order]
+    begins = np.ones(links.size, dtype=bool)
+    np.not_equal(links[1:], links[:-1], out=begins[1:])
+    return Chosen(link=links[begins].astype(np.int64), row=order[begins].astype(np.int64))
 
 
 def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> NDArray[np.bool_]:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 MAX_ARRIVALS = 64  # stored per link
 _LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
+_FEW_LINKS = 16  # direct links that are one block, because the kernel traces rays of several links together
 _MAX_BLOCK_ROWS = 512  # rows of a block, at most
 _BLOCK_SECONDS = 0.05  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
@@ -76,7 +77,8 @@ def solve_on_processor(
             solve_links(domain, bounces, settings, *ends, (0, 1), room, part)
         return _compact(results, n)
 
-    return in_blocks(solve, len(source), threads=threads)
+    together = bounces is None and len(source) <= _FEW_LINKS
+    return in_blocks(solve, len(source), threads=threads, first=len(source) if together else 1)
 
 
 def _workspace(n_depth: int) -> tuple[Results, Room]:
@@ -104,13 +106,13 @@ def solve_on_cuda(
 
 
 def in_blocks(
-    work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None
+    work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None, first: int = 1
 ) -> Generator[T, None, None]:
     """Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
 
-    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first block is one row, so kernels
-    are compiled once before the threads start. Without rows there is one empty block. The result of a row must not depend on the
-    block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
+    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first block has ``first`` rows and is
+    finished before the threads start, so kernels are compiled once. Without rows there is one empty block. The result of a row must
+    not depend on the block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
     """
     pace = 0.0  # s per row
 
@@ -122,9 +124,11 @@ def in_blocks(
     def after(start: int) -> int:
         return min(start + min(max(int(_BLOCK_SECONDS / max(pace, 1e-9)), 1), _MAX_BLOCK_ROWS), n_rows)
 
-    start = min(n_rows, 1)
+    start = min(n_rows, first)
     done, pace = timed(0, start)
     yield done
+    if start == n_rows:
+        return
     workers = min(threads or os.cpu_count() or 1, n_rows - start)
     if workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS:  # starting threads would take longer
         while start < n_rows:

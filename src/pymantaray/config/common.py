@@ -3,7 +3,7 @@
 import datetime as dt
 import os
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
@@ -148,8 +148,14 @@ class Section(BaseModel):
     def _drop_none(cls, tree: Any) -> Any:
         if not isinstance(tree, Mapping):
             return tree
-        empty = {key for key, field in cls.model_fields.items() if field.default in (None, ())}
+        empty = cls._may_lack()
         return {key: value for key, value in tree.items() if not (key in empty and _is_none(value))}
+
+    @classmethod
+    @cache
+    def _may_lack(cls) -> frozenset[str]:
+        """Keys without a value by default."""
+        return frozenset(key for key, field in cls.model_fields.items() if field.default in (None, ()))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """

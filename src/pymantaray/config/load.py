@@ -14,7 +14,7 @@ from pymantaray.config.checks import NAME
 from pymantaray.config.common import NONE, located
 from pymantaray.config.conditions import CONDITIONS, with_conditions
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
-from pymantaray.config.parse import parse
+from pymantaray.config.parse import Like, parse
 from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
@@ -336,7 +336,9 @@ def _named(tree: Tree, own: Tree, label: str, base: str) -> Tree:
     return {**tree, "study": {**tree.get("study", {}), **named, **described}}
 
 
-def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None = None) -> StudyConfig:
+def parse_study(
+    tree: dict[str, Any], label: str = "study", folder: Path | None = None, *, like: Like | None = None
+) -> StudyConfig:
     """
     Check the nested dictionaries of a configuration.
 
@@ -348,6 +350,8 @@ def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None 
         Name of its origin, for messages.
     folder : pathlib.Path, optional
         Folder for relative file names. Default: the working folder.
+    like : tuple of dict and StudyConfig, optional
+        Another tree and its configuration. Sections that are the same objects in both trees are not checked again.
 
     Returns
     -------
@@ -361,7 +365,7 @@ def parse_study(tree: dict[str, Any], label: str = "study", folder: Path | None 
     if BASE in tree:
         folder = folder or Path()
         tree = _over_base(located(tree, folder), folder, label, ())
-    return parse(StudyConfig, tree, label, folder)
+    return parse(StudyConfig, tree, label, folder, like)
 
 
 def _no_study(path: Path) -> StudyError:

@@ -3,6 +3,7 @@
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache, lru_cache
 from typing import Any
 
 from pymantaray.errors import StudyError
@@ -34,6 +35,7 @@ NEW_VALUES = {
 """New values by old values, for each key."""
 
 
+@lru_cache
 def new_key(key: str) -> str:
     """Present name of a dotted key."""
     for old, new in RENAMED.items():
@@ -65,21 +67,28 @@ def with_new_names(tree: Any, label: str, *, warn: bool = True) -> Any:
 
 def _moved(tree: Any, old: str, new: str, label: str, said: list[str]) -> Any:
     """Copy of a tree in which values at an old key are at the new key."""
-    before, after = old.split("."), _value_path(old, new).split(".")
-    shared = next(k for k, pair in enumerate(zip(before, after, strict=False)) if pair[0] != pair[1])
+    path, before, after = _paths(old, new)
 
     def move(node: Any) -> Any:
-        there, value = _take(node, before[shared:])
+        there, value = _take(node, before)
         if there is node:
             return node
-        if _take(there, after[shared:])[0] is not there:
+        if _take(there, after)[0] is not there:
             raise StudyError(
                 f"{label}: `{old}` is the old name of `{new}`, and both are given; remove the old one"
             )
         said.append(f"`{old}` is now `{new}`")
-        return _with(there, after[shared:], value)
+        return _with(there, after, value)
 
-    return _within(tree, before[:shared], move)
+    return _within(tree, path, move)
+
+
+@cache
+def _paths(old: str, new: str) -> tuple[list[str], list[str], list[str]]:
+    """Common path of the old and the new place of a value, and the rest of each."""
+    before, after = old.split("."), _value_path(old, new).split(".")
+    shared = next(k for k, pair in enumerate(zip(before, after, strict=False)) if pair[0] != pair[1])
+    return before[:shared], before[shared:], after[shared:]
 
 
 def _value_path(old: str, new: str) -> str:

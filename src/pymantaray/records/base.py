@@ -65,7 +65,7 @@ def column(
     values of an integer column, with their meanings.
     """
     metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
-    metadata |= {"dtype": dtype, "labels": labels, "flags": flags, "default": default}
+    metadata |= {"dtype": np.dtype(dtype), "labels": labels, "flags": flags, "default": default}
     if default is not None:
         return field(default=None, metadata=metadata)
     if not may_lack:
@@ -97,37 +97,46 @@ class Record:
         )
         return f"<{type(self).__name__}: {', '.join(shown)}>"
 
-    @np.errstate(invalid="ignore")  # conversion of NaN to integers, which is checked below
+    @np.errstate(invalid="ignore")  # conversion of NaN to integers, which is checked
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""
         sizes = {name: len(labels) for name, labels in LABELS.items()}
+        shapes = dict[tuple[str, ...], tuple[int, ...]]()
         for f in self._columns():
-            dtype, content = f.metadata["dtype"], getattr(self, f.name)
-            default = f.metadata["default"]
-            if content is None and default is not None:  # earlier columns define its length
-                content = np.full([sizes[name] for name in f.metadata["dims"]], default)
-            try:
-                values = np.asarray(content)
-                wanted = np.dtype(str if dtype == "U" else dtype)
-                array = (
-                    values if values.dtype == wanted and _is_constant(values) else np.array(values, wanted)
-                )
-            except (TypeError, ValueError) as error:
-                raise RecordError(f"{self.kind}: {f.name} is not an array of type {dtype}: {error}") from None
-            if array.dtype.kind == "i" and array.dtype != values.dtype and not np.array_equal(array, values):
-                raise RecordError(f"{self.kind}: {f.name} has values that do not fit type {dtype}")
-            dims = f.metadata["dims"]
-            if array.ndim != len(dims):
-                raise RecordError(
-                    f"{self.kind}: {f.name} has shape {array.shape}; it must have dimensions {dims}"
-                )
-            for name, size in zip(dims, array.shape, strict=True):
-                if (common := sizes.setdefault(name.removesuffix(_COLUMN), size)) != size:
-                    raise RecordError(
-                        f"{self.kind}: {f.name} has length {size} along {name!r}; it must be {common}"
-                    )
-            array.setflags(write=False)
-            object.__setattr__(self, f.name, array)
+            name, dtype, dims = f.name, f.metadata["dtype"], f.metadata["dims"]
+            array = getattr(self, name)
+            if array is None and (default := f.metadata["default"]) is not None:
+                array = np.full([sizes[dim] for dim in dims], default)  # earlier columns define its length
+            if not (type(array) is np.ndarray and array.dtype == dtype and _is_constant(array)):
+                array = self._frozen(name, array, dtype)
+                object.__setattr__(self, name, array)
+            if array.shape != shapes.get(dims):  # most columns have dimensions and shape of an earlier one
+                self._check_shape(name, dims, array.shape, sizes)
+                shapes[dims] = array.shape
+
+    def _check_shape(
+        self, name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]
+    ) -> None:
+        """Refuse a column whose shape does not fit those of earlier columns, and add its sizes to theirs."""
+        if len(shape) != len(dims):
+            raise RecordError(f"{self.kind}: {name} has shape {shape}; it must have dimensions {dims}")
+        for dim, size in zip(dims, shape, strict=True):
+            if (common := sizes.setdefault(dim.removesuffix(_COLUMN), size)) != size:
+                raise RecordError(f"{self.kind}: {name} has length {size} along {dim!r}; it must be {common}")
+
+    def _frozen(self, name: str, content: object, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Copy of the content of a column, which nobody can write."""
+        try:
+            values = np.asarray(content)
+            array = np.array(values, dtype)
+        except (TypeError, ValueError) as error:
+            raise RecordError(
+                f"{self.kind}: {name} is not an array of type {dtype.str[1:]}: {error}"
+            ) from None
+        if dtype.kind == "i" and dtype != values.dtype and not (array == values).all():
+            raise RecordError(f"{self.kind}: {name} has values that do not fit type {dtype.str[1:]}")
+        array.setflags(write=False)
+        return array
 
     @classmethod
     @cache

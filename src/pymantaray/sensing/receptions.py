@@ -122,6 +122,10 @@ class Receptions(Record):
         return rows
 
 
+_FROM_ARRIVALS = {f.name for f in fields(Receptions)} & {f.name for f in fields(Arrivals)} - {"travel_time"}
+_BOTH = np.array([Direction.FORTH, Direction.BACK], dtype=np.int8)
+
+
 def _elevation(along: Array) -> Array:
     """Angle of vectors from the horizontal, positive down. [rad]"""
     return np.arctan2(along[:, 2], np.hypot(along[:, 0], along[:, 1]))
@@ -143,19 +147,17 @@ def receptions_of(arrivals: Arrivals, along: AlongRays) -> Receptions:
     delay = np.zeros(n) if along.delay is None else along.delay
     loss = np.full(n, np.nan) if along.loss_db is None else along.loss_db
     rows: dict[str, Any] = {
-        "path": np.where(bounced, SoundPath.REFLECTED, SoundPath.DIRECT),
+        "path": bounced * np.int8(SoundPath.REFLECTED),  # otherwise DIRECT, which is 0
         "arrival": np.arange(n),
         "loss_db": loss,
         "detection": np.ones(n),
         "selected": np.zeros(n, dtype=np.int8),
         "probability": np.zeros(n),
     }
-    rows |= {f.name: getattr(arrivals, f.name) for f in fields(Receptions) if hasattr(arrivals, f.name)}
+    rows |= {name: getattr(arrivals, name) for name in _FROM_ARRIVALS}
     time = np.concatenate([arrivals.travel_time + delay, arrivals.travel_time - delay])
     both = {name: np.concatenate([values, values]) for name, values in rows.items()}
-    return Receptions(
-        **both | {"direction": np.repeat([Direction.FORTH, Direction.BACK], n), "travel_time": time}
-    )
+    return Receptions(**both | {"direction": np.repeat(_BOTH, n), "travel_time": time})
 
 
 def with_detection(receptions: Receptions, sonar: Sonar) -> Receptions:

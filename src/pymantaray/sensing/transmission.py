@@ -193,7 +193,9 @@ def find_receptions(
     if reception.cone is not None:
         silent = (receptions.selected_rows(n) < 0).all(axis=0)
         status[silent & (status == RayStatus.OK)] = RayStatus.SHADOW
-    return Transmission(arrivals, _with_no_ray(status, receptions), near, receptions)
+    if reception.leakage is not None:
+        status = _with_no_ray(status, receptions)
+    return Transmission(arrivals, status, near, receptions)
 
 
 def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:

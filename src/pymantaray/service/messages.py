@@ -1,9 +1,11 @@
 """Requests and answers of the ranging server as JSON; missing values are null."""
 
+from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
 
 from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
@@ -73,7 +75,8 @@ class PingRequest(Section):
         return self
 
 
-class ArrivalAnswer(BaseModel):
+@dataclass(slots=True)
+class ArrivalAnswer:
     """One eigenray. Times include the current's effect; angles are from the horizontal, positive down. [s], [rad], [dB]."""
 
     arrival_time: float
@@ -86,7 +89,8 @@ class ArrivalAnswer(BaseModel):
     level_db: float | None
 
 
-class ReceiverAnswer(BaseModel):
+@dataclass(slots=True)
+class ReceiverAnswer:
     """Outcome of the ping at a receiver: columns of `Ping`; numbers are null without an arrival or a sonar."""
 
     name: str | None
@@ -102,11 +106,16 @@ class ReceiverAnswer(BaseModel):
     arrivals: list[ArrivalAnswer] | None
 
 
-class PingAnswer(BaseModel):
+@dataclass(slots=True)
+class PingAnswer:
     """Receivers in the order of the request."""
 
     time: float
     receivers: list[ReceiverAnswer]
+
+
+ANSWER = TypeAdapter(PingAnswer)
+"""Conversion of answers to JSON; they are not models, because their values need no checks."""
 
 
 class ErrorAnswer(BaseModel):
@@ -149,28 +158,20 @@ def answer(service: RangingService, request: PingRequest) -> PingAnswer:
         receiver_velocities=[p.velocity or (0.0,) * 3 for p in receivers] if moving else None,
         geographic=request.source.geographic,
     )
-    numbers = {name: getattr(ping, name).tolist() for name in _NUMBERS}
     arrivals = _arrivals(service, request.time, ping) if request.arrivals else [None] * len(receivers)
-    return PingAnswer(
-        time=request.time,
-        receivers=[
-            ReceiverAnswer(
-                name=p.name,
-                status=RayStatus(status).name.lower(),
-                arrivals=arrivals[row],
-                **{name: values[row] for name, values in numbers.items()},
-            )
-            for row, (p, status) in enumerate(zip(receivers, ping.status.tolist(), strict=True))
-        ],
-    )
+    names, status = (p.name for p in receivers), (_STATUS[code] for code in ping.status.tolist())
+    numbers = (column.tolist() for column in _numbers(ping))
+    rows = zip(names, status, *numbers, arrivals, strict=True)
+    return PingAnswer(request.time, [ReceiverAnswer(*row) for row in rows])
 
 
 def answer_body(service: RangingService, body: bytes) -> bytes:
     """Body of the answer to the body of a request; a malformed one is refused in one line."""
-    return answer(service, read_request(body)).model_dump_json().encode()
+    return ANSWER.dump_json(answer(service, read_request(body)))
 
 
-_NUMBERS = ReceiverAnswer.model_fields.keys() - {"name", "status", "arrivals"}
+_STATUS = {status.value: status.name.lower() for status in RayStatus}
+_numbers = attrgetter(*(field.name for field in fields(ReceiverAnswer)[2:-1]))  # columns of a `Ping`
 
 
 def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[ArrivalAnswer]]:
@@ -180,16 +181,11 @@ def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[Arr
     travel, level = receptions.travel_time[rows], np.full(rays.link.size, np.nan)
     if detector is not None:
         level = detector.sonar.source_level_db - receptions.loss_db[rows]
-    names = ("surface_bounces", "bottom_bounces", "launch_angle", "arrival_angle", "spreading_db")
-    columns = {name: getattr(rays, name).tolist() for name in names}
-    columns |= {
-        "travel_time": travel.tolist(),
-        "arrival_time": (time + travel).tolist(),
-        "level_db": level.tolist(),
-    }
+    bounces, angles = (rays.surface_bounces, rays.bottom_bounces), (rays.launch_angle, rays.arrival_angle)
+    columns = (time + travel, travel, *bounces, *angles, rays.spreading_db, level)  # as in `ArrivalAnswer`
     out: list[list[ArrivalAnswer]] = [[] for _ in range(ping.status.size)]
-    for row, link in enumerate(rays.link.tolist()):
-        out[link].append(ArrivalAnswer(**{name: values[row] for name, values in columns.items()}))
+    for link, *row in zip(rays.link.tolist(), *(column.tolist() for column in columns), strict=True):
+        out[link].append(ArrivalAnswer(*row))
     return out
 
 
@@ -197,6 +193,6 @@ def schema() -> dict[str, object]:
     """JSON schemas of requests and answers."""
     return {
         "PingRequest": PingRequest.model_json_schema(),
-        "PingAnswer": PingAnswer.model_json_schema(mode="serialization"),
+        "PingAnswer": ANSWER.json_schema(mode="serialization"),
         "ErrorAnswer": ErrorAnswer.model_json_schema(mode="serialization"),
     }

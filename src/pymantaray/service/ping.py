@@ -83,12 +83,13 @@ class Pinger:
     def __call__(self, participants: Participants) -> Ping:
         """Return the outcome of a ping."""
         water, receivers = self._water, participants.receivers
-        source, n = np.broadcast_to(participants.source, receivers.shape), len(receivers)
+        n = len(receivers)
+        source, velocity = (
+            np.repeat(x[None], n, axis=0) for x in (participants.source, participants.source_velocity)
+        )
         medium, currents = self._at(self._instant(participants.time))
         sound = find_receptions(source, receivers, medium, water.reception, currents=currents)
-        forth = np.zeros(n, dtype=np.int64)
-        exchanges = selected_exchanges(sound.receptions, n, np.arange(n), forth)
-        velocity = np.broadcast_to(participants.source_velocity, source.shape)
+        exchanges = selected_exchanges(sound.receptions, n, np.arange(n), np.zeros(n, dtype=np.int64))
         time = exchange_times(
             sound.receptions, exchanges, water.timing, (velocity, participants.receiver_velocities)
         )

@@ -6,12 +6,14 @@ import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import tomli_w
 
 from pymantaray.config.common import NONE
+from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, with_key
 from pymantaray.config.load import preset_names
 from pymantaray.errors import StudyError, SweepError
@@ -156,7 +158,9 @@ class Sweep:
     ) -> None:
         config = base if isinstance(base, StudyConfig) else load_study(base)
         self.name = config.study.name
-        self._base: Tree = config.model_dump(exclude_none=True, exclude_unset=True)
+        self._base: Tree = with_conditions(
+            config.model_dump(exclude_none=True, exclude_unset=True), self.name
+        )
         self._folder = Path(os.path.realpath(folder))
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
@@ -230,7 +234,11 @@ class Sweep:
                 tree = _with(tree, field, values[field])
             except (StudyError, SweepError) as error:
                 raise StudyError(f"{label}: {error}") from None
-        return with_tracks(parse_study(tree, label, self._folder))
+        return with_tracks(parse_study(tree, label, self._folder, like=(self._base, self._config)))
+
+    @cached_property
+    def _config(self) -> StudyConfig:
+        return parse_study(self._base, self.name, self._folder)
 
     def to_toml(self) -> str:
         """Sweep file with the base; each crossed field is a zip of its own, so that axes keep their order."""

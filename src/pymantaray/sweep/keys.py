@@ -31,6 +31,10 @@ _READS = {
 _TITLES = ("name", "description")  # of a study; no result depends on them
 
 
+LatestKeys = dict[str, tuple[list[Any], str]]
+"""Sections that a stage reads and its key, for the latest configuration."""
+
+
 def stage_fields(stage: str, config: StudyConfig) -> tuple[str, ...]:
     """Fields that a stage and the stages before it read."""
     before = STAGES[: STAGES.index(stage) + 1]
@@ -65,13 +69,22 @@ def stage_config(config: StudyConfig, stage: str) -> StudyConfig:
     return narrow
 
 
-def task_keys(config: StudyConfig, checksums: Mapping[str, str]) -> dict[str, str]:
-    """Keys of a study's stages and of its point, from its configuration and the checksums of its input files."""
+def task_keys(
+    config: StudyConfig, checksums: Mapping[str, str], latest: LatestKeys | None = None
+) -> dict[str, str]:
+    """
+    Keys of a study's stages and of its point, from its configuration and the checksums of its input files.
+
+    Keys of stages in ``latest`` that were computed from the same objects are used again; the others replace them.
+    """
     tree = config.model_dump(mode="json")
-    out = {}
+    out, latest = dict[str, str](), {} if latest is None else latest
     for stage in STAGES:
-        fields = {field: _pick(tree, field) for field in stage_fields(stage, config)}
-        out[stage] = digest(stage, fields, checksums)
+        fields = stage_fields(stage, config)
+        read = [getattr(config, name) for name in {field.partition(".")[0]: None for field in fields}]
+        if stage not in latest or [*map(id, read)] != [*map(id, latest[stage][0])]:
+            latest[stage] = read, digest(stage, {field: _pick(tree, field) for field in fields}, checksums)
+        out[stage] = latest[stage][1]
     tree["study"] = {key: value for key, value in tree["study"].items() if key not in _TITLES}
     out[POINT] = digest(POINT, tree, checksums)
     return out

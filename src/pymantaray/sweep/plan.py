@@ -14,7 +14,7 @@ from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.pool import Queue
 from pymantaray.study import StudyConfig
 from pymantaray.sweep.definition import Sweep
-from pymantaray.sweep.keys import POINT, STAGES, task_keys
+from pymantaray.sweep.keys import POINT, STAGES, LatestKeys, task_keys
 from pymantaray.sweep.tasks import SweepTask
 
 EARLIER = "an earlier version"
@@ -33,7 +33,7 @@ class SweepPlan:
 
     def __init__(self, sweep: Sweep) -> None:
         self.sweep = sweep
-        checksums: dict[str, str] = {}
+        checksums, latest = dict[str, str](), LatestKeys()
         bad: list[str] = []
         self.keys: list[dict[str, str]] = []
         """Keys of each point by the name of the stage."""
@@ -41,7 +41,7 @@ class SweepPlan:
             try:
                 config = sweep.point(number)
                 _add_checksums(checksums, config)
-                self.keys.append(task_keys(config, {file: checksums[file] for file in config.files}))
+                self.keys.append(task_keys(config, {file: checksums[file] for file in config.files}, latest))
             except StudyError as error:
                 bad.append(str(error).partition("\n")[0])
         if bad:
