@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from factories import DUCT, assert_same, python, wait_for
+from factories import DUCT, assert_same, front_links, make_front, python, wait_for
 from factories import DUCT_DEPTH as Z
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -118,9 +118,11 @@ def test_a_block_that_fails_ends_the_work(single_rows):
     assert before.issuperset(threading.enumerate())
 
 
-@pytest.mark.parametrize("bounces", [0, 1])
-def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces):
+@pytest.mark.parametrize(("bounces", "front"), [(0, False), (1, False), (0, True)])
+def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces, front):
     medium, ends = uniform(), scattered(600 if bounces == 0 else 40)
+    if front:  # deep searches; the fewer links a call has, the more rays are traced ahead
+        medium, ends = make_front(), front_links(300, 4)
     one = find_eigenrays(medium, *ends, bounces, bounces, threads=1)
     assert one.link.size > 0.9 * len(ends[0])
     for threads in (2, 5):

@@ -1,12 +1,24 @@
-"""Links in the queue of `march`: their rows, and their parts of the workspaces."""
+"""
+Links in the queue of `march`: their rows, their parts of the workspaces, and their rays that are traced ahead.
+
+Few links leave most lanes idle. These lanes trace rays that a search will probably need next. When a search asks for rays, it first takes
+those of the table that were traced in the same way. Its order and its results remain the same.
+"""
 
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.field import column_count, find_level, smooth_planar
+from pymantaray.acoustics._kernels.field import column_count, cubic, find_level, smooth_planar
 from pymantaray.acoustics._kernels.layout import Baseline, FieldSection, Link, Progress, Walls, Work
-from pymantaray.acoustics._kernels.march import WAITING, free_lanes
-from pymantaray.acoustics._kernels.search import first_row
+from pymantaray.acoustics._kernels.march import (
+    ERRING,
+    UNDER_WAY,
+    WAITING,
+    free_lanes,
+    replace_rays,
+    traced_alike,
+)
+from pymantaray.acoustics._kernels.search import HALVE, LEFT_OUT, copy_ray, first_row
 from pymantaray.compile import kernel
 
 
@@ -68,20 +80,85 @@ def put_flight(section, place, progress, work, flights):
         row[at.FLIGHT_LINE + j] = walls.line[j]
     for j in range(8):
         row[at.FLIGHT_ENDS + j] = link[j]
+    row[at.AHEAD_FIRST] = row[at.AHEAD_LAST] = at.MAX_AHEAD
     first = first_row(work)
-    put_progress(row, first, first + int(progress.right) + 2, progress, work)
+    put_progress(k, first, first + int(progress.right) + 2, progress, work, flights)
 
 
 @kernel
-def put_progress(row, first, last, progress, work):
-    """Put the progress of a search into a link's row, and the range of rows with rays that wait."""
-    pending = 0.0
+def put_progress(k, first, last, progress, work, flights):
+    """Put the progress of the search in place k into its row, and the range of rows with rays that wait; choose the next rays ahead."""
+    row, pending = flights.links[k], 0.0
     for i in range(first, last):
-        pending += 1.0 if work.rays[i, at.GOOD] == WAITING else 0.0
+        if work.rays[i, at.GOOD] == WAITING:
+            _take_ahead(row, k, i, flights)
+            pending += 1.0 if work.rays[i, at.GOOD] < 0.0 else 0.0
     row[at.FLIGHT_FIRST], row[at.FLIGHT_NEXT], row[at.FLIGHT_LAST] = first, first, last
     row[at.FLIGHT_PENDING] = pending
     for j in range(8):
         row[at.FLIGHT_PROGRESS + j] = progress[j]
+    room = at.MAX_AHEAD
+    for link in flights.links:
+        room -= 4 + int(link[at.FLIGHT_PENDING]) if link[at.FLIGHT_LINK] >= 0.0 else 0  # none in a full queue
+    old = int(row[at.AHEAD_FIRST])
+    new = 3 * at.MAX_AHEAD - old
+    end = _look_ahead(progress, new, new + room, work)
+    for i in range(new, end):
+        _take_ahead(row, k, i, flights)
+    replace_rays(flights.lanes, k, old, old + at.MAX_AHEAD, -1.0)
+    row[at.AHEAD_FIRST], row[at.AHEAD_NEXT], row[at.AHEAD_LAST] = new, new, end
+
+
+@kernel
+def _take_ahead(row, k, i, flights):
+    """Complete ray i of the link in place k if it was traced ahead, or let it take over the lane."""
+    rays, ray = flights.rays[k], flights.rays[k, i]
+    for j in range(int(row[at.AHEAD_FIRST]), int(row[at.AHEAD_LAST])):
+        alike = rays[j, at.ANGLE] == ray[at.ANGLE] and rays[j, at.TOL] == ray[at.TOL]
+        if alike and traced_alike(rays[j, at.DEFECT], ray[at.GROWTH]):
+            defect = ray[at.DEFECT]
+            if rays[j, at.GOOD] > 0.0:
+                copy_ray(rays[j], ray)
+                ray[at.DEFECT] = defect
+            elif replace_rays(flights.lanes, k, j, j + 1, i):
+                ray[at.GOOD] = UNDER_WAY
+
+
+@kernel
+def _look_ahead(progress, first, last, work):
+    """
+    Put rays that the search may need next into rows from first to at most last - 1; return the last one used + 1.
+
+    They are the rays of the first fan that are left out, or the middles of both halves of the waiting intervals, then of their quarters.
+    """
+    n, fan = first, first_row(work)
+    for i in range(fan, fan + int(progress.right) + 1 if progress.asked < 0.0 else fan):
+        if n < last and work.rays[i, at.GOOD] == LEFT_OUT:
+            copy_ray(work.rays[i], work.rays[n])
+            work.rays[n, at.GOOD] = WAITING
+            n += 1
+    for level in range(2):
+        for i in range(int(progress.asked)):
+            depth = level + 1 if work.kinds[i] == HALVE else level
+            for j in range(min(1 << depth, last - n)):
+                _put_middle(i, depth, j, work.rays[n], work)
+                n += 1
+    return n
+
+
+@kernel
+def _put_middle(i, depth, j, ray, work):
+    """Put the middle of part j of the 2^depth parts of a waiting interval into a ray of the table, with the expected divergence also as DEFECT."""
+    a, b, tol = work.halves[i, 0], work.halves[i, 1], work.rays[2 * i, at.TOL]
+    lo, hi, place = a[at.ANGLE], b[at.ANGLE], (j + 0.5) / (1 << depth)
+    miss = cubic(place, hi - lo, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
+    growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
+    growth = growth if abs(miss) <= ERRING * tol * growth else 0.0
+    for _ in range(depth):  # as the search halves it, for the same digits
+        middle = 0.5 * (lo + hi)
+        lo, hi, place = (lo, middle, 2.0 * place) if place < 0.5 else (middle, hi, 2.0 * place - 1.0)
+    ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = 0.5 * (lo + hi), tol, WAITING
+    ray[at.GROWTH], ray[at.DEFECT] = growth, growth
 
 
 @kernel

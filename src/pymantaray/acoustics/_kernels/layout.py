@@ -42,14 +42,15 @@ N_BRACKET = 7  # number of these columns, from the first, that an end of a brack
 
 # A link in the queue of `march`: its number (negative: none), columns of its section, their distance [m], first number of the section
 # in the store, number of breaks of its boundaries, derivative of c_ref / c by depth at the source [1/m], 1 if steps end at the levels,
-# first, next and last + 1 of the rows of rays to be traced, and number of these rays that are not finished; then its `Baseline`, `Link`
-# and `Progress`.
+# first, next and last + 1 of the rows of rays to be traced, and number of these rays that are not finished; the same three of the rays
+# traced ahead; then its `Baseline`, `Link` and `Progress`.
 FLIGHT_LINK, FLIGHT_COLUMNS, FLIGHT_STEP, FLIGHT_STORE, FLIGHT_BREAKS, FLIGHT_GRADIENT, FLIGHT_LEVELS = range(
     7
 )
 FLIGHT_FIRST, FLIGHT_NEXT, FLIGHT_LAST, FLIGHT_PENDING = range(7, 11)
-FLIGHT_LINE, FLIGHT_ENDS, FLIGHT_PROGRESS = 11, 15, 23
-N_FLIGHT = 31
+AHEAD_FIRST, AHEAD_NEXT, AHEAD_LAST = range(11, 14)
+FLIGHT_LINE, FLIGHT_ENDS, FLIGHT_PROGRESS = 14, 18, 26
+N_FLIGHT = 34
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
 # both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis of integration, and caustics.
@@ -190,6 +191,7 @@ MAX_PATH = 32_768
 MAX_NODES = 4096
 MAX_ROOTS = 256
 MAX_HALVED = 16  # intervals of a link that wait for rays at a time
+MAX_AHEAD = 2 * MAX_HALVED  # rays of a link traced ahead
 MAX_FLIGHTS = 8  # links whose rays are traced together
 MAX_CANDIDATES = 96
 N_LADDER = 12  # rows, see `ladder`
@@ -202,7 +204,7 @@ Work = namedtuple(
 Work.__doc__ = """
 Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
 
-rays contains two rows for each interval that waits for rays, and then the fan.
+rays contains two rows for each interval that waits for rays, two tables of as many rays traced ahead, and then the fan.
 """
 
 Flights = namedtuple("Flights", "links lanes wall_breaks nodes rays stack halves kinds brackets")
@@ -239,7 +241,7 @@ def shapes(
         extremes=(2, n_depth),
         ladder=(N_LADDER, max(n_depth + 8, 40)),
         nodes=(nodes,),
-        rays=(2 * halved + nodes, N_RAY),
+        rays=(6 * halved + nodes, N_RAY),
         stack=(20 + 16 * halved, 2, N_RAY),
         halves=(halved, 2, N_RAY),
         kinds=(halved,),

@@ -309,8 +309,9 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
 
 
 @kernel
-def _continue(domain, bounces, settings, row, work, results):
-    """Continue to solve the link in a row of the queue after its rays were traced; return True if rays wait again, False if it is solved."""
+def _continue(domain, bounces, settings, k, work, flights, results):
+    """Continue to solve the link in place k of the queue after its rays were traced; return True if rays wait again, False if it is solved."""
+    row = flights.links[k]
     section, progress = section_of(domain, row, work), progress_of(row)
     s, walls, link = section
     course, search = direct_course(link, False), _direct_search(s, link, settings)
@@ -319,14 +320,17 @@ def _continue(domain, bounces, settings, row, work, results):
     shoot_waiting(s, walls, levels if row[at.FLIGHT_LEVELS] > 0.0 else course, first, last, work)
     if progress.asked < 0.0:
         progress = fill_fan(link.horizontal, progress, work)
-        put_progress(row, first, last, progress, work)
+        put_progress(k, first, last, progress, work, flights)
         if row[at.FLIGHT_PENDING] > 0.0:
             return True
-    progress = advance(s.n_range > 1, any_course(course), search, progress, work)
-    if progress.asked > 0.0:
+    while True:
+        progress = advance(s.n_range > 1, any_course(course), search, progress, work)
         row[at.FLIGHT_LEVELS] = 1.0
-        put_progress(row, 0, 2 * int(progress.asked), progress, work)
-        return True
+        put_progress(k, 0, 2 * int(progress.asked), progress, work, flights)
+        if row[at.FLIGHT_PENDING] > 0.0:
+            return True
+        if progress.asked == 0.0:
+            break
     found = int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
     _end(section, course, found, bounces, settings, int(row[at.FLIGHT_LINK]), work, results)
     return False
@@ -604,7 +608,9 @@ def _solve(domain, bounces, settings, ends, share, work, flights, results):
                     busy = True
                     continue
                 own = own_work(work, flights, k, columns)
-                if row[at.FLIGHT_LINK] >= 0.0 and not _continue(domain, bounces, settings, row, own, results):
+                if row[at.FLIGHT_LINK] >= 0.0 and not _continue(
+                    domain, bounces, settings, k, own, flights, results
+                ):
                     _finish(settings, source, receiver, int(row[at.FLIGHT_LINK]), results)
                     row[at.FLIGHT_LINK] = -1.0
                 while row[at.FLIGHT_LINK] < 0.0 and following < source.shape[0]:

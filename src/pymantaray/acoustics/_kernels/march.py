@@ -34,7 +34,8 @@ _TOP, _TOP_RATE, _LOW, _LOW_RATE = range(42, 46)
 _LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _LEVELS, _GRADIENT = range(
     46, 57
 )
-WAITING = -1.0  # GOOD of a ray that has not been traced
+# GOOD of a ray that has not been traced, or that took over the lane of one traced ahead
+WAITING, UNDER_WAY = -1.0, -3.0
 FIRST_STEP = 60.0  # m
 _COME, _FAILED = 1.0, 2.0
 # Errors on the path of a ray grow with its divergence, relative to straight rays.
@@ -69,6 +70,13 @@ def again(miss, tol, growth, expected, to_levels):
 def needs_more(miss, tol, growth, expected):
     """True if a ray near the receiver diverges strongly and needs a smaller tolerance."""
     return max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS and abs(miss) <= ERRING * tol * growth
+
+
+@kernel
+def traced_alike(one, two):
+    """True if rays with two expected divergences, whose steps end at the levels, are traced with the same steps."""
+    least, most = min(one, two), max(one, two)
+    return least == most or 1.5 * most <= _DIVERGING or _AT_LEVELS <= least <= most < _HOPELESS
 
 
 @inlined
@@ -193,17 +201,33 @@ def free_lanes(rows):
 
 
 @kernel
-def _launch_next(flights, n_links, rows, lane):
-    """Start the next ray that waits in a lane; return True if there is one."""
+def replace_rays(rows, k, first, last, other):
+    """Replace rays first to last - 1 of the link in place k in their lanes by another one (-1: none); return True if there are any."""
+    found = False
+    for lane in range(WIDTH):
+        if rows[_LINK, lane] == k and first <= rows[_RAY, lane] < last:
+            rows[_RAY, lane], found = other, True
+    return found
+
+
+@kernel
+def _is_awaited(ray):
+    """True if a search waits for the ray of a lane; others are traced ahead."""
+    return ray >= 0.0 and not at.MAX_AHEAD <= ray < 3 * at.MAX_AHEAD
+
+
+@kernel
+def _launch_next(flights, n_links, rows, lane, following):
+    """Start the next ray that waits in a lane, with FLIGHT_NEXT or AHEAD_NEXT as following, if there is one."""
     for k in range(n_links):
         link = flights.links[k]
         if link[at.FLIGHT_LINK] < 0.0:
             continue
-        i = int(link[at.FLIGHT_NEXT])
-        while i < link[at.FLIGHT_LAST] and flights.rays[k, i, at.GOOD] != WAITING:
+        i, last = int(link[following]), link[following + 1]
+        while i < last and flights.rays[k, i, at.GOOD] != WAITING:
             i += 1
-        link[at.FLIGHT_NEXT] = i + 1
-        if i < link[at.FLIGHT_LAST]:
+        link[following] = i + 1
+        if i < last:
             node = flights.rays[k, i]
             rows[_LINK, lane], rows[_RAY, lane], rows[_STORE, lane] = k, i, link[at.FLIGHT_STORE]
             rows[_COLUMNS, lane], rows[_STEP, lane] = link[at.FLIGHT_COLUMNS] - 2.0, link[at.FLIGHT_STEP]
@@ -212,8 +236,7 @@ def _launch_next(flights, n_links, rows, lane):
             rows[_SPAN, lane] = link[at.FLIGHT_ENDS + 4]
             rows[_PER_SPAN, lane], rows[_GRADIENT, lane] = 1.0 / rows[_SPAN, lane], link[at.FLIGHT_GRADIENT]
             _launch(node, node[at.GROWTH], link[at.FLIGHT_LEVELS], rows, lane)
-            return True
-    return False
+            break
 
 
 @kernel
@@ -239,10 +262,19 @@ def _launch(node, growth, to_levels, rows, lane):
 
 @kernel
 def _fill(flights, n_links, rows):
-    """Start waiting rays in the free lanes; return the number of rays in all lanes. Level rays keep the remaining lanes busy."""
+    """
+    Start rays in the free lanes; return the number of rays in all lanes that searches wait for.
+
+    Such a ray takes the lane of one that is traced ahead if none is free. Level rays keep the remaining lanes busy.
+    """
     running, used = 0, 0
+    for turn in range(3):
+        following = at.AHEAD_NEXT if turn == 2 else at.FLIGHT_NEXT
+        for lane in range(WIDTH):
+            if rows[_RAY, lane] < 0.0 or (turn == 1 and not _is_awaited(rows[_RAY, lane])):
+                _launch_next(flights, n_links, rows, lane, following)
     for lane in range(WIDTH):
-        if rows[_RAY, lane] >= 0.0 or _launch_next(flights, n_links, rows, lane):
+        if _is_awaited(rows[_RAY, lane]):
             running, used = running + 1, lane
     for lane in range(WIDTH if running > 0 else 0):
         if rows[_RAY, lane] < 0.0:
@@ -257,8 +289,8 @@ def _fill(flights, n_links, rows):
 def _relay(flights, n_links, rows):
     """Write finished rays to their nodes, start rays again that need a smaller tolerance, and start new rays in the other lanes.
 
-    Returns the number of rays that ended without a next one in their lane, and of links without another ray to be traced. A failed
-    ray remains WAITING.
+    Returns by how many fewer rays are in the lanes that searches wait for, and the number of links without another such ray. A
+    failed ray remains WAITING or UNDER_WAY.
     """
     ended, ready = 0, 0
     for lane in range(WIDTH):
@@ -284,12 +316,17 @@ def _relay(flights, n_links, rows):
             node[at.TOP], node[at.TOP_RATE] = rows[_TOP, lane], rows[_TOP_RATE, lane]
             node[at.LOW], node[at.LOW_RATE] = rows[_LOW, lane], rows[_LOW_RATE, lane]
             node[at.GROWTH] = grown
-        link[at.FLIGHT_PENDING] -= 1.0
-        ready += 1 if link[at.FLIGHT_PENDING] == 0.0 else 0
-        if not _launch_next(flights, n_links, rows, lane):
-            rows[_RAY, lane] = -1.0
-            _start(0.0, rows, lane)
+        if _is_awaited(rows[_RAY, lane]):
+            link[at.FLIGHT_PENDING] -= 1.0
+            ready += 1 if link[at.FLIGHT_PENDING] == 0.0 else 0
             ended += 1
+        rows[_RAY, lane] = -1.0
+        for following in (at.FLIGHT_NEXT, at.AHEAD_NEXT):
+            if rows[_RAY, lane] < 0.0:
+                _launch_next(flights, n_links, rows, lane, following)
+        if rows[_RAY, lane] < 0.0:
+            _start(0.0, rows, lane)
+        ended -= 1 if _is_awaited(rows[_RAY, lane]) else 0
     return ended, ready
 
 
@@ -376,9 +413,10 @@ def _controlled(rows, h, left, room, width, levels):
 @shared
 def march(domain, flights, n_links, data):
     """
-    Trace waiting rays of the first n_links links as `search.shoot` does, until a lane has no ray and a link none that is to be traced.
+    Trace waiting rays of the first n_links links as `search.shoot` does, until a lane is free and no ray of a link is to be traced.
 
-    The other rays remain in their lanes for the next call. Rays that `search.shoot` must trace remain WAITING.
+    The other rays remain in their lanes for the next call. Rays that `search.shoot` must trace remain WAITING or UNDER_WAY. Lanes that
+    would be free trace rays ahead, which end no call.
     """
     rows, surface = flights.lanes, domain.surface
     flat = surface.depth.size == 1

@@ -24,7 +24,7 @@ from pymantaray.acoustics._kernels.ladder import (
     trace_ladder,
 )
 from pymantaray.acoustics._kernels.layout import Course, Progress
-from pymantaray.acoustics._kernels.march import ERRING, WAITING, again, allowed
+from pymantaray.acoustics._kernels.march import ERRING, UNDER_WAY, WAITING, again, allowed
 from pymantaray.acoustics._kernels.trace import any_course, course_to_levels, fan_ray, trace
 from pymantaray.compile import compact, inlined, kernel, shared
 
@@ -52,9 +52,9 @@ _UNKNOWN = 1e30  # m; error of a cubic
 # Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss differ from the mean by less than the first
 # share, and the slownesses at the end from their predictions by less than the second share of the smaller one
 _EVEN_MISS, _EVEN_SLOWNESS = 0.2, 0.3
-_LEFT_OUT = -2.0  # GOOD of a ray of the first fan that is not needed
+LEFT_OUT = -2.0  # GOOD of a ray of the first fan that is not needed
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # verdicts on an interval
-_HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
+HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
     4
 )  # what an interval waits for: its middle, finer ends, an end beyond the root
 
@@ -242,17 +242,17 @@ def copy_ray(source, target):
 
 @kernel
 def shoot_waiting(s, walls, course, first, last, work):
-    """Trace the rays of some rows that are WAITING, one by one."""
+    """Trace the rays of some rows that are WAITING or failed UNDER_WAY, one by one."""
     for i in range(first, last):
         ray = work.rays[i]
-        if ray[at.GOOD] == WAITING:
+        if ray[at.GOOD] == WAITING or ray[at.GOOD] == UNDER_WAY:
             shoot(s, walls, course, ray[at.ANGLE], ray[at.TOL], ray[at.GROWTH], ray, work)
 
 
 @kernel
 def first_row(work):
-    """Row of the first ray of the fan; before it are the rays for which intervals wait."""
-    return 2 * work.halves.shape[0]
+    """Row of the first ray of the fan; before it are the rays for which intervals wait, and those traced ahead."""
+    return 6 * work.halves.shape[0]
 
 
 @kernel
@@ -268,7 +268,7 @@ def put_fan(n_nodes, tol, gap, work):
         ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = work.nodes[i], tol, WAITING
         ray[at.GROWTH], ray[at.DEFECT] = 0.0, 0.0
         if 0 < i < n_nodes - 1 and work.nodes[i + 1] - previous <= gap:
-            ray[at.GOOD] = _LEFT_OUT
+            ray[at.GOOD] = LEFT_OUT
         else:
             previous = ray[at.ANGLE]
         work.nodes[i] = 0.0  # from here on the rays used in the interval above this node
@@ -280,7 +280,7 @@ def fill_fan(length, progress, work):
     """Let the other rays of a fan wait, except between rays that show that there is neither a root nor a ray that turns."""
     fan, a = work.rays[first_row(work) :], 0
     for b in range(1, int(progress.right) + 2):
-        if fan[b, at.GOOD] == _LEFT_OUT:
+        if fan[b, at.GOOD] == LEFT_OUT:
             continue
         if b - a > 1 and not _is_even(fan[a], fan[b], length):
             for i in range(a + 1, b):
@@ -337,7 +337,7 @@ def _close_gaps(n_nodes, work):
     """Remove the rays that were left out from the fan; return the number of the others."""
     fan, n = work.rays[first_row(work) :], 0
     for i in range(n_nodes):
-        if fan[i, at.GOOD] != _LEFT_OUT:
+        if fan[i, at.GOOD] != LEFT_OUT:
             if n < i:
                 copy_ray(fan[i], fan[n])
             n += 1
@@ -508,7 +508,7 @@ def _ask_finer(a, b, fine, i, work):
 def _ask_middle(a, b, tol, i, work):
     """Ask for the ray in the middle of an interval; fine at once if the rays diverge and their cubic comes near the receiver."""
     middle, h = work.rays[2 * i], b[at.ANGLE] - a[at.ANGLE]
-    work.kinds[i] = _HALVE
+    work.kinds[i] = HALVE
     copy_ray(a, work.halves[i, 0])
     copy_ray(b, work.halves[i, 1])
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
@@ -527,7 +527,7 @@ def _put_back(course, asked, top, tally, fine, work):
     for i in range(asked):
         a, ray, b = work.halves[i, 0], work.rays[2 * i], work.halves[i, 1]
         kind = int(work.kinds[i])
-        if kind == _HALVE:
+        if kind == HALVE:
             if ray[at.GOOD] > 0.0:
                 margin = min(margin, abs(ray[at.MISS]))
             top = _put_halves(course.rule, a, ray, b, top, work)
