@@ -99,7 +99,7 @@ def test_nearly_level_chords_join_level_ones():
 
 @pytest.mark.parametrize(("make", "message"), [
     (lambda: ConstantSpeed(0.0), "sound speed 0.0 m/s"),
-    (lambda: MeanSlowness([0.0], [1500.0]), "two or more increasing"),
+    (lambda: MeanSlowness([0.0], [1500.0]), "at least two increasing"),
     (lambda: MeanSlowness([0.0, 0.0], [1500.0, 1500.0]), "increasing depths"),
     (lambda: MeanSlowness([0.0, 10.0], [1500.0, -1.0]), "sound speed -1 m/s"),
 ])  # fmt: skip

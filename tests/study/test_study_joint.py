@@ -44,7 +44,7 @@ def test_study_finds_water_and_clocks_and_keeps_the_truth_beside_them(run):
     apart = np.eye(n)[0] - np.eye(n)[1]
     assert apart @ offsets @ apart < 0.05 * 2.0  # of two offsets' prior
     wrong = run.config.conditions[1].modes.model_copy(update={"count": 99})
-    with pytest.raises(OceanError, match="count is 99, but there are"):
+    with pytest.raises(OceanError, match="count is 99, but only"):
         Beliefs(run).modes(wrong)
 
 

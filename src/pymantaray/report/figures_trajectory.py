@@ -103,11 +103,7 @@ def error_over_time(
     )
     hours = time / 3600.0
     looks = style.condition_looks(list(errors))
-    shared = grid[0, 0]  # all panels share its scales and limits; each change takes the time of all panels
-    shared.set_yscale("log")
-    shared.yaxis.set_minor_locator(NullLocator())
-    shared.set_xlim(hours[0], hours[-1])
-    shared.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    _set_shared_axes(grid[0, 0], hours)
     for axes in grid.flat:
         axes.set_autoscaley_on(False)  # until all lines are there
     for name, values in errors.items():
@@ -147,6 +143,14 @@ def error_over_time(
         handles.append(style.entry("GNSS fix", color=style.SKY, linewidth=2.5))
     style.common_legend(figure, handles)
     return figure
+
+
+def _set_shared_axes(axes: Axes, hours: Array) -> None:
+    """Set scales and limits that all panels share, because each change takes the time of all panels."""
+    axes.set_yscale("log")
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_xlim(hours[0], hours[-1])
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
 
 
 def draw_error_distribution(axes: Axes, errors: Mapping[str, Array], condition: str, *, log: bool) -> None:
