@@ -24,7 +24,7 @@ from pymantaray.estimation.g2o import load_g2o, write_g2o
 from pymantaray.estimation.graph import KINDS, check_graph, check_values
 from pymantaray.estimation.pyfg import GraphFile
 from pymantaray.estimation.solve import METHODS
-from pymantaray.estimation.starts import dead_reckon_graph
+from pymantaray.estimation.starts import chordal, dead_reckon_graph
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 
@@ -386,3 +386,19 @@ def test_gtsams_public_examples_are_read_whole():
     np.testing.assert_allclose(result.values.landmark_position[0], [4.0, 1.0, 2.0], atol=0.2)
     seen = open_graph(folder / "edge_se3_trackxyz_nonidentity_offset.g2o").graph["sighting"]
     np.testing.assert_allclose(seen.measured, [[2.1, 1.0, 3.0]], atol=1e-15)
+
+
+def test_chordal_initialization_without_information_on_an_angle_gives_some_rotation(tmp_path):
+    """Of a graph that a damaged file gave: an edge with a variance of 1e16 rad^2, beside a prior without heading."""
+    (tmp_path / "g.pyfg").write_text(
+        "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 10 0 1.5\nVERTEX_SE2 0 B0 0 9 0\nVERTEX_XY L3 5 6\n"
+        "VERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\nVERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\n"
+        "VERTEX_SE2:PRIOR 0 B0 0 9 0 1 0 0 1 0 1e12\n"
+        "VERTEX_XY:PRIOR 0 L3 5 6 0.5 0.1 0.6\nEDGE_SE2 1 A0 A1 10 0 1.5 0.25 0.01 0 0.25 0 1e16\n"
+        "EDGE_SE2 1 A1 B0 9.6 9.3 -1.5 0.25 0.01 0 0.25 0 1e-4\nEDGE_SE2_XY 1 A1 L3 5.6 5.4 0.1 0 0.1\n"
+        "EDGE_RANGE 1 A1 L3 7.8 4\n"
+    )
+    graph, values = read_pyfg(tmp_path / "g.pyfg")
+    start = chordal(graph, values).values.quaternion
+    np.testing.assert_allclose(np.linalg.norm(start, axis=1), 1.0)
+    np.testing.assert_array_equal(start[:, 1:3], 0.0)

@@ -1,5 +1,7 @@
 """Tables of a region against geodesics and brute force."""
 
+import warnings
+
 import numpy as np
 import pyproj
 import pytest
@@ -49,3 +51,12 @@ def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait):
         else:
             assert np.isnan(one["mean"])
             assert np.isnan(one["min"])
+
+
+def test_the_spread_of_profiles_warns_of_no_dry_level(fram_strait, monkeypatch):
+    """Also of no warning that xarray ignores: the filters are those of all threads, and another thread can restore them."""
+    warned = []
+    monkeypatch.setattr(warnings, "warn", lambda message, *_, **__: warned.append(message))
+    spread = sound_speed_profile_spread(fram_strait)
+    assert (spread["count"] == 0).any()
+    assert warned == []

@@ -1,6 +1,5 @@
 """Water around one column of an ocean, as in a study centred there, and the range errors of its links."""
 
-import warnings
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -129,9 +128,8 @@ def _share_without(status: NDArray[np.int8]) -> Array:
 
 
 def _worst(error: Array, axis: int | tuple[int, ...]) -> Array:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # no link has an arrival
-        return np.asarray(np.nanmax(np.abs(error), axis=axis))
+    """Largest absolute error along axes, NaN if no link has one."""
+    return np.asarray(np.fmax.reduce(np.abs(error), axis=axis))
 
 
 def _safe_distance(error: Array, links: AtlasLinks) -> Array:

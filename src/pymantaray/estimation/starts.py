@@ -11,10 +11,11 @@ from scipy.sparse.linalg import splu
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_parts
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import Measurements
 
 _ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
+_LEAST_WEIGHT = 1e-12  # of the largest weight in chordal initialization
 _LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1
 
 
@@ -138,9 +139,7 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
         np.append(of_prior, np.ones(first.size)),
         n,
     )
-    left, _, right = np.linalg.svd(np.swapaxes(matrix, 1, 2))
-    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
-    rotation = left @ right
+    rotation = _nearest_rotations(np.swapaxes(matrix, 1, 2), planar=graph.planar)
 
     step = np.concatenate([edge.column("position"), sighting.column("position")])
     ends = np.concatenate([edge.variables, sighting.variables])
@@ -162,12 +161,22 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
         graph.n_variables,
         moved[:, None],
     )[:, 0]
-    quaternion = quaternion_from_matrix(rotation)
     if graph.planar:
-        positions[:, 2], quaternion[:, 1:3] = 0.0, 0.0
-    unit = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
+        positions[:, 2] = 0.0
     unchanged = np.union1d(first, loose)
-    return StartingValues(GraphValues(positions[:n], unit, positions[n:]), unchanged)
+    return StartingValues(
+        GraphValues(positions[:n], quaternion_from_matrix(rotation), positions[n:]), unchanged
+    )
+
+
+def _nearest_rotations(matrix: Array, *, planar: bool) -> Array:
+    """Rotation nearest to each matrix, about the vertical axis if ``planar``; of a matrix near zero, any rotation."""
+    if planar:
+        angle = np.arctan2(matrix[:, 1, 0] - matrix[:, 0, 1], matrix[:, 0, 0] + matrix[:, 1, 1])
+        return so3_exp(angle[:, None] * np.array([0.0, 0.0, 1.0]))
+    left, _, right = np.linalg.svd(matrix)
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    return np.asarray(left @ right)
 
 
 def _linear(
@@ -183,9 +192,12 @@ def _linear(
     """
     Solve linear least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known`` for blocks X (size, k, 3).
 
-    ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3).
+    ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3). Weights below ``_LEAST_WEIGHT`` of the largest one
+    are raised to it: rounding of the normal equations would make them singular.
     """
     k, n = turn.shape[1], len(ends)
+    least = _LEAST_WEIGHT * max(weight.max(initial=0.0), of_known.max(initial=0.0))
+    weight, of_known = np.maximum(weight, least), np.maximum(of_known, least)
     row, column = np.indices((k, k)).reshape(2, -1)
     rows = k * np.arange(n)[:, None]
     root = np.sqrt(weight)

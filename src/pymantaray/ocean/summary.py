@@ -90,11 +90,11 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     speed = xr.DataArray(ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS)
     over = ("lat", "lon")
     count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
-    # not speed.mean, which changes the filters of warnings of all threads
+    # not speed.mean, min and max: they warn of levels without water, unless no other thread restores the filters of warnings
     spread = {
         "mean": speed.sum(over) / count.where(count > 0),
-        "min": speed.min(over),
-        "max": speed.max(over),
+        "min": speed.reduce(np.fmin.reduce, over),
+        "max": speed.reduce(np.fmax.reduce, over),
     }
     return xr.Dataset(
         {name: values.assign_attrs(attrs) for name, values in spread.items()} | {"count": count},
