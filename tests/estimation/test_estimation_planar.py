@@ -402,3 +402,14 @@ def test_chordal_initialization_without_information_on_an_angle_gives_some_rotat
     start = chordal(graph, values).values.quaternion
     np.testing.assert_allclose(np.linalg.norm(start, axis=1), 1.0)
     np.testing.assert_array_equal(start[:, 1:3], 0.0)
+
+
+def test_chordal_initialization_of_a_graph_without_edges_places_what_is_sighted(tmp_path):
+    (tmp_path / "g.pyfg").write_text(
+        "VERTEX_SE2 0 A0 1 2 0\nVERTEX_XY L0 0 0\nVERTEX_SE2:PRIOR 0 A0 1 2 1.5707963267948966 0.1 0 0 0.1 0 1e-4\n"
+        "EDGE_SE2_XY 0 A0 L0 3 4 0.1 0 0.1\n"
+    )
+    graph, values = read_pyfg(tmp_path / "g.pyfg")
+    start = chordal(graph, values).values
+    np.testing.assert_allclose(start.position[0], [1.0, 2.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(start.landmark_position[0], [-3.0, 5.0, 0.0], atol=1e-12)

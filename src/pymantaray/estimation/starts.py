@@ -203,7 +203,7 @@ def _linear(
     root = np.sqrt(weight)
     unit = np.arange(k)
     entries = [
-        (rows + row, k * ends[:, :1] + column, (-root[:, None, None] * turn).reshape(n, -1)),
+        (rows + row, k * ends[:, :1] + column, (-root[:, None, None] * turn).reshape(n, k * k)),
         (rows + unit, k * ends[:, 1:] + unit, np.repeat(root[:, None], k, axis=1)),
     ]
     entries.append(
