@@ -116,6 +116,13 @@ def test_a_table_for_print_has_short_lines():
     )
 
 
+def test_a_table_without_rows_has_its_heads():
+    table = ResultTable("t", pd.DataFrame({"condition": [], "rmse_m": []}), "Errors")
+    assert table.rows == []
+    assert "condition & RMSE [m] \\\\\n\\midrule\n\\bottomrule" in table.to_latex()
+    assert str(table) == "condition  RMSE [m]\n(no rows)"
+
+
 def test_a_rounding_error_among_lengths_is_zero_and_needs_no_exponent():
     frame = pd.DataFrame({"median_m": [12.3456, 1e-8, -3e-8, 0.0], "tiny_m": [1e-8, 2e-8, 0.0, 3e-8]})
     cells = [list(column) for column in zip(*ResultTable("t", frame[["median_m"]]).rows, strict=True)]

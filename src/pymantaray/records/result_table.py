@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
+from itertools import repeat
 from textwrap import wrap
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -231,7 +232,8 @@ class ResultTable:
 
     def _latex_columns(self) -> list[str]:
         """Types of the columns in LaTeX: numbers to the right; columns of sentences share half of the line and wrap."""
-        longest = [max(map(len, column), default=0) for column in zip(*self.rows, strict=True)]
+        columns = zip(*self.rows, strict=True) if self.rows else repeat((), len(self.heads))
+        longest = [max(map(len, column), default=0) for column in columns]
         sentences = [not head.numbers and n > _WRAPPED for head, n in zip(self.heads, longest, strict=True)]
         wrapped = f"p{{{0.5 / max(sum(sentences), 1):.2g}\\linewidth}}"
         return [
@@ -243,6 +245,8 @@ class ResultTable:
         """Heads and cells in columns, as a terminal shows them."""
         import pandas as pd
 
+        if not self.rows:
+            return f"{'  '.join(head.text for head in self.heads)}\n(no rows)"
         texts = pd.DataFrame(
             [[plain_signs(text) for text in row] for row in self.rows],
             columns=[head.text for head in self.heads],
