@@ -179,8 +179,10 @@ def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tm
         ("--at", "10,10", "outside the ocean"),
         ("--at", "north", "2 numbers separated by commas"),
         ("--depth", 9_000, "not in the water"),
+        ("--half-extent", "500 500", "does not fit into the data"),
     ):
-        result = mantaray("ocean", "plot", ocean_file, "--out", tmp_path / "none", option, value)
+        words = str(value).split()
+        result = mantaray("ocean", "plot", ocean_file, "--out", tmp_path / "none", option, *words)
         assert (result.code, says in result.err) == (2, True)
     assert not (tmp_path / "none").exists()
 

@@ -111,7 +111,8 @@ def _memory_line() -> str:
 
 def _refuse(error: Any) -> NoReturn:
     """Print the error line of wrong usage, with a pointer to the help, and exit."""
-    fault = without_secrets(" ".join(error.format_message().split()).removesuffix("."))
+    message = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
+    fault = without_secrets(message)
     if fault:  # without arguments there is no message, and the help is printed already
         command = error.ctx.command_path if error.ctx else "mantaray"
         typer.echo(f"error: {command}: {fault}; see {command} --help", err=True)

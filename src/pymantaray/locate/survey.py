@@ -1,7 +1,5 @@
 """Survey: pings between a platform and nodes, or between two nodes, with priors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, Self

@@ -17,10 +17,9 @@ from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.splines import axis_spline
 from pymantaray.ocean.grid_points import GridPoints
-from pymantaray.ocean.schema import place_text
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
 from pymantaray.ocean.seawater import Equation
-from pymantaray.ocean.window import Window, half_sides_within, rectangle
+from pymantaray.ocean.window import Window, rectangle
 
 _SPLINE = 40  # grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here 1e-23
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
@@ -95,7 +94,7 @@ def local_grid(
     """Local grid of an ocean, with the arguments and errors of `to_local`."""
     points = GridPoints.of(ocean, equation)
     window = Window.on(points.lat, points.lon, centre)
-    half = window.largest_rectangle() if half_extent is None else _checked(half_extent, window)
+    half = window.largest_rectangle() if half_extent is None else window.checked_sides(half_extent)
     part = points.around(window.geographic(*rectangle(*half)), _SPLINE)
     return LocalGrid.of(part, replace(window, lat=part.lat, lon=part.lon), half, sea_floor)
 
@@ -261,20 +260,6 @@ def _notes(sea_floor: xr.DataArray | None, finer: xr.DataArray | None) -> dict[s
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:
     return {"standard_name": standard_name, "units": units}
-
-
-def _checked(half_extent: tuple[float, float], window: Window) -> tuple[float, float]:
-    north, east = (float(h) for h in half_extent)
-    if not (north > 0.0 and east > 0.0):
-        raise OceanError(f"half_extent is {half_extent} m; both half sides must be positive")
-    if not window.holds(north, east):
-        largest = window.largest_rectangle()
-        raise OceanError(
-            f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east around"
-            f" {place_text(window.frame.latitude_deg, window.frame.longitude_deg)} does not fit into the data;"
-            f" set half_extent to at most {half_sides_within(largest)}"
-        )
-    return north, east
 
 
 def _axis(half: float, spacing: float) -> Array:

@@ -180,9 +180,14 @@ def crop_around(
     -------
     xarray.Dataset
         A valid ocean.
+
+    Raises
+    ------
+    OceanError
+        If the centre or the domain is not inside the ocean.
     """
     window = Window.of(ocean, centre)
-    lat, lon = window.geographic(*rectangle(*half_extent))
+    lat, lon = window.geographic(*rectangle(*window.checked_sides(half_extent)))
     return crop(ocean, (lat.min(), lat.max(), lon.min(), lon.max()), enclose=True)
 
 
@@ -268,6 +273,19 @@ class Window:
             self.contains(self.geographic(north[of], east[of]))
             for of in (some, slice(None))[: 1 if coarsely else 2]
         )
+
+    def checked_sides(self, half_extent: tuple[float, float]) -> tuple[float, float]:
+        """Return the half sides (north, east) of a domain around the frame's centre; the data set must hold it. [m]"""
+        north, east = (float(h) for h in half_extent)
+        if not (north > 0.0 and east > 0.0):
+            raise OceanError(f"half_extent is {half_extent} m; both half sides must be positive")
+        if not self.holds(north, east):
+            raise OceanError(
+                f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east around"
+                f" {place_text(self.frame.latitude_deg, self.frame.longitude_deg)} does not fit into the data;"
+                f" set half_extent to at most {half_sides_within(self.largest_rectangle())}"
+            )
+        return north, east
 
     def contains(self, places: tuple[Array, Array]) -> bool:
         """Return True if latitudes and longitudes from `geographic` are all inside the data set."""
