@@ -151,6 +151,7 @@ def test_a_changed_study_says_what_is_changed_and_keeps_the_rest():
     same = {"study": quick.study, "noise": quick.noise}
     assert twice.model_copy(update=same) == quick
     assert quick.with_() == quick
+    refused(StudyError, "study.name: missing", quick.with_, study={"realizations": 2})
     assert quick.noise.range_sigma == 1.0
 
 
@@ -171,6 +172,7 @@ def test_sections_of_sound_are_changed_too(write):
     bare = write("bare.toml", '[ocean]\nsource = "sea.nc"\n')
     assert load_sound(bare, **{"acoustics.max_bottom_bounces": 2}).acoustics.max_bottom_bounces == 2
     refused(StudyError, "`noise`: unknown key", load_sound, bare, **{"noise.range_sigma": 2.0})
+    refused(StudyError, "`study`: unknown key", load_sound(bare).with_, **{"study.seed": 2})
     loud = write(
         "loud.toml", "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\n"
     )

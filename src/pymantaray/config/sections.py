@@ -521,8 +521,9 @@ class SoundConfig(Section):
             changed(self.model_dump(exclude_none=True, exclude_unset=True), changes),
             "configuration",
         )
-        if "study" in tree and (words := words_of(changes)):
-            label = str(tree["study"]["name"])
+        study, words = tree.get("study"), words_of(changes)
+        if isinstance(study, Mapping) and "name" in study and words:
+            label = str(study["name"])
             tree = described(tree, label, words)
         return parse(type(self), tree, label, None)
 
