@@ -90,7 +90,7 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     speed = xr.DataArray(ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS)
     over = ("lat", "lon")
     count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
-    # not speed.mean, min and max: they warn of levels without water, unless no other thread restores the filters of warnings
+    # not speed.mean, min and max: they warn of levels without water, and ignore this by filters that all threads share
     spread = {
         "mean": speed.sum(over) / count.where(count > 0),
         "min": speed.reduce(np.fmin.reduce, over),
