@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_parts
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
 
 _ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
@@ -139,7 +139,9 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
         np.append(of_prior, np.ones(first.size)),
         n,
     )
-    rotation = _nearest_rotations(np.swapaxes(matrix, 1, 2), planar=graph.planar)
+    left, _, right = np.linalg.svd(np.swapaxes(matrix, 1, 2))
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    rotation = left @ right
 
     step = np.concatenate([edge.column("position"), sighting.column("position")])
     ends = np.concatenate([edge.variables, sighting.variables])
@@ -161,22 +163,12 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
         graph.n_variables,
         moved[:, None],
     )[:, 0]
+    quaternion = quaternion_from_matrix(rotation)
     if graph.planar:
-        positions[:, 2] = 0.0
+        positions[:, 2], quaternion[:, 1:3] = 0.0, 0.0
+    unit = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
     unchanged = np.union1d(first, loose)
-    return StartingValues(
-        GraphValues(positions[:n], quaternion_from_matrix(rotation), positions[n:]), unchanged
-    )
-
-
-def _nearest_rotations(matrix: Array, *, planar: bool) -> Array:
-    """Rotation nearest to each matrix, about the vertical axis if ``planar``; of a matrix near zero, any rotation."""
-    if planar:
-        angle = np.arctan2(matrix[:, 1, 0] - matrix[:, 0, 1], matrix[:, 0, 0] + matrix[:, 1, 1])
-        return so3_exp(angle[:, None] * np.array([0.0, 0.0, 1.0]))
-    left, _, right = np.linalg.svd(matrix)
-    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
-    return np.asarray(left @ right)
+    return StartingValues(GraphValues(positions[:n], unit, positions[n:]), unchanged)
 
 
 def _linear(

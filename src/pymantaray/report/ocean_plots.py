@@ -17,7 +17,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import whole_turns, wrapped
 from pymantaray.jobs.progress import Progress
-from pymantaray.ocean import sound_speed_profile_spread, validate_ocean
+from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 from pymantaray.report import style
@@ -66,14 +66,11 @@ def write_ocean_plots(
 
     Raises
     ------
-    OceanError
-        If the ocean is not valid, such as a window of fewer than four points.
     ReportError
         If the place is outside the window, or the depth is below the deepest water.
     WriteError
         If a file cannot be written.
     """
-    validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))
     where = middle if place is None else place
