@@ -8,7 +8,7 @@ those of the table that were traced in the same way. Its order and its results r
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.field import column_count, cubic, find_level, smooth_planar
+from pymantaray.acoustics._kernels.field import column_count, cubic, find_level, smooth_full
 from pymantaray.acoustics._kernels.layout import Baseline, FieldSection, Link, Progress, Walls, Work
 from pymantaray.acoustics._kernels.march import (
     ERRING,
@@ -66,16 +66,17 @@ def own_work(work, flights, k, columns):
 
 
 @kernel
-def put_flight(section, place, progress, work, flights):
-    """Put link i into place k of the queue; the rays of its fan wait."""
+def put_flight(section, place, progress, cross, work, flights):
+    """Put link i into place k of the queue; the rays of its fan wait. With cross, they leave the plane."""
     s, walls, link = section
     i, k = place
     row = flights.links[k]
     row[at.FLIGHT_LINK], row[at.FLIGHT_COLUMNS], row[at.FLIGHT_STEP] = i, s.n_range, s.r_step
     row[at.FLIGHT_STORE], row[at.FLIGHT_BREAKS] = k * work.store.size, walls.n_breaks
     row[at.FLIGHT_LEVELS] = 0.0
-    c, cz, _ = smooth_planar(s, find_level(s, link.z0), 0.0, link.z0)
-    row[at.FLIGHT_GRADIENT] = -cz / c
+    c, cz, _, _, _, _, cy, _, _, _ = smooth_full(s, find_level(s, link.z0), 0.0, link.z0)
+    row[at.FLIGHT_GRADIENT], row[at.FLIGHT_CROSS_GRADIENT] = -cz / c, -cy / c
+    row[at.FLIGHT_CROSS] = 1.0 if cross else 0.0
     for j in range(4):
         row[at.FLIGHT_LINE + j] = walls.line[j]
     for j in range(8):
@@ -102,7 +103,7 @@ def put_progress(k, first, last, progress, work, flights):
         room -= 4 + int(link[at.FLIGHT_PENDING]) if link[at.FLIGHT_LINK] >= 0.0 else 0  # none in a full queue
     old = int(row[at.AHEAD_FIRST])
     new = 3 * at.MAX_AHEAD - old
-    end = _look_ahead(progress, new, new + room, work)
+    end = new if row[at.FLIGHT_CROSS] > 0.0 else _look_ahead(progress, new, new + room, work)
     for i in range(new, end):
         _take_ahead(row, k, i, flights)
     replace_rays(flights.lanes, k, old, old + at.MAX_AHEAD, -1.0)

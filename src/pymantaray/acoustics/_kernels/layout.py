@@ -29,28 +29,27 @@ IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2
 NODE_TIME, NODE_POSITION, NODE_SLOWNESS, NODE_BOUNDARY = 0, 1, 4, 7
 N_NODE = 8
 
-# Ray of a fan: launch angle, miss and its slope, slowness and its slope, 1 if it reached the end, code of its reflections. For the
-# search only: error of the cubic near it, tolerance, divergence on the path (before tracing: expected divergence), GONE with its two
+# Ray of a fan: launch angle, miss and its slope, slowness and its slope, 1 if it reached the end, code of its reflections, cross-track
+# slowness at the source. For the search only: error of the cubic near it, tolerance, divergence on the path (before tracing: expected divergence), GONE with its two
 # derivatives, and smallest and largest depth relative to the source with their derivatives. The upper end of an interval has the number
 # of the fan's interval instead of DEFECT.
-ANGLE, MISS, SLOPE, SLOWNESS, SLOWNESS_SLOPE, GOOD, CODE, DEFECT, TOL, GROWTH = range(10)
-LEFT, LEFT_RATE, LEFT_BEND = range(10, 13)
-TOP, TOP_RATE, LOW, LOW_RATE = range(13, 17)
+ANGLE, MISS, SLOPE, SLOWNESS, SLOWNESS_SLOPE, GOOD, CODE, CROSS, DEFECT, TOL, GROWTH = range(11)
+LEFT, LEFT_RATE, LEFT_BEND = range(11, 14)
+TOP, TOP_RATE, LOW, LOW_RATE = range(14, 18)
 INTERVAL = DEFECT
-N_RAY = 17
-N_BRACKET = 7  # number of these columns, from the first, that an end of a bracket has
+N_RAY = 18
+N_BRACKET = 8  # number of these columns, from the first, that an end of a bracket has
 
 # A link in the queue of `march`: its number (negative: none), columns of its section, their distance [m], first number of the section
-# in the store, number of breaks of its boundaries, derivative of c_ref / c by depth at the source [1/m], 1 if steps end at the levels,
-# first, next and last + 1 of the rows of rays to be traced, and number of these rays that are not finished; the same three of the rays
+# in the store, number of breaks of its boundaries, derivatives of c_ref / c by depth and across the track at the source [1/m], 1 if steps
+# end at the levels, 1 if rays leave the plane, first, next and last + 1 of the rows of rays to be traced, and number of these rays that are not finished; the same three of the rays
 # traced ahead; then its `Baseline`, `Link` and `Progress`.
-FLIGHT_LINK, FLIGHT_COLUMNS, FLIGHT_STEP, FLIGHT_STORE, FLIGHT_BREAKS, FLIGHT_GRADIENT, FLIGHT_LEVELS = range(
-    7
-)
-FLIGHT_FIRST, FLIGHT_NEXT, FLIGHT_LAST, FLIGHT_PENDING = range(7, 11)
-AHEAD_FIRST, AHEAD_NEXT, AHEAD_LAST = range(11, 14)
-FLIGHT_LINE, FLIGHT_ENDS, FLIGHT_PROGRESS = 14, 18, 26
-N_FLIGHT = 34
+FLIGHT_LINK, FLIGHT_COLUMNS, FLIGHT_STEP, FLIGHT_STORE, FLIGHT_BREAKS = range(5)
+FLIGHT_GRADIENT, FLIGHT_CROSS_GRADIENT, FLIGHT_LEVELS, FLIGHT_CROSS = range(5, 9)
+FLIGHT_FIRST, FLIGHT_NEXT, FLIGHT_LAST, FLIGHT_PENDING = range(9, 13)
+AHEAD_FIRST, AHEAD_NEXT, AHEAD_LAST = range(13, 16)
+FLIGHT_LINE, FLIGHT_ENDS, FLIGHT_PROGRESS = 16, 20, 28
+N_FLIGHT = 36
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
 # both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis of integration, and caustics.
@@ -124,12 +123,13 @@ end_depth. fold is the mark of the boundary on which the receiver is, or 0: the 
 """
 OPEN, FORWARD, LEGS = 0, 1, 2
 
-Course = namedtuple("Course", "rule axis length target to_levels rays")
+Course = namedtuple("Course", "rule axis length target to_levels rays cross")
 Course.__doc__ = """
 Integration of rays: rule at the boundaries, axis, length along it, and target offset. [m]
 
 rays is DIRECT only if the rule is OPEN. With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of full rays always do. For LEGS, the
-length is an approximate total of all legs.
+length is an approximate total of all legs. With cross, direct rays of a fan leave the plane and end in it at the receiver; otherwise they
+remain in it.
 """
 
 Axis = namedtuple("Axis", "z_source cb sb c_ref")
@@ -184,7 +184,7 @@ Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the sta
 path (n, N_PATH) receives every accepted step of a full ray if it has rows.
 """
 
-N_LANES = 57  # rows of sixteen numbers, see `march`
+N_LANES = 76  # rows of sixteen numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_STEPS = 100_000  # of a ray
 MAX_PATH = 32_768

@@ -27,6 +27,7 @@ from pymantaray.acoustics._kernels.refine import (
     RESOLUTION,
     Launch,
     Widened,
+    cross_slowness,
     cubic_angle,
     finish,
     jumps,
@@ -76,6 +77,11 @@ _LIKELY, _UNLIKELY, _STEEP_BRACKET = range(3)
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
+_RESOLVED = 30.0  # m
+_SMALL_SHIFT = 2e-4  # rad, an upper bound; the angles move by about a twentieth of it
+_REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
+_SAMPLES = 8  # columns of a section
+_ONE_LAUNCH, _ONE_ARRIVAL = 5e-6, 1e-4  # rad; nearer rays are one
 _CHORD_HALF_WIDTH = 0.02  # rad; of the bracket of a steep link
 _FULL_TOLERANCE_LENGTH = 2e4  # m; for longer links the tolerance grows with their length
 _GAUSS_NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
@@ -231,10 +237,11 @@ def _tolerances(s, link, settings):
 
 
 @kernel
-def _direct_search(s, link, settings):
+def _direct_search(s, link, cross, settings):
     """Settings of the search of direct rays."""
     accuracy, weak_slope = _tolerances(s, link, settings)
-    return Search(accuracy.coarse, accuracy.fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0)
+    resolved = _RESOLVED if cross else math.inf
+    return Search(accuracy.coarse, accuracy.fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0, resolved)
 
 
 @kernel
@@ -247,6 +254,31 @@ def _spacing(s):
 def _first_gap(s):
     """Distance of those rays of the first fan that are traced first, 0 if all are. [rad]"""
     return 0.0 if s.kind == at.LINEAR else 2.0 * _SPACING_SMOOTH[0]
+
+
+@kernel
+def _leaves_plane(s, link):
+    """
+    True if horizontal refraction may move the launch angles of rays by more than _SMALL_SHIFT.
+
+    Rays are then traced in three dimensions. With the mean cross-track gradient g of the sound speed along the section, a ray leaves the
+    plane by up to g R^2 / 8 c; the gradient's derivative by depth turns it there by R / c times their product.
+    """
+    if s.kind == at.LINEAR or s.n_range < 3:
+        return False
+    span = link.horizontal
+    top = min(link.z0, link.z1) - _REACH_SLOPE * span
+    low = max(link.z0, link.z1) + _REACH_SLOPE * span
+    gradient, shear = 0.0, 0.0
+    stride = max(s.n_range // _SAMPLES, 1)
+    for k in range(s.depth.size - 1):
+        if s.depth[k + 1] < top or s.depth[k] > low:
+            continue
+        here, bend, count = 0.0, 0.0, 0
+        for i in range(0, s.n_range, stride):
+            here, bend, count = here + abs(s.data[i, k, 8]), bend + abs(s.data[i, k, 9]), count + 1
+        gradient, shear = max(gradient, here / count), max(shear, bend / count)
+    return gradient * span * span / 8.0 * shear * span > _SMALL_SHIFT * link.c0 * link.c0
 
 
 @kernel
@@ -295,12 +327,14 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
     if n_nodes < 0:
         return False
     s, walls, link = section
-    search = _direct_search(s, link, settings)
-    course = direct_course(link, n_nodes == 0)
+    cross = n_nodes > 0 and _leaves_plane(s, link)
+    search = _direct_search(s, link, cross, settings)
+    course = direct_course(link, n_nodes == 0, cross)
     if n_nodes == 0:
         found = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
     elif flights is not None and domain.kind == at.SMOOTH:  # otherwise, Numba omits this branch
-        put_flight(section, place, put_fan(n_nodes, search.coarse, _first_gap(s), work), work, flights)
+        fan = put_fan(n_nodes, search.coarse, _first_gap(s), work)
+        put_flight(section, place, fan, cross, work, flights)
         return True
     else:
         found = find_brackets(s, walls, course, n_nodes, _first_gap(s), search, work)
@@ -314,7 +348,8 @@ def _continue(domain, bounces, settings, k, work, flights, results):
     row = flights.links[k]
     section, progress = section_of(domain, row, work), progress_of(row)
     s, walls, link = section
-    course, search = direct_course(link, False), _direct_search(s, link, settings)
+    course = direct_course(link, False, row[at.FLIGHT_CROSS] > 0.0)
+    search = _direct_search(s, link, course.cross, settings)
     levels = course_to_levels(s, course)
     first, last = int(row[at.FLIGHT_FIRST]), int(row[at.FLIGHT_LAST])
     shoot_waiting(s, walls, levels if row[at.FLIGHT_LEVELS] > 0.0 else course, first, last, work)
@@ -415,6 +450,7 @@ def _predicted_bracket(link, chord_time, work):
         end = work.brackets[0, i]
         end[at.ANGLE] = angle + (2 * i - 1) * _CHORD_HALF_WIDTH
         end[at.MISS], end[at.SLOPE] = link.length * (end[at.ANGLE] - angle), link.length
+        end[at.CROSS] = 0.0
     return 1, 0.0, 0, True
 
 
@@ -524,7 +560,8 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
 def _course_of_weak(s, walls, course, bracket, accuracy, work):
     """Course of the ray at the root of a bracket's cubic: _WEAK in the water, _THROUGH, _BLOCKED, or _NONE if it does not reach the end."""
     angle = cubic_angle(bracket[0], bracket[1], 0.0)
-    ok, steps, turns, _ = trace(s, walls, course, angle, 0.0, accuracy.coarse, full_ray(work))
+    q = cross_slowness(bracket[0], bracket[1], angle)
+    ok, steps, turns, _ = trace(s, walls, course, angle, q, accuracy.coarse, full_ray(work))
     place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
     if place != _CLEAR:
         return place
@@ -540,7 +577,9 @@ def _keep_row(rows, count):
     row = rows[count]
     for j in range(count):
         near_in_time = abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < 1e-7
-        if near_in_time and abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE]) < 5e-6:
+        near_here = abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE]) < _ONE_LAUNCH
+        near_there = abs(rows[j, at.ARRIVAL_ANGLE] - row[at.ARRIVAL_ANGLE]) < _ONE_ARRIVAL
+        if near_in_time and near_here and near_there:
             if row[at.SPREADING_DB] < rows[j, at.SPREADING_DB]:
                 for k in range(at.N_ARRIVAL):
                     rows[j, k] = row[k]

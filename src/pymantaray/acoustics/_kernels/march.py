@@ -34,9 +34,17 @@ _TOP, _TOP_RATE, _LOW, _LOW_RATE = range(42, 46)
 _LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _LEVELS, _GRADIENT = range(
     46, 57
 )
+# and for rays that leave the plane: 1 if they do, derivative of c_ref / c across the track at the source, cross-track offset and slowness,
+# their derivatives at the seven stages of a step, and the number of attempts to end in the plane
+_CROSS, _CROSS_GRADIENT, _OFFSET, _SIDE, _SIDE_SLOPES, _ATTEMPTS = 57, 58, 59, 60, 61, 75
 # GOOD of a ray that has not been traced, or that took over the lane of one traced ahead
 WAITING, UNDER_WAY = -1.0, -3.0
 FIRST_STEP = 60.0  # m
+_MAX_OFFSET = (
+    10.0  # tolerances; rays that end farther out of the plane and near the receiver are traced again
+)
+_PER_OFFSET = 2.0  # error of the miss of such a ray at most, per offset and divergence
+MOST_ATTEMPTS = 4
 _COME, _FAILED = 1.0, 2.0
 # Errors on the path of a ray grow with its divergence, relative to straight rays.
 _DIVERGING = 3.0  # divergence above which a ray needs a smaller tolerance
@@ -73,6 +81,12 @@ def needs_more(miss, tol, growth, expected):
 
 
 @kernel
+def astray(offset, miss, tol, grown):
+    """True if a ray ends so far out of the plane that its miss may have the wrong sign; grown is its divergence."""
+    return abs(offset) > _MAX_OFFSET * tol and abs(miss) < _PER_OFFSET * abs(offset) * max(grown, 1.0)
+
+
+@kernel
 def traced_alike(one, two):
     """True if rays with two expected divergences, whose steps end at the levels, are traced with the same steps."""
     least, most = min(one, two), max(one, two)
@@ -95,9 +109,13 @@ def _level(s, z):
 
 
 @inlined
-def _derivative(s, data, rows, slopes, pos, state):
-    """Write the right-hand side of sixteen rays to the rows from slopes; return (h c)^2 minus its lower limit."""
+def _derivative(s, data, rows, stage, pos, state, side):
+    """Write the right-hand side of sixteen rays to the rows of a stage; return (h c)^2 minus its lower limit.
+
+    The field is expanded to second order in the cross-track offset; side contains it and its slowness, zero for rays in the plane.
+    """
     w, p, xi, eta = state
+    slopes = _SLOPES + 4 * stage
     last = s.depth.size - 1
     top, low = s.depth[0], s.depth[last]
     z = w + load(rows, _SOURCE)
@@ -118,6 +136,15 @@ def _derivative(s, data, rows, slopes, pos, state):
     )
     place = load(rows, _STORE) + column * float(stride) + 16.0 * k
     a0, a1, a2, a3 = blend(data, place, stride, weights)
+    crosses = load(rows, _CROSS) > 0.0
+    leaves, cy, squares = any_lane(crosses), 0.0 * p, p * p
+    if leaves:
+        y, q = side
+        half = 0.5 * y
+        b0, b1, b2, b3 = blend(data, place + 8.0, stride, (u, half * u, t, half * t))
+        cy = b0 + x * (b1 + x * (b2 + x * b3))
+        a0, a1, a2, a3 = a0 + y * b0, a1 + y * b1, a2 + y * b2, a3 + y * b3
+        squares = squares + q * q
     c = a0 + x * (a1 + x * (a2 + x * a3))
     cz = a1 + x * (2.0 * a2 + 3.0 * x * a3)
     czz = 2.0 * a2 + 6.0 * x * a3
@@ -131,7 +158,7 @@ def _derivative(s, data, rows, slopes, pos, state):
         c = c + beyond * g * cz
         cz = f * g * cz
     least, c_ref = 1e-6 * c * c, load(rows, _C_REF)
-    square = c_ref * c_ref - c * c * (p * p)
+    square = c_ref * c_ref - c * c * squares
     room = square - least
     hc = root(choose(room > 0.0, square, least))
     inverse = 1.0 / (c * hc)
@@ -145,6 +172,9 @@ def _derivative(s, data, rows, slopes, pos, state):
     store(rows, slopes + 1, nnw * ih)
     store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
     store(rows, slopes + 3, ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta)
+    if leaves:
+        store(rows, _SIDE_SLOPES + 2 * stage, side[1] * ih)
+        store(rows, _SIDE_SLOPES + 2 * stage + 1, choose(crosses, -1.0 * n * n * cy * ic * ih, 0.0))
     return room
 
 
@@ -164,9 +194,11 @@ def _embedded(rows, i):
 
 @inlined
 def _step(s, data, rows, pos, h, state):
-    """One step of Dormand and Prince; return the new state, and the smallest result of `_derivative`."""
+    """One step of Dormand and Prince; return the new state, the new offset and slowness across, and the smallest result of `_derivative`."""
     w, p, xi, eta = state
     w1, p1, xi1, eta1, room = w, p, xi, eta, pos + 1.0
+    leaves, y, q = any_lane(load(rows, _CROSS) > 0.0), load(rows, _OFFSET), load(rows, _SIDE)
+    y1, q1 = y, q
     for stage in range(1, 7):
         dw, dp, dxi, deta = 0.0 * w, 0.0 * w, 0.0 * w, 0.0 * w
         for j in range(stage):
@@ -174,9 +206,15 @@ def _step(s, data, rows, pos, h, state):
             dw, dp = dw + a * load(rows, k), dp + a * load(rows, k + 1)
             dxi, deta = dxi + a * load(rows, k + 2), deta + a * load(rows, k + 3)
         w1, p1, xi1, eta1 = w + h * dw, p + h * dp, xi + h * dxi, eta + h * deta
-        here = _derivative(s, data, rows, _SLOPES + 4 * stage, pos + C[stage] * h, (w1, p1, xi1, eta1))
+        if leaves:
+            dy, dq = 0.0 * y, 0.0 * q
+            for j in range(stage):
+                a, k = A[stage, j], _SIDE_SLOPES + 2 * j
+                dy, dq = dy + a * load(rows, k), dq + a * load(rows, k + 1)
+            y1, q1 = y + h * dy, q + h * dq
+        here = _derivative(s, data, rows, stage, pos + C[stage] * h, (w1, p1, xi1, eta1), (y1, q1))
         room = choose(here < room, here, room)
-    return w1, p1, xi1, eta1, room
+    return (w1, p1, xi1, eta1), (y1, q1), room
 
 
 @inlined
@@ -235,26 +273,37 @@ def _launch_next(flights, n_links, rows, lane, following):
             rows[_SOURCE, lane], rows[_C_REF, lane] = link[at.FLIGHT_ENDS], link[at.FLIGHT_ENDS + 2]
             rows[_SPAN, lane] = link[at.FLIGHT_ENDS + 4]
             rows[_PER_SPAN, lane], rows[_GRADIENT, lane] = 1.0 / rows[_SPAN, lane], link[at.FLIGHT_GRADIENT]
+            rows[_CROSS, lane] = link[at.FLIGHT_CROSS]
+            rows[_CROSS_GRADIENT, lane] = link[at.FLIGHT_CROSS_GRADIENT]
+            rows[_ATTEMPTS, lane] = 1.0
             _launch(node, node[at.GROWTH], link[at.FLIGHT_LEVELS], rows, lane)
             break
 
 
 @kernel
-def _start(angle, rows, lane):
-    """Put the initial state of a ray and its derivative into a lane."""
-    for row in (at.W, at.XI, _POS, _GONE, _GROWN, _TOP, _TOP_RATE, _LOW, _LOW_RATE):
+def _start(angle, q, rows, lane):
+    """Put the initial state of a ray with a cross-track slowness and its derivative into a lane."""
+    for row in (at.W, at.XI, _POS, _GONE, _GROWN, _TOP, _TOP_RATE, _LOW, _LOW_RATE, _OFFSET):
         rows[row, lane] = 0.0
     p, h, gradient = math.sin(angle), math.cos(angle), rows[_GRADIENT, lane]
-    rows[at.P, lane], rows[at.ETA, lane] = p, h
+    rows[at.P, lane], rows[at.ETA, lane], rows[_SIDE, lane] = p, h, q
     rows[_SLOPES + at.W, lane], rows[_SLOPES + at.P, lane] = p / h, gradient / h
     rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = 1.0 / (h * h), gradient * p / (h * h)
+    rows[_SIDE_SLOPES, lane] = rows[_SIDE_SLOPES + 1, lane] = 0.0
+    if rows[_CROSS, lane] > 0.0:
+        along = math.sqrt(h * h - q * q)
+        rows[_SLOPES + at.W, lane], rows[_SLOPES + at.P, lane] = p / along, gradient / along
+        rows[_SLOPES + at.XI, lane] = h * (1.0 + p * p / (along * along)) / along
+        rows[_SLOPES + at.ETA, lane] = gradient * p * h / (along * along * along)
+        rows[_SIDE_SLOPES, lane] = q / along
+        rows[_SIDE_SLOPES + 1, lane] = rows[_CROSS_GRADIENT, lane] / along
     rows[_LENGTH, lane] = min(rows[_SPAN, lane], FIRST_STEP)
 
 
 @kernel
 def _launch(node, growth, to_levels, rows, lane):
     """Start a ray with an expected divergence in a lane that has the numbers of its link; steps of a diverging ray end at the levels."""
-    _start(node[at.ANGLE], rows, lane)
+    _start(node[at.ANGLE], node[at.CROSS], rows, lane)
     levels = to_levels > 0.0 or growth > 0.0
     rows[_EXPECTED, lane], rows[_LEVELS, lane] = growth, 1.0 if levels else 0.0
     rows[_TOL, lane] = allowed(node[at.TOL], growth, levels) / rows[_SPAN, lane]
@@ -281,7 +330,7 @@ def _fill(flights, n_links, rows):
             for row in range(_LINK, rows.shape[0]):
                 rows[row, lane] = rows[row, used]
             rows[_TOL, lane] = rows[_TOL, used]
-            _start(0.0, rows, lane)
+            _start(0.0, 0.0, rows, lane)
     return running
 
 
@@ -297,14 +346,23 @@ def _relay(flights, n_links, rows):
         if rows[_DONE, lane] == 0.0:
             continue
         if rows[_RAY, lane] < 0.0:
-            _start(0.0, rows, lane)
+            _start(0.0, 0.0, rows, lane)
             continue
         k = int(rows[_LINK, lane])
         link = flights.links[k]
         node = flights.rays[k, int(rows[_RAY, lane])]
         if rows[_DONE, lane] == _COME:
+            p0, p1 = math.sin(node[at.ANGLE]), rows[at.P, lane]
+            path = rows[_SPAN, lane] * (1.0 + 0.25 * (p0 * p0 + p1 * p1))
+            node[at.CROSS] -= rows[_OFFSET, lane] / path
             target = link[at.FLIGHT_ENDS + 1] - link[at.FLIGHT_ENDS]
             miss, grown = rows[at.W, lane] - target, rows[_GROWN, lane] / rows[_SPAN, lane]
+            if rows[_ATTEMPTS, lane] < MOST_ATTEMPTS and astray(
+                rows[_OFFSET, lane], miss, node[at.TOL], grown
+            ):
+                rows[_ATTEMPTS, lane] += 1.0
+                _launch(node, rows[_EXPECTED, lane], rows[_LEVELS, lane], rows, lane)
+                continue
             left, expected = rows[_GONE, lane], rows[_EXPECTED, lane]
             if left == 0.0 and again(miss, node[at.TOL], grown, expected, True):
                 _launch(node, grown, 1.0, rows, lane)
@@ -325,7 +383,7 @@ def _relay(flights, n_links, rows):
             if rows[_RAY, lane] < 0.0:
                 _launch_next(flights, n_links, rows, lane, following)
         if rows[_RAY, lane] < 0.0:
-            _start(0.0, rows, lane)
+            _start(0.0, 0.0, rows, lane)
         ended -= 1 if _is_awaited(rows[_RAY, lane]) else 0
     return ended, ready
 
@@ -407,6 +465,9 @@ def _controlled(rows, h, left, room, width, levels):
     for i in range(4):
         k = _SLOPES + i
         store(rows, k, choose(good, load(rows, k + 24), load(rows, k)))
+    if any_lane(load(rows, _CROSS) > 0.0):
+        for k in range(_SIDE_SLOPES, _SIDE_SLOPES + 2):
+            store(rows, k, choose(good, load(rows, k + 12), load(rows, k)))
     return good, choose(good, larger, smaller)
 
 
@@ -428,7 +489,7 @@ def march(domain, flights, n_links, data):
         left = length - pos
         last = left < h * (1.0 + 1e-12)
         h = choose(last, left, h)
-        w, p, xi, eta, room = _step(domain, data, rows, pos, h, state)
+        (w, p, xi, eta), (y, q), room = _step(domain, data, rows, pos, h, state)
         good, factor = _controlled(rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), levels)
         failed = h < 1e-9 * length
         state = (
@@ -437,6 +498,9 @@ def march(domain, flights, n_links, data):
             choose(good, xi, state[2]),
             choose(good, eta, state[3]),
         )
+        if any_lane(load(rows, _CROSS) > 0.0):
+            store(rows, _OFFSET, choose(good, y, load(rows, _OFFSET)))
+            store(rows, _SIDE, choose(good, q, load(rows, _SIDE)))
         pos = choose(good, choose(last, length, pos + h), pos)
         h = h * factor
         source = load(rows, _SOURCE)

@@ -41,7 +41,7 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
         course = forward_course(link, bounces, 0, 0, link.z1)
         ok, steps = _trace_course(s, walls, link, course, (forward, side, down), tol, work)
     else:
-        direct = direct_course(link, axis == at.CHORD)
+        direct = direct_course(link, axis == at.CHORD, False)
         ok, steps = _trace_course(s, walls, link, direct, (forward, side, down), tol, work)
     return ok, steps, link.c0
 
@@ -138,7 +138,8 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
     s, walls = baseline(domain, source, unit, distance, work)
     c = field_at(s, 0.0, source[2])
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
-    course = Course(rule, at.Axis(source[2], 1.0, 0.0, c), distance, 0.0, False, at.ANY)
+    axis = at.Axis(source[2], 1.0, 0.0, c)
+    course = Course(rule, axis, distance, 0.0, False, at.ANY, False)
     n = 0
     for i in range(angles.size):
         if n + work.path.shape[0] > nodes.shape[0]:

@@ -52,14 +52,22 @@ def cubic_angle(a, b, level):
 
 
 @kernel
+def cross_slowness(a, b, angle):
+    """Cross-track slowness at the source of a ray between two rays of a fan."""
+    share = (angle - a[at.ANGLE]) / (b[at.ANGLE] - a[at.ANGLE])
+    return a[at.CROSS] + share * (b[at.CROSS] - a[at.CROSS])
+
+
+@kernel
 def polish(s, walls, course, bracket, accuracy, work):
     """Find the direct ray of a bracket by Newton's method from the root of its cubic, with horizontal refraction.
 
     Not ok if the method does not converge at once, leaves the bracket, or reaches a ray on the other side of a caustic.
     """
-    y, a, b, q = work.y, bracket[0], bracket[1], 0.0
+    y, a, b = work.y, bracket[0], bracket[1]
     lo, hi, rise = a[at.ANGLE], b[at.ANGLE], b[at.MISS] - a[at.MISS]
     m = cubic_angle(a, b, 0.0)
+    q = cross_slowness(a, b, m)
     steps, turns = 0, 0
     for _ in range(6):
         ok, steps, turns, _ = trace(s, walls, course, m, q, accuracy.fine, full_ray(work))
@@ -168,7 +176,8 @@ def widened(s, walls, course, bracket, tol, work):
     If the bracket is still too narrow, the misses have the same sign.
     """
     y, ray = work.y, full_ray(work)
-    a, b, q, fa, fb, slope_a, slope_b = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0, 0.0, 0.0
+    a, b, fa, fb, slope_a, slope_b = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0, 0.0
+    q = 0.5 * (bracket[0, at.CROSS] + bracket[1, at.CROSS])
     rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
     least = _MIN_MOVE * step
     for attempt in range(_MAX_MOVES):

@@ -24,8 +24,22 @@ from pymantaray.acoustics._kernels.ladder import (
     trace_ladder,
 )
 from pymantaray.acoustics._kernels.layout import Course, Progress
-from pymantaray.acoustics._kernels.march import ERRING, UNDER_WAY, WAITING, again, allowed
-from pymantaray.acoustics._kernels.trace import any_course, course_to_levels, fan_ray, trace
+from pymantaray.acoustics._kernels.march import (
+    ERRING,
+    MOST_ATTEMPTS,
+    UNDER_WAY,
+    WAITING,
+    again,
+    allowed,
+    astray,
+)
+from pymantaray.acoustics._kernels.trace import (
+    any_course,
+    course_to_levels,
+    fan_ray,
+    full_ray_end,
+    trace,
+)
 from pymantaray.compile import compact, inlined, kernel, shared
 
 STEEP = 0.08  # rad; a link steeper than the Snell limit by this has one ray
@@ -47,6 +61,7 @@ _WINDOW_WIDTH = (
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its size, and if this share times the
 # error of the predicted turning depths exceeds the second number of metres
 _MIN_BEND, _MIN_BEND_TIMES_DEFECT = 0.2, 1.25
+_NOISE = 4.0  # tolerances; the miss of a ray out of the plane may differ by this between two attempts
 _PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
 _UNKNOWN = 1e30  # m; error of a cubic
 # Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss differ from the mean by less than the first
@@ -58,19 +73,22 @@ HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
     4
 )  # what an interval waits for: its middle, finer ends, an end beyond the root
 
-Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang")
+Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang resolved")
 Search.__doc__ = """Settings of a search: tolerances of the fan's rays and of rays near the receiver [m], narrowest interval [rad].
 
 Across a change of code the slopes of the miss are used beyond the angle steep and in intervals narrower than trust [rad].
 Rays with a slope above weak [m/rad] are too weak to be searched. A ray at a change of code that would meet the receiver within
-overhang [rad] beyond the change is a bracket without width.
+overhang [rad] beyond the change is a bracket without width. Two direct rays may be neighbours only if both slopes of the miss predict the
+other miss to within resolved [m].
 """
 
 
 @kernel
 def aimed_at(course, target):
     """Return the course with another target."""
-    return Course(course.rule, course.axis, course.length, target, course.to_levels, course.rays)
+    return Course(
+        course.rule, course.axis, course.length, target, course.to_levels, course.rays, course.cross
+    )
 
 
 @kernel
@@ -89,6 +107,8 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
         finer = allowed(tol, growth, course.to_levels)
         if s.kind == at.LINEAR and has_ladder(work) and fits(s, walls, course, 0.0):
             ok, code = trace_ladder(s, walls, course, angle, work)
+        elif course.cross:
+            ok, code = _shoot_across(s, walls, course, angle, finer, node, work)
         else:
             ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
         grown = y[at.GROWN] / course.length
@@ -106,6 +126,20 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     if rule.fold != 0 and (code % 1024 // 32 if rule.fold <= ON_SURFACE else code % 32) % 2 == 1:
         for i in (at.MISS, at.SLOPE, at.SLOWNESS, at.SLOWNESS_SLOPE):
             node[i] = -node[i]
+
+
+@kernel
+def _shoot_across(s, walls, course, angle, tol, node, work):
+    """Trace a direct ray out of the plane until it ends in it; the node receives its cross-track slowness."""
+    y = work.y
+    for _ in range(MOST_ATTEMPTS):
+        ok, _, _, code = trace(s, walls, course, angle, node[at.CROSS], tol, full_ray_end(work))
+        if not ok:
+            break
+        node[at.CROSS] -= y[at.Y] / y[at.DY_DQ]
+        if not astray(y[at.Y], y[at.W] - course.target, node[at.TOL], y[at.GROWN] / course.length):
+            break
+    return ok, code
 
 
 @kernel
@@ -266,7 +300,7 @@ def put_fan(n_nodes, tol, gap, work):
     for i in range(n_nodes):
         ray = fan[i]
         ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = work.nodes[i], tol, WAITING
-        ray[at.GROWTH], ray[at.DEFECT] = 0.0, 0.0
+        ray[at.GROWTH], ray[at.DEFECT], ray[at.CROSS] = 0.0, 0.0, 0.0
         if 0 < i < n_nodes - 1 and work.nodes[i + 1] - previous <= gap:
             ray[at.GOOD] = LEFT_OUT
         else:
@@ -285,6 +319,7 @@ def fill_fan(length, progress, work):
         if b - a > 1 and not _is_even(fan[a], fan[b], length):
             for i in range(a + 1, b):
                 fan[i, at.GOOD] = WAITING
+                fan[i, at.CROSS] = 0.5 * (fan[a, at.CROSS] + fan[b, at.CROSS])
         a = b
     return Progress(0.0, 0.0, 0.0, progress.right, 0.0, np.inf, 0.0, 1.0)
 
@@ -469,6 +504,10 @@ def _gather(varies, course, search, asked, pending, tally, work):
                     n_brackets = _add_bracket(ray, ray, n_brackets, k, work)
         elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:
             margin = 0.0
+        elif verdict == _DROP and course.cross and same:
+            for end in (0, 1):
+                if n_brackets < work.brackets.shape[0] and _meets(st[top, end], fine, h):
+                    n_brackets = _add_around(st[top, end], fine, n_brackets, k, work)
         if verdict != _SPLIT:
             continue
         # the fan's tolerance matters
@@ -514,6 +553,7 @@ def _ask_middle(a, b, tol, i, work):
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
     middle[at.ANGLE], middle[at.TOL], middle[at.GOOD] = 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol, WAITING
+    middle[at.CROSS] = 0.5 * (a[at.CROSS] + b[at.CROSS])
     middle[at.GROWTH] = growth if abs(miss) <= ERRING * tol * growth else 0.0
     work.rays[2 * i + 1, at.GOOD] = 0.0
     return 1
@@ -554,13 +594,14 @@ def _put_back(course, asked, top, tally, fine, work):
 def _end_to_move(a, b, finer_a, finer_b):
     """Index of the interval's end that must be moved over the root, or -1.
 
-    If the fine tolerance moved the root just beyond one end, the adjacent interval may lack it.
+    If the fine tolerance moved the root just beyond one end, the adjacent interval may lack it. A root inside the interval remains there.
     """
     near = 0 if abs(finer_a[at.MISS]) < abs(finer_b[at.MISS]) else 1
     end = finer_a if near == 0 else finer_b
     over = -2.0 * end[at.MISS] / end[at.SLOPE]
     lost = a[at.MISS] * b[at.MISS] < 0.0 < finer_a[at.MISS] * finer_b[at.MISS]
-    return near if lost and abs(over) < b[at.ANGLE] - a[at.ANGLE] else -1
+    outwards = over < 0.0 if near == 0 else over > 0.0
+    return near if lost and outwards and abs(over) < b[at.ANGLE] - a[at.ANGLE] else -1
 
 
 @kernel
@@ -603,6 +644,24 @@ def _add_bracket(a, b, n, interval, work):
     copy_ray(b, work.brackets[n, 1])
     work.nodes[interval] += _RAYS_PER_BRACKET
     return n + 1
+
+
+@kernel
+def _meets(ray, fine, h):
+    """True if a ray out of the plane meets the receiver within its error: the sign of its miss may differ between its two intervals."""
+    return ray[at.TOL] <= fine and abs(ray[at.MISS]) < _NOISE * fine < 0.5 * h * abs(ray[at.SLOPE])
+
+
+@kernel
+def _add_around(ray, fine, n, interval, work):
+    """Append a bracket about a ray that meets the receiver; return the number of brackets."""
+    n = _add_bracket(ray, ray, n, interval, work)
+    half = _NOISE * fine / abs(ray[at.SLOPE])
+    for i in range(2):
+        end = work.brackets[n - 1, i]
+        end[at.ANGLE] += (2 * i - 1) * half
+        end[at.MISS] += (2 * i - 1) * half * ray[at.SLOPE]
+    return n
 
 
 @inlined
@@ -649,7 +708,8 @@ def _judge_smooth(a, b, varies, direct, length, search):
         and not _oscillates(a, b, h)
     )
     if fa == 0.0 or fa * fb < 0.0:
-        return _BRACKET if monotonic or h < search.min_width else _SPLIT
+        resolved = monotonic and max(abs(ea), abs(eb)) < search.resolved
+        return _BRACKET if resolved or h < search.min_width else _SPLIT
     tol = max(a[at.TOL], b[at.TOL])
     nearest = min(abs(fa), abs(fb))
     reach = _CUBIC_DEPARTURE * (abs(ea) + abs(eb)) + e
@@ -658,6 +718,7 @@ def _judge_smooth(a, b, varies, direct, length, search):
     sure = tol <= search.fine or nearest > 4.0 * tol
     even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
     clear = even or (nearest > reach + tol and not _oscillates(a, b, h))
+    clear = clear and max(abs(ea), abs(eb)) < search.resolved
     window = varies and h > _WINDOW_WIDTH and _window(a, b, length)
     may_hide = direct and varies and h > _PASSAGE_WIDTH
     hidden = may_hide and _maximum_between(a, b, h, max(abs(ea), abs(eb)) / max(nearest, 1e-9))

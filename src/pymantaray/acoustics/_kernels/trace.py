@@ -41,8 +41,8 @@ _ENDLESS_LEG = 1e7  # m; length of a leg that ends at a boundary
 
 
 @kernel
-def direct_course(link, along_chord):
-    """Course of direct rays along the horizontal, or along the chord."""
+def direct_course(link, along_chord, cross):
+    """Course of direct rays along the horizontal, or along the chord; with cross, rays of a fan leave the plane."""
     cb, sb, length, target = 1.0, 0.0, link.horizontal, link.z1 - link.z0
     if along_chord:
         slope = math.atan2(target, link.horizontal)
@@ -54,6 +54,7 @@ def direct_course(link, along_chord):
         target,
         False,
         at.DIRECT,
+        cross,
     )
 
 
@@ -61,7 +62,8 @@ def direct_course(link, along_chord):
 def forward_course(link, bounces, spare, fold, z_end):
     """Course of rays along the horizontal to a depth, with at most these reflections at the surface and at the sea bed."""
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
-    return Course(rule, at.Axis(link.z0, 1.0, 0.0, link.c0), link.horizontal, z_end - link.z0, False, at.ANY)
+    axis = at.Axis(link.z0, 1.0, 0.0, link.c0)
+    return Course(rule, axis, link.horizontal, z_end - link.z0, False, at.ANY, False)
 
 
 @kernel
@@ -71,7 +73,8 @@ def legs_course(link, bounces, down, z_end, length):
     sb = 1.0 if down else -1.0
     sb_end = sb if legs % 2 == 1 else -sb
     rule = BoundaryRule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
-    return Course(rule, at.Axis(link.z0, 0.0, sb, link.c0), length, -link.horizontal * sb_end, False, at.ANY)
+    axis = at.Axis(link.z0, 0.0, sb, link.c0)
+    return Course(rule, axis, length, -link.horizontal * sb_end, False, at.ANY, False)
 
 
 @kernel
@@ -86,13 +89,15 @@ def ray_axis(course):
 def course_to_levels(s, course):
     """Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a SMOOTH section."""
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
-    return Course(course.rule, course.axis, course.length, course.target, able, course.rays)
+    return Course(course.rule, course.axis, course.length, course.target, able, course.rays, course.cross)
 
 
 @inlined
 def any_course(course):
     """Return the course for a kernel that is compiled once for all kinds of rays."""
-    return Course(course.rule, course.axis, course.length, course.target, course.to_levels, at.ANY)
+    return Course(
+        course.rule, course.axis, course.length, course.target, course.to_levels, at.ANY, course.cross
+    )
 
 
 @inlined
@@ -250,7 +255,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         count += 1
         new_down = axis.sb + K[0, at.W] * axis.cb
         z = _depth(axis, pos, y)
-        if n_eq == at.N_FAN:
+        if n_eq == at.N_FAN or course.cross:
             _note_extremes(y)
             if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN:
                 _note_exit(walls, axis, pos, z, y, K)
