@@ -43,7 +43,7 @@ def solve_each(medium: Medium, ends: Ends, surface_bounces: int = 0, *, canonica
     """Solve links one by one, canonical from their deeper ends, else from the first ones."""
     domain, room = medium.domain(), solver_room(medium.depth.size)
     bounces = (surface_bounces, 0) if surface_bounces else None
-    settings = Settings(15.0, 1e-3, canonical)
+    settings = Settings(15.0, 1e-3, canonical, False)
     n = len(ends[0])
     seconds, info = np.empty(n), np.full((n, N_INFO), np.nan)
     status, counts = np.zeros(n, dtype=np.int8), np.zeros(n, dtype=np.int64)

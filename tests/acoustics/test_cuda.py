@@ -64,7 +64,7 @@ real, whole = types.float64, types.int64
 grid = types.NamedTuple([array(2), array(1), array(1)], BoundaryGrid)
 field = [whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(2), real, real]
 domain = types.NamedTuple([*field, grid, grid, types.boolean, types.boolean], layout.Domain)
-settings = types.NamedTuple([real, real, types.boolean], layout.Settings)
+settings = types.NamedTuple([real, real, types.boolean, types.boolean], layout.Settings)
 work = types.NamedTuple([array(len(shape) + 1) for shape in layout.shapes(16)], layout.Work)
 results = types.NamedTuple([array(3), array(1, whole), array(1, types.int8), array(2)], layout.Results)
 signature = (domain, types.UniTuple(whole, 2), settings, array(2), array(2), work, results)
@@ -147,7 +147,7 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
             out = Results(np.zeros((4, 64, N_ARRIVAL)), counts, status, np.empty((4, N_INFO)))
             for first in (1, 0):
                 ends, share = (SOURCE[some], RECEIVER[some]), (first, 2)
-                solve_links(domain, (1, 1), Settings(15.0, 1e-3, True), *ends, share, room, out)
+                solve_links(domain, (1, 1), Settings(15.0, 1e-3, True, False), *ends, share, room, out)
             for name, block in zip((*Work._fields, *Flights._fields), blocks, strict=True):
                 edges = np.concatenate([block[:guard], block[-guard:]])
                 assert np.array_equal(edges, np.full(2 * guard, dirt), equal_nan=True), name
@@ -165,7 +165,7 @@ def test_a_thread_of_a_12_km_link_needs_less_than_three_quarters_of_a_megabyte()
     c = np.full((9, 9, 40), 1500.0)
     domain = Medium.from_grid(axis, axis, depth, c, bathymetry=np.full((9, 9), 4e3)).domain()
     needed = 8 * sum(np.prod(shape) for shape in least_shapes(domain, 12e3))
-    assert needed < 0.72e6
+    assert needed < 0.75e6
 
 
 def test_device_that_is_not_there_is_one_line(monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -60,8 +61,8 @@ def find_eigenrays(
     tolerance : float
         Allowed error of the integration at the end of a ray. [m]
     canonical : bool
-        Solve each link from its deeper end, so that travel times are reciprocal to the last digit. False
-        solves from the source (for tests of reciprocity).
+        Solve each link from its deeper end, so that travel times are reciprocal to the last digit, and from the other end as
+        well if the search is not complete. False solves from the source only (for tests of reciprocity).
     threads : int, optional
         Number of threads; the result does not depend on it. Default: all processors.
     device : {"cpu", "cuda"}
@@ -74,7 +75,8 @@ def find_eigenrays(
     -------
     Arrivals
         One row per eigenray, by link and travel time, and the outcome of each link. Equal positions have
-        travel time 0 and slowness NaN.
+        travel time 0 and slowness NaN. ``complete`` is False for a link if intervals of launch angles that may contain
+        more rays could not be resolved from either end; without an arrival, its status is then UNRESOLVED.
 
     Raises
     ------
@@ -119,22 +121,36 @@ def find_eigenrays(
         return _under_rough_surface(medium, rough, threads=threads, progress=progress, **options)
     most = (int(max_surface_bounces), int(max_bottom_bounces))
     from pymantaray.acoustics._kernels.layout import Settings
+    from pymantaray.acoustics.both_ends import merged, unresolved_links, without_certificate
 
-    bounces, settings = most if any(most) else None, Settings(cutoff, float(tolerance), canonical)
+    bounces = most if any(most) else None
+    settings = Settings(cutoff, float(tolerance), canonical, shallower=False)
     solve = solve_on_cuda if _on_cuda(device) else partial(solve_on_processor, threads=threads)
+    domain = medium.domain()
     ends = (a, b) if medium.earth is None else medium.earth.flattened_ends(a, b)
+    results = _collected(solve(domain, bounces, settings, *ends), len(a), progress)
+    links = unresolved_links(results)
+    if canonical and links.size:
+        other = settings._replace(shallower=True)
+        again = solve(domain, None, other, ends[0][links], ends[1][links])
+        results = merged(results, links, _collected(again, links.size, None))
+    arrivals = _arrivals(without_certificate(results))
+    return arrivals if medium.earth is None else _on_sphere(arrivals, medium.earth, a[:, 2], b[:, 2])
+
+
+def _collected(
+    solving: Generator[Results, None, None], n_links: int, progress: CountProgress | None
+) -> Results:
+    """Results of all blocks."""
     blocks: list[Results] = []
     done = 0
-    with closing(solve(medium.domain(), bounces, settings, *ends)) as solving:
+    with closing(solving):
         for block in solving:
             blocks.append(block)
             done += block.counts.size
             if progress is not None:
-                progress(done, len(a))
-    results = type(blocks[0])(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
-    blocks.clear()  # at most two copies of the result at a time
-    arrivals = _arrivals(results)
-    return arrivals if medium.earth is None else _on_sphere(arrivals, medium.earth, a[:, 2], b[:, 2])
+                progress(done, n_links)
+    return type(blocks[0])(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
 
 
 def _on_sphere(arrivals: Arrivals, earth: EarthSphere, source: Array, receiver: Array) -> Arrivals:
@@ -193,6 +209,7 @@ def _arrivals(results: Results) -> Arrivals:
         source_sound_speed=info[:, layout.SOURCE_SPEED],
         receiver_sound_speed=info[:, layout.RECEIVER_SPEED],
         shadow_margin=info[:, layout.MARGIN],
+        complete=info[:, layout.RESOLVED] > 0.0,
     )
 
 

@@ -73,6 +73,9 @@ class Arrivals(Record):
         "m",
         "smallest miss distance of any ray; 0 with an arrival, NaN if all rays are reflected at the surface",
     )
+    complete: Column = column(
+        "n_links", "1", "1 if the search resolved all launch angles, from at least one end", "?", default=True
+    )
 
     def first(self) -> FirstArrivals:
         """Earliest arrival of each link; travel time and slowness are NaN if the status is not OK."""

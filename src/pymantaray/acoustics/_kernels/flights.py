@@ -96,7 +96,7 @@ def put_progress(k, first, last, progress, work, flights):
             pending += 1.0 if work.rays[i, at.GOOD] < 0.0 else 0.0
     row[at.FLIGHT_FIRST], row[at.FLIGHT_NEXT], row[at.FLIGHT_LAST] = first, first, last
     row[at.FLIGHT_PENDING] = pending
-    for j in range(8):
+    for j in range(9):
         row[at.FLIGHT_PROGRESS + j] = progress[j]
     room = at.MAX_AHEAD
     for link in flights.links:
@@ -159,14 +159,18 @@ def _put_middle(i, depth, j, ray, work):
         middle = 0.5 * (lo + hi)
         lo, hi, place = (lo, middle, 2.0 * place) if place < 0.5 else (middle, hi, 2.0 * place - 1.0)
     ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = 0.5 * (lo + hi), tol, WAITING
-    ray[at.GROWTH], ray[at.DEFECT] = growth, growth
+    ray[at.GROWTH], ray[at.DEFECT], ray[at.CROSS] = (
+        growth,
+        growth,
+        0.0,
+    )  # rays traced ahead remain in the plane
 
 
 @kernel
 def progress_of(row):
     """Progress of the search in a link's row."""
     p = row[at.FLIGHT_PROGRESS :]
-    return Progress(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7])
+    return Progress(p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8])
 
 
 @kernel

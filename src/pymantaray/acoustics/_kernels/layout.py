@@ -49,7 +49,7 @@ FLIGHT_GRADIENT, FLIGHT_CROSS_GRADIENT, FLIGHT_LEVELS, FLIGHT_CROSS = range(5, 9
 FLIGHT_FIRST, FLIGHT_NEXT, FLIGHT_LAST, FLIGHT_PENDING = range(9, 13)
 AHEAD_FIRST, AHEAD_NEXT, AHEAD_LAST = range(13, 16)
 FLIGHT_LINE, FLIGHT_ENDS, FLIGHT_PROGRESS = 16, 20, 28
-N_FLIGHT = 36
+N_FLIGHT = 37
 
 # Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
 # both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis of integration, and caustics.
@@ -59,10 +59,10 @@ SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS, CAUSTICS = 11, 12, 13, 14
 N_ARRIVAL = 15
 HORIZONTAL, CHORD, VERTICAL = 0, 1, 2  # as `records.RayAxis`
 
-# Information about a link: chord travel time [s], sound speed at both ends [m/s], smallest miss [m], number of traced rays, and 1 if
-# there was room for all arrivals.
-CHORD_TIME, SOURCE_SPEED, RECEIVER_SPEED, MARGIN, RAYS, COMPLETE = range(6)
-N_INFO = 6
+# Information about a link: chord travel time [s], sound speed at both ends [m/s], smallest miss [m], number of traced rays, 1 if
+# there was room for all arrivals, and 1 if the search resolved all intervals.
+CHORD_TIME, SOURCE_SPEED, RECEIVER_SPEED, MARGIN, RAYS, COMPLETE, RESOLVED = range(7)
+N_INFO = 7
 
 # Rows of the array of sea-bed cells: reflections of the last ray, held cells, and cells to try.
 LANDED, HELD, TRIED = 0, 1, 2
@@ -159,10 +159,11 @@ ArcRates.__doc__ = """Derivatives of sine, cosine and range by the launch angle 
 Snell = namedtuple("Snell", "a da sine_squared c_ref")
 Snell.__doc__ = """Constants of a ray through layers: a = cos / c and its derivative by the launch angle; squared sine and c at the source."""
 
-Progress = namedtuple("Progress", "asked top left right brackets margin rays complete")
+Progress = namedtuple("Progress", "asked top left right brackets margin rays complete resolved")
 Progress.__doc__ = """
 Progress of a search: intervals that wait for rays, intervals on the stack, first and last interval of the fan that is not yet judged,
-number of brackets, smallest miss, number of rays, and 1 if the limits were sufficient. All are floats.
+number of brackets, smallest miss, number of rays, 1 if the limits were sufficient, and 1 if no interval remained unresolved. All are
+floats.
 """
 
 Link = namedtuple("Link", "z0 z1 c0 c1 horizontal length unit_north unit_east")
@@ -171,8 +172,12 @@ Link.__doc__ = """Ends of a link: depths, sound speeds, distances and direction.
 Accuracy = namedtuple("Accuracy", "coarse fine miss")
 Accuracy.__doc__ = """Tolerances of a fan's rays and of an eigenray, and maximum miss of an eigenray. [m]"""
 
-Settings = namedtuple("Settings", "cutoff_db tolerance canonical")
-Settings.__doc__ = """Options of `link.solve_links` in addition to the numbers of reflections."""
+Settings = namedtuple("Settings", "cutoff_db tolerance canonical shallower")
+Settings.__doc__ = """
+Options of `link.solve_links` in addition to the numbers of reflections.
+
+With canonical, links are solved from their deeper end, or with shallower from the other one.
+"""
 
 Results = namedtuple("Results", "rows counts status info")
 Results.__doc__ = """Arrivals (n_links, n, N_ARRIVAL) of links, and number of arrivals, status and information (n_links, N_INFO) of each link."""

@@ -56,6 +56,7 @@ from pymantaray.acoustics._kernels.search import (
     shoot_waiting,
     snell_limit,
     speed_extremes,
+    tally_of,
     turning_limits,
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
@@ -75,6 +76,7 @@ _CLEAR, _THROUGH, _BLOCKED, _WEAK, _JUMP, _NONE = range(6)
 # Brackets in the order of refinement: those that may contain an arrival, those with a jump, those with a miss so steep that rays are weak
 _LIKELY, _UNLIKELY, _STEEP_BRACKET = range(3)
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
+_LATER = -1  # status of a link that is put off
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
 _RESOLVED = 30.0  # m
@@ -309,16 +311,17 @@ def _begin(domain, section, i, work, results):
 
 
 @kernel
-def _start(domain, bounces, settings, ends, place, work, flights, results):
+def _start(domain, bounces, settings, ends, place, across, work, flights, results):
     """
     Start to solve link i of place (i, k); return True if its rays now wait in place k of the queue, False if it is solved.
 
-    Rays along a chord, those of a LINEAR medium, and all rays if flights is None are traced one by one.
+    Rays along a chord, those of a LINEAR medium, and all rays if flights is None are traced one by one. Links whose rays leave the plane
+    are put off until across is True: the lanes of the queue must not depend on each other.
     """
     i = place[0]
     for j in range(at.N_INFO):
         results.info[i, j] = np.nan
-    results.info[i, at.RAYS], results.info[i, at.COMPLETE] = 0.0, 1.0
+    results.info[i, at.RAYS], results.info[i, at.COMPLETE], results.info[i, at.RESOLVED] = 0.0, 1.0, 1.0
     results.counts[i], results.status[i] = 0, OUTSIDE
     if _outside(domain, ends[0]) or _outside(domain, ends[1]):
         return False
@@ -328,6 +331,9 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
         return False
     s, walls, link = section
     cross = n_nodes > 0 and _leaves_plane(s, link)
+    if cross and flights is not None and not across:
+        results.status[i] = _LATER
+        return False
     search = _direct_search(s, link, cross, settings)
     course = direct_course(link, n_nodes == 0, cross)
     if n_nodes == 0:
@@ -366,8 +372,7 @@ def _continue(domain, bounces, settings, k, work, flights, results):
             return True
         if progress.asked == 0.0:
             break
-    found = int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
-    _end(section, course, found, bounces, settings, int(row[at.FLIGHT_LINK]), work, results)
+    _end(section, course, tally_of(progress), bounces, settings, int(row[at.FLIGHT_LINK]), work, results)
     return False
 
 
@@ -379,7 +384,7 @@ def _end(section, course, found, bounces, settings, i, work, results):
     With bounces None, only direct ones. found is what `find_brackets` returned; the results receive the arrivals and the status.
     """
     s, walls, link = section
-    n, margin, rays, complete = found
+    n, margin, rays, complete, resolved = found
     info = results.info[i]
     accuracy, weak_slope = _tolerances(s, link, settings)
     count, through_surface, blocked, weak = _keep_direct(
@@ -405,6 +410,7 @@ def _end(section, course, found, bounces, settings, i, work, results):
     info[at.MARGIN] = 0.0 if count > 0 else margin
     info[at.RAYS] = rays
     info[at.COMPLETE] = 1.0 if complete else 0.0
+    info[at.RESOLVED] = 1.0 if resolved and complete else 0.0
     if count > 0:
         sort_rows(work.rows, count)
         results.status[i] = OK
@@ -451,7 +457,7 @@ def _predicted_bracket(link, chord_time, work):
         end[at.ANGLE] = angle + (2 * i - 1) * _CHORD_HALF_WIDTH
         end[at.MISS], end[at.SLOPE] = link.length * (end[at.ANGLE] - angle), link.length
         end[at.CROSS] = 0.0
-    return 1, 0.0, 0, True
+    return 1, 0.0, 0, True, True
 
 
 @kernel
@@ -621,9 +627,15 @@ def _upwards(a, b):
 
 
 @kernel
+def _from_receiver(settings, source, receiver):
+    """True if a link is solved from its receiver."""
+    return settings.canonical and _upwards(source, receiver) != settings.shallower
+
+
+@kernel
 def _finish(settings, source, receiver, i, results):
     """Reverse the results of link i if it was solved from its receiver."""
-    if settings.canonical and _upwards(source[i], receiver[i]):
+    if _from_receiver(settings, source[i], receiver[i]):
         _reverse(results.rows[i, : results.counts[i]], results.info[i])
 
 
@@ -634,40 +646,54 @@ def _solve(domain, bounces, settings, ends, share, work, flights, results):
     following, every = share
     if flights is None or domain.kind == at.LINEAR:
         for i in range(following, source.shape[0], every):
-            _start(domain, bounces, settings, _ends(settings, ends, i), (i, 0), work, flights, results)
+            _start(domain, bounces, settings, _ends(settings, ends, i), (i, 0), True, work, flights, results)
             _finish(settings, source, receiver, i, results)
     else:
-        columns, count = share_store(domain, source, receiver, work, flights)
-        rows, busy = flights.links, True
-        while busy:
-            busy = False
-            for k in range(count):
-                row = rows[k]
-                if row[at.FLIGHT_LINK] >= 0.0 and row[at.FLIGHT_PENDING] > 0.0:
-                    busy = True
+        _solve_queue(domain, bounces, settings, ends, share, False, work, flights, results)
+        put_off = False
+        for i in range(following, source.shape[0], every):
+            put_off = put_off or results.status[i] == _LATER
+        if put_off:
+            _solve_queue(domain, bounces, settings, ends, share, True, work, flights, results)
+
+
+@kernel
+def _solve_queue(domain, bounces, settings, ends, share, across, work, flights, results):
+    """Solve the links of a share whose rays remain in their planes, or with across those that were put off because they leave them."""
+    source, receiver = ends
+    following, every = share
+    columns, count = share_store(domain, source, receiver, work, flights)
+    rows, busy = flights.links, True
+    while busy:
+        busy = False
+        for k in range(count):
+            row = rows[k]
+            if row[at.FLIGHT_LINK] >= 0.0 and row[at.FLIGHT_PENDING] > 0.0:
+                busy = True
+                continue
+            own = own_work(work, flights, k, columns)
+            if row[at.FLIGHT_LINK] >= 0.0 and not _continue(
+                domain, bounces, settings, k, own, flights, results
+            ):
+                _finish(settings, source, receiver, int(row[at.FLIGHT_LINK]), results)
+                row[at.FLIGHT_LINK] = -1.0
+            while row[at.FLIGHT_LINK] < 0.0 and following < source.shape[0]:
+                i, place = following, _ends(settings, ends, following)
+                following += every
+                if across and results.status[i] != _LATER:
                     continue
-                own = own_work(work, flights, k, columns)
-                if row[at.FLIGHT_LINK] >= 0.0 and not _continue(
-                    domain, bounces, settings, k, own, flights, results
-                ):
-                    _finish(settings, source, receiver, int(row[at.FLIGHT_LINK]), results)
-                    row[at.FLIGHT_LINK] = -1.0
-                while row[at.FLIGHT_LINK] < 0.0 and following < source.shape[0]:
-                    i, place = following, _ends(settings, ends, following)
-                    following += every
-                    if not _start(domain, bounces, settings, place, (i, k), own, flights, results):
-                        _finish(settings, source, receiver, i, results)
-                busy = busy or row[at.FLIGHT_LINK] >= 0.0
-            march(domain, flights, count, work.store)
+                waits = _start(domain, bounces, settings, place, (i, k), across, own, flights, results)
+                if not waits and results.status[i] != _LATER:
+                    _finish(settings, source, receiver, i, results)
+            busy = busy or row[at.FLIGHT_LINK] >= 0.0
+        march(domain, flights, count, across, work.store)
 
 
 @kernel
 def _ends(settings, ends, i):
     """Ends of link i in the direction in which it is solved."""
     a, b = ends[0][i], ends[1][i]
-    if settings.canonical and _upwards(a, b):
-        return b, a
-    return a, b
+    return (b, a) if _from_receiver(settings, a, b) else (a, b)
 
 
 @entry

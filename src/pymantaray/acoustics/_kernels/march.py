@@ -112,7 +112,7 @@ def _level(s, z):
 def _derivative(s, data, rows, stage, pos, state, side):
     """Write the right-hand side of sixteen rays to the rows of a stage; return (h c)^2 minus its lower limit.
 
-    The field is expanded to second order in the cross-track offset; side contains it and its slowness, zero for rays in the plane.
+    side is True for rays that leave the plane, and their cross-track offsets and slownesses; the field is expanded to second order.
     """
     w, p, xi, eta = state
     slopes = _SLOPES + 4 * stage
@@ -136,10 +136,9 @@ def _derivative(s, data, rows, stage, pos, state, side):
     )
     place = load(rows, _STORE) + column * float(stride) + 16.0 * k
     a0, a1, a2, a3 = blend(data, place, stride, weights)
-    crosses = load(rows, _CROSS) > 0.0
-    leaves, cy, squares = any_lane(crosses), 0.0 * p, p * p
-    if leaves:
-        y, q = side
+    across, y, q = side
+    cy, squares = 0.0 * p, p * p
+    if across:
         half = 0.5 * y
         b0, b1, b2, b3 = blend(data, place + 8.0, stride, (u, half * u, t, half * t))
         cy = b0 + x * (b1 + x * (b2 + x * b3))
@@ -151,10 +150,10 @@ def _derivative(s, data, rows, stage, pos, state, side):
     beyond = z - inside
     if any_lane(absolute(beyond) > 0.0):
         scale = choose(beyond < 0.0, ABOVE_SCALE, BELOW_SCALE)
-        q = beyond / scale
-        f = 1.0 / (1.0 + q * q)
+        part = beyond / scale
+        f = 1.0 / (1.0 + part * part)
         g = root(f)
-        czz = choose(absolute(beyond) > 0.0, -3.0 * q * f * f * g * cz / scale, czz)
+        czz = choose(absolute(beyond) > 0.0, -3.0 * part * f * f * g * cz / scale, czz)
         c = c + beyond * g * cz
         cz = f * g * cz
     least, c_ref = 1e-6 * c * c, load(rows, _C_REF)
@@ -172,9 +171,9 @@ def _derivative(s, data, rows, stage, pos, state, side):
     store(rows, slopes + 1, nnw * ih)
     store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
     store(rows, slopes + 3, ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta)
-    if leaves:
-        store(rows, _SIDE_SLOPES + 2 * stage, side[1] * ih)
-        store(rows, _SIDE_SLOPES + 2 * stage + 1, choose(crosses, -1.0 * n * n * cy * ic * ih, 0.0))
+    if across:
+        store(rows, _SIDE_SLOPES + 2 * stage, q * ih)
+        store(rows, _SIDE_SLOPES + 2 * stage + 1, -1.0 * n * n * cy * ic * ih)
     return room
 
 
@@ -193,11 +192,11 @@ def _embedded(rows, i):
 
 
 @inlined
-def _step(s, data, rows, pos, h, state):
+def _step(s, data, rows, pos, h, across, state):
     """One step of Dormand and Prince; return the new state, the new offset and slowness across, and the smallest result of `_derivative`."""
     w, p, xi, eta = state
     w1, p1, xi1, eta1, room = w, p, xi, eta, pos + 1.0
-    leaves, y, q = any_lane(load(rows, _CROSS) > 0.0), load(rows, _OFFSET), load(rows, _SIDE)
+    y, q = load(rows, _OFFSET), load(rows, _SIDE)
     y1, q1 = y, q
     for stage in range(1, 7):
         dw, dp, dxi, deta = 0.0 * w, 0.0 * w, 0.0 * w, 0.0 * w
@@ -206,13 +205,13 @@ def _step(s, data, rows, pos, h, state):
             dw, dp = dw + a * load(rows, k), dp + a * load(rows, k + 1)
             dxi, deta = dxi + a * load(rows, k + 2), deta + a * load(rows, k + 3)
         w1, p1, xi1, eta1 = w + h * dw, p + h * dp, xi + h * dxi, eta + h * deta
-        if leaves:
+        if across:
             dy, dq = 0.0 * y, 0.0 * q
             for j in range(stage):
                 a, k = A[stage, j], _SIDE_SLOPES + 2 * j
                 dy, dq = dy + a * load(rows, k), dq + a * load(rows, k + 1)
             y1, q1 = y + h * dy, q + h * dq
-        here = _derivative(s, data, rows, stage, pos + C[stage] * h, (w1, p1, xi1, eta1), (y1, q1))
+        here = _derivative(s, data, rows, stage, pos + C[stage] * h, (w1, p1, xi1, eta1), (across, y1, q1))
         room = choose(here < room, here, room)
     return (w1, p1, xi1, eta1), (y1, q1), room
 
@@ -443,7 +442,7 @@ def _stored(rows, state, pos, h, gone, grown):
 
 
 @inlined
-def _controlled(rows, h, left, room, width, levels):
+def _controlled(rows, h, left, room, width, across, levels):
     """
     Masks of steps that are accurate enough and of steps that are too short to continue, and the factor of the next length.
 
@@ -465,19 +464,19 @@ def _controlled(rows, h, left, room, width, levels):
     for i in range(4):
         k = _SLOPES + i
         store(rows, k, choose(good, load(rows, k + 24), load(rows, k)))
-    if any_lane(load(rows, _CROSS) > 0.0):
+    if across:
         for k in range(_SIDE_SLOPES, _SIDE_SLOPES + 2):
             store(rows, k, choose(good, load(rows, k + 12), load(rows, k)))
     return good, choose(good, larger, smaller)
 
 
 @shared
-def march(domain, flights, n_links, data):
+def march(domain, flights, n_links, across, data):
     """
     Trace waiting rays of the first n_links links as `search.shoot` does, until a lane is free and no ray of a link is to be traced.
 
     The other rays remain in their lanes for the next call. Rays that `search.shoot` must trace remain WAITING or UNDER_WAY. Lanes that
-    would be free trace rays ahead, which end no call.
+    would be free trace rays ahead, which end no call. With across, all rays leave the plane, otherwise none.
     """
     rows, surface = flights.lanes, domain.surface
     flat = surface.depth.size == 1
@@ -489,8 +488,8 @@ def march(domain, flights, n_links, data):
         left = length - pos
         last = left < h * (1.0 + 1e-12)
         h = choose(last, left, h)
-        (w, p, xi, eta), (y, q), room = _step(domain, data, rows, pos, h, state)
-        good, factor = _controlled(rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), levels)
+        (w, p, xi, eta), (y, q), room = _step(domain, data, rows, pos, h, across, state)
+        good, factor = _controlled(rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), across, levels)
         failed = h < 1e-9 * length
         state = (
             choose(good, w, state[0]),
@@ -498,7 +497,7 @@ def march(domain, flights, n_links, data):
             choose(good, xi, state[2]),
             choose(good, eta, state[3]),
         )
-        if any_lane(load(rows, _CROSS) > 0.0):
+        if across:
             store(rows, _OFFSET, choose(good, y, load(rows, _OFFSET)))
             store(rows, _SIDE, choose(good, q, load(rows, _SIDE)))
         pos = choose(good, choose(last, length, pos + h), pos)

@@ -306,7 +306,7 @@ def put_fan(n_nodes, tol, gap, work):
         else:
             previous = ray[at.ANGLE]
         work.nodes[i] = 0.0  # from here on the rays used in the interval above this node
-    return Progress(-1.0 if gap > 0.0 else 0.0, 0.0, 0.0, n_nodes - 2.0, 0.0, np.inf, 0.0, 1.0)
+    return Progress(-1.0 if gap > 0.0 else 0.0, 0.0, 0.0, n_nodes - 2.0, 0.0, np.inf, 0.0, 1.0, 1.0)
 
 
 @kernel
@@ -321,7 +321,7 @@ def fill_fan(length, progress, work):
                 fan[i, at.GOOD] = WAITING
                 fan[i, at.CROSS] = 0.5 * (fan[a, at.CROSS] + fan[b, at.CROSS])
         a = b
-    return Progress(0.0, 0.0, 0.0, progress.right, 0.0, np.inf, 0.0, 1.0)
+    return Progress(0.0, 0.0, 0.0, progress.right, 0.0, np.inf, 0.0, 1.0, 1.0)
 
 
 @kernel
@@ -384,7 +384,8 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
     """
     Bracket all roots of the miss between the first and the last angle of work.nodes; rays are traced one by one. gap is that of `put_fan`.
 
-    Returns the number of brackets, the smallest miss, the number of rays, and True if the budget was sufficient.
+    Returns the number of brackets, the smallest miss, the number of rays, True if the budget was sufficient, and True if no interval
+    remained unresolved.
     """
     progress = put_fan(n_nodes, search.coarse, gap, work)
     fan = first_row(work)
@@ -400,8 +401,15 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
     while True:
         progress = advance(s.n_range > 1, any_course(course), search, progress, work)
         if progress.asked == 0.0:
-            return int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
+            return tally_of(progress)
         shoot_waiting(s, walls, course, 0, 2 * int(progress.asked), work)
+
+
+@kernel
+def tally_of(progress):
+    """Values that `find_brackets` returns."""
+    complete, resolved = progress.complete > 0.0, progress.resolved > 0.0
+    return int(progress.brackets), progress.margin, int(progress.rays), complete, resolved
 
 
 @shared
@@ -418,14 +426,14 @@ def advance(varies, course, search, progress, work):
     if the section is the same at all ranges.
     """
     asked, top, left, right = int(progress.asked), int(progress.top), int(progress.left), int(progress.right)
-    tally = int(progress.brackets), progress.margin, int(progress.rays), progress.complete > 0.0
+    tally = tally_of(progress)
     if tally[2] == 0:
         right = _close_gaps(right + 2, work) - 2
-        tally = 0, _read_fan(right + 2, work), right + 2, True
+        tally = 0, _read_fan(right + 2, work), right + 2, True, True
     asked, top, tally = _put_back(course, asked, top, tally, search.fine, work)
     asked, pending, tally = _gather(varies, course, search, asked, (top, left, right), tally, work)
     top, left, right = pending
-    n_brackets, margin, rays, complete = tally
+    n_brackets, margin, rays, complete, resolved = tally
     return Progress(
         float(asked),
         float(top),
@@ -435,6 +443,7 @@ def advance(varies, course, search, progress, work):
         margin,
         float(rays),
         1.0 if complete else 0.0,
+        1.0 if resolved else 0.0,
     )
 
 
@@ -471,7 +480,7 @@ def _gather(varies, course, search, asked, pending, tally, work):
 
     pending has the size of the stack and the first and last interval of the fan; tally is what `find_brackets` returns.
     """
-    n_brackets, margin, rays, complete = tally
+    n_brackets, margin, rays, complete, resolved = tally
     top, left, right = pending
     spent, st, fine = work.nodes, work.stack, search.fine
     reflecting = course.rule.kind != at.OPEN
@@ -508,6 +517,8 @@ def _gather(varies, course, search, asked, pending, tally, work):
             for end in (0, 1):
                 if n_brackets < work.brackets.shape[0] and _meets(st[top, end], fine, h):
                     n_brackets = _add_around(st[top, end], fine, n_brackets, k, work)
+        if verdict == _DROP and same and not reflecting and h < search.min_width:
+            resolved = resolved and not _unresolved(a, b, h, search)
         if verdict != _SPLIT:
             continue
         # the fan's tolerance matters
@@ -518,12 +529,13 @@ def _gather(varies, course, search, asked, pending, tally, work):
             full = spent[k] >= MAX_RAYS_INTERVAL or top + 2 * asked + 4 > st.shape[0]
             if full or rays >= MAX_RAYS:  # a narrow edge between reflections contains no ray
                 complete = complete and reflecting and not same and h < _WEAK_WIDTH
+                resolved = resolved and reflecting
                 continue
             traced = _ask_middle(a, b, tol_here, asked, work)
         spent[k] += traced
         rays += traced
         asked += 1
-    return asked, (top, left, right), (n_brackets, margin, rays, complete)
+    return asked, (top, left, right), (n_brackets, margin, rays, complete, resolved)
 
 
 @kernel
@@ -562,7 +574,7 @@ def _ask_middle(a, b, tol, i, work):
 @inlined
 def _put_back(course, asked, top, tally, fine, work):
     """Put the intervals that waited back on the stack, halved or with other ends; return the number of those that wait again."""
-    n_brackets, margin, rays, complete = tally
+    n_brackets, margin, rays, complete, resolved = tally
     still = 0
     for i in range(asked):
         a, ray, b = work.halves[i, 0], work.rays[2 * i], work.halves[i, 1]
@@ -587,7 +599,7 @@ def _put_back(course, asked, top, tally, fine, work):
         copy_ray(a, work.stack[top, 0])
         copy_ray(b, work.stack[top, 1])
         top += 1
-    return still, top, (n_brackets, margin, rays, complete)
+    return still, top, (n_brackets, margin, rays, complete, resolved)
 
 
 @kernel
@@ -644,6 +656,16 @@ def _add_bracket(a, b, n, interval, work):
     copy_ray(b, work.brackets[n, 1])
     work.nodes[interval] += _RAYS_PER_BRACKET
     return n + 1
+
+
+@kernel
+def _unresolved(a, b, h, search):
+    """True if a pair of rays about an extremum of the miss may be between two rays at the resolution that are not weak."""
+    rise = b[at.MISS] - a[at.MISS]
+    reach = _CUBIC_DEPARTURE * (abs(h * a[at.SLOPE] - rise) + abs(h * b[at.SLOPE] - rise)) + a[at.DEFECT]
+    noise = search.fine * max(1.0, min(a[at.GROWTH], b[at.GROWTH]))
+    slope = min(abs(a[at.SLOPE]), abs(b[at.SLOPE]))
+    return min(abs(a[at.MISS]), abs(b[at.MISS])) < reach + noise and slope < search.weak
 
 
 @kernel

@@ -151,7 +151,8 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
     gridded = walls.bed.depth.size > 1 and course.rule.fold == 0
     overhang = min(_OVERHANG, reach.slope + reach.across) if gridded else 0.0
     search = Search(accuracy.coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf)
-    n_brackets, _, more_rays, all_there = find_brackets(s, walls, fan_course, n_nodes, 0.0, search, work)
+    found = find_brackets(s, walls, fan_course, n_nodes, 0.0, search, work)
+    n_brackets, _, more_rays, all_there, _ = found
     n, done, i = 0, 0, 0
     while i < n_brackets or done < n:
         bracket = work.brackets[min(i, n_brackets - 1)]
