@@ -189,7 +189,7 @@ Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the sta
 path (n, N_PATH) receives every accepted step of a full ray if it has rows.
 """
 
-N_LANES = 76  # rows of sixteen numbers, see `march`
+N_LANES = 78  # rows of sixteen numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_STEPS = 100_000  # of a ray
 MAX_PATH = 32_768

@@ -80,7 +80,7 @@ _LATER = -1  # status of a link that is put off
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
 _RESOLVED = 30.0  # m
-_SMALL_SHIFT = 2e-4  # rad, an upper bound; the angles move by about a twentieth of it
+_SMALL_SHIFT = 4e-4  # rad, an upper bound; the angles move by about a twentieth of it
 _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
 _SAMPLES = 8  # columns of a section
 _ONE_LAUNCH, _ONE_ARRIVAL = 5e-6, 1e-4  # rad; nearer rays are one
@@ -686,7 +686,10 @@ def _solve_queue(domain, bounces, settings, ends, share, across, work, flights, 
                 if not waits and results.status[i] != _LATER:
                     _finish(settings, source, receiver, i, results)
             busy = busy or row[at.FLIGHT_LINK] >= 0.0
-        march(domain, flights, count, across, work.store)
+        if across:
+            march(domain, flights, count, True, work.store)
+        else:
+            march(domain, flights, count, None, work.store)
 
 
 @kernel

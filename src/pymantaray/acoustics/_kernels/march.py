@@ -35,8 +35,11 @@ _LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _L
     46, 57
 )
 # and for rays that leave the plane: 1 if they do, derivative of c_ref / c across the track at the source, cross-track offset and slowness,
-# their derivatives at the seven stages of a step, and the number of attempts to end in the plane
-_CROSS, _CROSS_GRADIENT, _OFFSET, _SIDE, _SIDE_SLOPES, _ATTEMPTS = 57, 58, 59, 60, 61, 75
+# both at the end of a step, their derivatives at its seven stages, and the number of attempts to end in the plane
+_CROSS, _CROSS_GRADIENT, _OFFSET, _SIDE, _NEXT_OFFSET, _NEXT_SIDE, _SIDE_SLOPES, _ATTEMPTS = (
+    *range(57, 64),
+    77,
+)
 # GOOD of a ray that has not been traced, or that took over the lane of one traced ahead
 WAITING, UNDER_WAY = -1.0, -3.0
 FIRST_STEP = 60.0  # m
@@ -109,12 +112,14 @@ def _level(s, z):
 
 
 @inlined
-def _derivative(s, data, rows, stage, pos, state, side):
+def _derivative(s, data, rows, at_stage, state, side):
     """Write the right-hand side of sixteen rays to the rows of a stage; return (h c)^2 minus its lower limit.
 
-    side is True for rays that leave the plane, and their cross-track offsets and slownesses; the field is expanded to second order.
+    side contains the cross-track offsets and slownesses of rays that leave the plane, about which the field is expanded to second order;
+    for None, Numba omits this.
     """
     w, p, xi, eta = state
+    stage, pos = at_stage
     slopes = _SLOPES + 4 * stage
     last = s.depth.size - 1
     top, low = s.depth[0], s.depth[last]
@@ -136,9 +141,9 @@ def _derivative(s, data, rows, stage, pos, state, side):
     )
     place = load(rows, _STORE) + column * float(stride) + 16.0 * k
     a0, a1, a2, a3 = blend(data, place, stride, weights)
-    across, y, q = side
-    cy, squares = 0.0 * p, p * p
-    if across:
+    cy, squares = 0.0, p * p
+    if side is not None:
+        y, q = side
         half = 0.5 * y
         b0, b1, b2, b3 = blend(data, place + 8.0, stride, (u, half * u, t, half * t))
         cy = b0 + x * (b1 + x * (b2 + x * b3))
@@ -171,7 +176,7 @@ def _derivative(s, data, rows, stage, pos, state, side):
     store(rows, slopes + 1, nnw * ih)
     store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
     store(rows, slopes + 3, ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta)
-    if across:
+    if side is not None:
         store(rows, _SIDE_SLOPES + 2 * stage, q * ih)
         store(rows, _SIDE_SLOPES + 2 * stage + 1, -1.0 * n * n * cy * ic * ih)
     return room
@@ -193,11 +198,9 @@ def _embedded(rows, i):
 
 @inlined
 def _step(s, data, rows, pos, h, across, state):
-    """One step of Dormand and Prince; return the new state, the new offset and slowness across, and the smallest result of `_derivative`."""
+    """One step of Dormand and Prince; return the new state, and the smallest result of `_derivative`."""
     w, p, xi, eta = state
     w1, p1, xi1, eta1, room = w, p, xi, eta, pos + 1.0
-    y, q = load(rows, _OFFSET), load(rows, _SIDE)
-    y1, q1 = y, q
     for stage in range(1, 7):
         dw, dp, dxi, deta = 0.0 * w, 0.0 * w, 0.0 * w, 0.0 * w
         for j in range(stage):
@@ -205,15 +208,27 @@ def _step(s, data, rows, pos, h, across, state):
             dw, dp = dw + a * load(rows, k), dp + a * load(rows, k + 1)
             dxi, deta = dxi + a * load(rows, k + 2), deta + a * load(rows, k + 3)
         w1, p1, xi1, eta1 = w + h * dw, p + h * dp, xi + h * dxi, eta + h * deta
-        if across:
-            dy, dq = 0.0 * y, 0.0 * q
-            for j in range(stage):
-                a, k = A[stage, j], _SIDE_SLOPES + 2 * j
-                dy, dq = dy + a * load(rows, k), dq + a * load(rows, k + 1)
-            y1, q1 = y + h * dy, q + h * dq
-        here = _derivative(s, data, rows, stage, pos + C[stage] * h, (w1, p1, xi1, eta1), (across, y1, q1))
+        at_stage = stage, pos + C[stage] * h
+        if across is None:
+            here = _derivative(s, data, rows, at_stage, (w1, p1, xi1, eta1), None)
+        else:
+            here = _derivative(s, data, rows, at_stage, (w1, p1, xi1, eta1), _side_at(rows, stage, h))
         room = choose(here < room, here, room)
-    return (w1, p1, xi1, eta1), (y1, q1), room
+    return w1, p1, xi1, eta1, room
+
+
+@inlined
+def _side_at(rows, stage, h):
+    """Cross-track offset and slowness at a stage of a step."""
+    y, q = load(rows, _OFFSET), load(rows, _SIDE)
+    dy, dq = 0.0 * y, 0.0 * q
+    for j in range(stage):
+        a, k = A[stage, j], _SIDE_SLOPES + 2 * j
+        dy, dq = dy + a * load(rows, k), dq + a * load(rows, k + 1)
+    y, q = y + h * dy, q + h * dq
+    store(rows, _NEXT_OFFSET, y)
+    store(rows, _NEXT_SIDE, q)
+    return y, q
 
 
 @inlined
@@ -464,7 +479,7 @@ def _controlled(rows, h, left, room, width, across, levels):
     for i in range(4):
         k = _SLOPES + i
         store(rows, k, choose(good, load(rows, k + 24), load(rows, k)))
-    if across:
+    if across is not None:
         for k in range(_SIDE_SLOPES, _SIDE_SLOPES + 2):
             store(rows, k, choose(good, load(rows, k + 12), load(rows, k)))
     return good, choose(good, larger, smaller)
@@ -476,7 +491,8 @@ def march(domain, flights, n_links, across, data):
     Trace waiting rays of the first n_links links as `search.shoot` does, until a lane is free and no ray of a link is to be traced.
 
     The other rays remain in their lanes for the next call. Rays that `search.shoot` must trace remain WAITING or UNDER_WAY. Lanes that
-    would be free trace rays ahead, which end no call. With across, all rays leave the plane, otherwise none.
+    would be free trace rays ahead, which end no call. With across, all rays leave the plane; for None, none does, and Numba omits the
+    code for it.
     """
     rows, surface = flights.lanes, domain.surface
     flat = surface.depth.size == 1
@@ -488,7 +504,7 @@ def march(domain, flights, n_links, across, data):
         left = length - pos
         last = left < h * (1.0 + 1e-12)
         h = choose(last, left, h)
-        (w, p, xi, eta), (y, q), room = _step(domain, data, rows, pos, h, across, state)
+        w, p, xi, eta, room = _step(domain, data, rows, pos, h, across, state)
         good, factor = _controlled(rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), across, levels)
         failed = h < 1e-9 * length
         state = (
@@ -497,9 +513,9 @@ def march(domain, flights, n_links, across, data):
             choose(good, xi, state[2]),
             choose(good, eta, state[3]),
         )
-        if across:
-            store(rows, _OFFSET, choose(good, y, load(rows, _OFFSET)))
-            store(rows, _SIDE, choose(good, q, load(rows, _SIDE)))
+        if across is not None:
+            store(rows, _OFFSET, choose(good, load(rows, _NEXT_OFFSET), load(rows, _OFFSET)))
+            store(rows, _SIDE, choose(good, load(rows, _NEXT_SIDE), load(rows, _SIDE)))
         pos = choose(good, choose(last, length, pos + h), pos)
         h = h * factor
         source = load(rows, _SOURCE)

@@ -660,12 +660,15 @@ def _add_bracket(a, b, n, interval, work):
 
 @kernel
 def _unresolved(a, b, h, search):
-    """True if a pair of rays about an extremum of the miss may be between two rays at the resolution that are not weak."""
+    """True if a pair of rays about an extremum of the miss may be between two rays at the resolution.
+
+    Where the miss jumps, rays are too weak.
+    """
     rise = b[at.MISS] - a[at.MISS]
-    reach = _CUBIC_DEPARTURE * (abs(h * a[at.SLOPE] - rise) + abs(h * b[at.SLOPE] - rise)) + a[at.DEFECT]
+    reach = _CUBIC_DEPARTURE * (abs(h * a[at.SLOPE] - rise) + abs(h * b[at.SLOPE] - rise))
     noise = search.fine * max(1.0, min(a[at.GROWTH], b[at.GROWTH]))
-    slope = min(abs(a[at.SLOPE]), abs(b[at.SLOPE]))
-    return min(abs(a[at.MISS]), abs(b[at.MISS])) < reach + noise and slope < search.weak
+    nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
+    return abs(rise) < search.weak * h and nearest < reach + noise
 
 
 @kernel
