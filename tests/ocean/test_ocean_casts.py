@@ -98,8 +98,8 @@ def test_rows_that_cannot_be_used_are_dropped_and_counted(tmp_path):
     assert cast.dropped == 6
     assert cast.notes == (
         "2 of 9 rows dropped: with a missing value",
-        "1 of 9 rows dropped: with an impossible value",
         "1 of 9 rows dropped: above the surface",
+        "1 of 9 rows dropped: with an impossible value",
         "2 of 9 rows dropped: not deeper than an earlier row",
     )
 
@@ -147,9 +147,9 @@ REFUSED = {
     "depth,sound_speed\n0,1500\n9,1500\n": "no temperature; .*sound speed alone it is a profile for rays, not a cast",
     "depth,temperature,salinity\n0,1,30\n9,one,30\n": r"cast.csv, line 4: temperature is 'one'; it must be a number",
     "depth,temperature,salinity\n0,1,30\n": "1 usable levels; a cast needs at least 2",
-    "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is negative in most rows; depth must be positive down",
-    "depth_fathom,temperature_degF,salinity\n0,1,30\n": "no temperature; the columns are",
-    "depth,temperature [degF],salinity\n0,1,30\n": r"unit of column 'temperature \[degF\]' is unknown; write temperature in degC",
+    "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is -9 to -1 m; it must be positive down",
+    "depth,temperature_degR,salinity\n0,1,30\n": "no temperature; the columns are depth, temperature_degR",
+    "depth,temperature [degR],salinity\n0,1,30\n": r"unit of column 'temperature \[degR\]' is unknown; write temperature in degC",
     "depth,temperature,t,salinity\n0,1,1,30\n": "columns 'temperature' and 't' are both temperature; remove one",
 }  # fmt: skip
 

@@ -23,6 +23,7 @@ from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cas
 from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
+from pymantaray.ocean.positions import Position, known_position, position_in_comment
 from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
@@ -30,9 +31,6 @@ from pymantaray.ocean.window import rectangle
 from pymantaray.records.text_table import MONTHS
 
 Instant = str | np.datetime64
-_NUMBER = r"(-?\d+(?:\.\d+)?)\s*°?\s*"
-_LAT = re.compile(rf"\blat(?:itude)?\b\s*[:=]?\s*{_NUMBER}([NS])?\b", re.IGNORECASE)
-_LON = re.compile(rf"\blon(?:gitude)?\b\s*[:=]?\s*{_NUMBER}([EW])?\b", re.IGNORECASE)
 _DATE = re.compile(r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?")
 _MONTH = re.compile(rf"\b({'|'.join(MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
@@ -185,25 +183,14 @@ def holds_argo(path: str | Path) -> bool:
         return "PRES" in data.variables or not holds_profiles(data)
 
 
-def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
-    """Latitude and longitude in the first comment line that has both, as in ``lat 74.0, lon -140.0``. [degrees]"""
-    for line in comments:
-        north, east = _LAT.search(line), _LON.search(line)
-        if north and east:
-            return (
-                float(north[1]) * (-1.0 if (north[2] or "").upper() == "S" else 1.0),
-                float(east[1]) * (-1.0 if (east[2] or "").upper() == "W" else 1.0),
-            )
-    return None
-
-
 def cast_of_table(
     table: CastTable, station: str, place: tuple[float, float] | None, time: Instant | None
 ) -> Cast:
     """Convert a table with one cast; a missing place or quantity raises an error."""
     if place is None:
         raise OceanError(
-            f"{table.path}: no place; give lat and lon, add columns of these names, or a comment '# lat 74.0, lon -140.0'"
+            f"{table.path}: no place{unread_position(table)}; give lat and lon, add columns of these names, or a comment"
+            " '# lat 74.0, lon -140.0'"
         )
     lat, lon = place
     table = _with_salinity(table, lat)
@@ -216,14 +203,8 @@ def cast_of_table(
             np.where(raw == _PACKED_FILL, np.nan, raw * _PACKED_SCALE + _PACKED_OFFSET) for raw in values
         ]
         notes.append("packed integers of the NetCDF Subset Service unpacked: times 0.001 plus 20")
-    if table.has("depth"):
-        depth = table.values("depth")
-    elif table.has("pressure"):
-        with np.errstate(all="ignore"):
-            depth = np.asarray(-gsw.z_from_p(table.values("pressure"), lat), dtype=float)
-        notes.append("depth from pressure by TEOS-10")
-    else:
-        raise OceanError(f"{table.path}: no depth or pressure; the columns are {', '.join(table.header)}")
+    depth, depth_notes = cast_depth(table, lat)
+    notes += depth_notes
     with np.errstate(all="ignore"):  # impossible rows are dropped below
         pressure = gsw.p_from_z(-np.maximum(depth, 0.0), lat)
     temperature, salinity = convert.to_in_situ_and_practical(
@@ -246,6 +227,30 @@ def cast_of_table(
         notes=notes,
         where=str(table.path) + (f", {station}" if station else ""),
     )
+
+
+def cast_depth(table: CastTable, lat: float | None) -> tuple[Array, list[str]]:
+    """
+    Depth of each row [m], and notes.
+
+    With a latitude, the pressure of an instrument or a data set has priority over its depth, which programs compute from
+    pressure with a latitude and a density of their own. In other tables, depth has priority.
+    """
+    pressure = np.array([])
+    if table.has("pressure") and lat is not None and (table.instrument or not table.has("depth")):
+        pressure = table.values("pressure")
+    if not np.isfinite(pressure).any():
+        if not table.has("depth"):
+            raise OceanError(f"{table.path}: no depth or pressure; {table.listing}")
+        return table.values("depth"), []
+    with np.errstate(all="ignore"):
+        depth = np.asarray(-gsw.z_from_p(pressure, lat), dtype=float)
+        notes = ["depth from pressure by TEOS-10"]
+        if table.has("depth"):
+            change = np.abs(table.values("depth") - depth)
+            if np.isfinite(change).any():
+                notes[0] += f"; the file's own depth differs by up to {np.nanmax(change):.3g} m"
+    return depth, notes
 
 
 def _with_salinity(table: CastTable, lat: float) -> CastTable:
@@ -278,9 +283,7 @@ def _kind(table: CastTable, kinds: dict[str, str]) -> str:
             if table.has("sound_speed")
             else ""
         )
-        raise OceanError(
-            f"{table.path}: no {next(iter(kinds))}; the columns are {', '.join(table.header)}{hint}"
-        )
+        raise OceanError(f"{table.path}: no {next(iter(kinds))}; {table.listing}{hint}")
     return kind
 
 
@@ -290,16 +293,30 @@ def _packed(values: Array) -> bool:
     return whole and float(np.abs(numbers).max(initial=0.0)) > _PACKED_ABOVE
 
 
-def cast_place(table: CastTable) -> tuple[float, float] | None:
+def cast_place(table: CastTable) -> Position | None:
     """Latitude and longitude of a cast from its columns, else from its comments, else None. [degrees]"""
+    return cast_position(table)[0]
+
+
+def cast_position(table: CastTable) -> tuple[Position | None, tuple[str, ...]]:
+    """Position of a cast as in `cast_place`, and a note if the positions of its columns are not used."""
+    notes: tuple[str, ...] = ()
     if table.place is not None:
-        return table.place
+        return table.place, notes
     if table.has("lat", "lon"):
         places = np.column_stack([table.values("lat"), table.values("lon")])
-        known = places[np.all(np.isfinite(places), axis=1)]
-        if len(known):
-            return float(known[0, 0]), float(known[0, 1])
-    return place_in_comments(table.comments)
+        known = [known_position(*place) for place in places[np.all(np.isfinite(places), axis=1)].tolist()]
+        used = [place for place, _ in known if place is not None]
+        if used:
+            return used[0], notes
+        notes = known[0][1] if known else notes
+    return next(filter(None, map(position_in_comment, table.comments)), None), notes
+
+
+def unread_position(table: CastTable) -> str:
+    """Reason why a file's own position is not used, in parentheses for an error; empty without a reason."""
+    reasons = [note for note in (*table.notes, *cast_position(table)[1]) if note.startswith("position ")]
+    return f" ({reasons[0]})" if reasons else ""
 
 
 def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:

@@ -18,6 +18,7 @@ from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.convert import decoded_times
 from pymantaray.ocean.files import numbers, reading, text
+from pymantaray.ocean.positions import is_position, unused_position
 
 _QUANTITIES = {
     "depth": ("depth",),
@@ -107,7 +108,8 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
     for k in range(count):
         rows = (k, slice(None)) if len(dims) == 2 else slice(None) if of_row is None else of_row == k
         frame = pd.DataFrame({i: column[rows] for i, column in enumerate(values.values())})
-        lat, lon = (float(axis[k]) for axis in places)
+        place = float(places[0][k]), float(places[1][k])
+        located = () if is_position(*place) or np.isnan(sum(place)) else (unused_position(*place),)
         label = str(names[k]) if k < names.size and names[k] else str(k)
         tables[label if count > 1 or role is not None else ""] = CastTable(
             path,
@@ -118,9 +120,9 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
             {},
             bracketed=False,
             instrument="CF",
-            place=(lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None,
+            place=place if is_position(*place) else None,
             time=times[k],
-            notes=tuple(notes),
+            notes=(*notes, *located),
         )
     return tables
 

@@ -1,5 +1,6 @@
 """Conversion of data sets to the ocean schema: units, instants, levels and TEOS-10 kinds of temperature and salinity."""
 
+import math
 import re
 import warnings
 from collections.abc import Sequence
@@ -30,6 +31,7 @@ _CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian", "none")
 _TIME_TOLERANCE = np.timedelta64(1, "m")  # between the requested and an available instant
 
 _METRES = "m meter meters metre metres"
+_RADIANS = {180.0 / math.pi: "radians radian rad"}
 _THOUSANDTHS = "1e-3 0.001 10^-3 10-3 ppt ‰ g/kg gkg-1 gkg^-1"
 # by quantity: the unit of this package; then factor and spellings of each unit, without case, spaces and underscores
 # (MPa and mPa are therefore equal)
@@ -54,6 +56,7 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             0.01: "cm/s cms-1 cms^-1 cm.s-1 centimeter/s centimetre/s cm/sec",
             0.001: "mm/s mms-1 mms^-1",
             1000.0 / 3600.0: "km/h kmh-1 kmhour-1 km/hour",
+            0.3048: "ft/s fts-1 ft/sec feet/s",
         },
     ),
     "conductivity": (
@@ -78,22 +81,40 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             1e-2: "hpa mbar millibar",
             0.1: "kpa",
             100.0: "mpa",
+            0.6894757293168: "psi psia",
         },
     ),
-    "latitude": ("degrees_north", {1.0: "degreesnorth degreenorth degreesn degreen degrees degn deg"}),
-    "longitude": ("degrees_east", {1.0: "degreeseast degreeeast degreese degreee degrees dege deg"}),
+    "latitude": (
+        "degrees_north",
+        {1.0: "degreesnorth degreenorth degreesn degreen degrees degree degn deg", **_RADIANS},
+    ),
+    "longitude": (
+        "degrees_east",
+        {1.0: "degreeseast degreeeast degreese degreee degrees degree dege deg", **_RADIANS},
+    ),
 }
 _FACTORS = {
     quantity: {word: factor for factor, words in units.items() for word in words.split()}
     for quantity, (_, units) in _UNITS.items()
 }
+_FAHRENHEIT = [
+    "f",
+    "degf",
+    "°f",
+    "ºf",
+    "fahrenheit",
+    "degreef",
+    "degreesf",
+    "degreefahrenheit",
+    "degreesfahrenheit",
+]
 _KELVIN = ["k", "kelvin", "kelvins", "degk", "degreek", "degreesk", "degreekelvin", "degreeskelvin"]
 
 
 def is_unit_of(quantity: str, unit: str) -> bool:
     """Return True if a unit is a known unit of a quantity, with any factor."""
     word = _plain(unit)
-    return word in _FACTORS[quantity] or (quantity == "temperature" and word in _KELVIN)
+    return word in _FACTORS[quantity] or (quantity == "temperature" and word in (*_KELVIN, *_FAHRENHEIT))
 
 
 def is_our_unit(quantity: str, unit: str) -> bool:
@@ -119,6 +140,8 @@ def to_our_unit(values: Array, quantity: str, unit: str, *, where: str) -> Array
         )
     if quantity == "temperature" and _plain(unit) in _KELVIN:
         return values - 273.15
+    if quantity == "temperature" and _plain(unit) in _FAHRENHEIT:
+        return (values - 32.0) / 1.8
     factor = _FACTORS[quantity][_plain(unit)]
     return values if factor == 1.0 else values * factor
 

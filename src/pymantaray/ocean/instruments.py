@@ -7,13 +7,15 @@ text of RBR Ruskin. Sources for the headers are the manual of the Simrad ME70 (E
 """
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
+import gsw
 
 from pymantaray.errors import OceanError
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.positions import position_in_text
 from pymantaray.records.text_table import MONTHS
 
 Lines = Sequence[str]
@@ -28,11 +30,22 @@ class InstrumentTable(NamedTuple):
     titles: list[str]
     """Names of quantities with units, as in tables of casts; empty for unused columns."""
     rows: Rows
-    place: tuple[float, float] | None
-    """Latitude and longitude. [degrees]"""
+    position: tuple[str, str]
+    """Texts of latitude and longitude, as in the file; empty if it has none."""
     time: str
     """UTC in ISO 8601; empty if the file has no time."""
     notes: tuple[str, ...] = ()
+    names: Sequence[str] = ()
+    """Names of all columns in the file, in the order of ``titles``."""
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Names of the columns that are not used."""
+        return tuple(
+            name.strip()
+            for name, title in zip(self.names, self.titles, strict=False)
+            if not title and name.strip()
+        )
 
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -49,27 +62,39 @@ _QUANTITIES = (  # the first match in a column's title counts
 _UNITS = {
     "decibar": "dbar", "decibars": "dbar", "db": "dbar", "dbar": "dbar", "bar": "bar", "m": "m", "meter": "m", "meters": "m",
     "metre": "m", "metres": "m", "ft": "ft", "feet": "ft", "c": "degC", "degc": "degC", "deg c": "degC", "celsius": "degC",
-    "°c": "degC", "ºc": "degC", "deg_c": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
+    "°f": "degF", "ºf": "degF", "deg f": "degF", "degf": "degF", "ft/sec": "ft/s", "psi": "psi", "°c": "degC", "ºc": "degC", "deg_c": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
     "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1", "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
 }  # fmt: skip
 _SEA_BIRD = (  # short names of Seasoft's variables
-    (r"pr(\d?[DMS])?[DM]?|prdM|prSM", "pressure [dbar]"),
-    (r"dep[SF]M", "depth [m]"),
-    (r"(t|tv|tn)\d?\d90C", "temperature [degC]"),
-    (r"(t|tv|tn)\d?\d68C", "temperature [degC] 68"),
+    (r"pr(50|[dDS])?M?\d?", "pressure [dbar]"),
+    (r"pr(50|[dDS])?E\d?", "pressure [psi]"),
+    (r"depSM?", "depth [m]"),
+    (r"depSF", "depth [ft]"),
+    (r"depFM?", "fresh_water_depth [m]"),
+    (r"depFF", "fresh_water_depth [ft]"),
+    (r"t(v|nc?)?\d{0,2}_?90(Cm?)?", "temperature [degC]"),
+    (r"t(v|nc?)?\d{0,2}_?90F", "temperature [degF]"),
+    (r"t(v|nc?)?\d{0,2}_?68(Cm?)?", "temperature [degC] 68"),
+    (r"t(v|nc?)?\d{0,2}_?68F", "temperature [degF] 68"),
     (r"potemp\d?90C", "potential_temperature [degC]"),
-    (r"sal\d\d", "salinity [1]"),
-    (r"c\d?[0_]?S/m", "measured_conductivity [S/m]"),
-    (r"c\d?[0_]?mS/cm", "measured_conductivity [mS/cm]"),
-    (r"c\d?[0_]?uS/cm", "measured_conductivity [uS/cm]"),
+    (r"gsw_ctA\d?", "conservative_temperature [degC]"),
+    (r"sal(\d\d)?", "salinity [1]"),
+    (r"gsw_saA\d?", "absolute_salinity [g/kg]"),
+    (r"c(ond)?_?\d?S/m", "measured_conductivity [S/m]"),
+    (r"c(ond)?_?\d?mS/cm", "measured_conductivity [mS/cm]"),
+    (r"c(ond)?_?\d?uS/cm", "measured_conductivity [uS/cm]"),
     (r"sv[CDW]M\d?", "sound_speed [m/s]"),
+    (r"sv[CDW]F\d?", "sound_speed [ft/s]"),
     (r"latitude", "lat [degrees]"),
     (r"longitude", "lon [degrees]"),
 )
+_FRESH_WATER_DEPTH = 1.019716
+"""Seasoft's depth in fresh water over pressure. [m/dbar]"""
+_SAME_LATITUDE = 0.05  # degrees; depth changes by less than 2e-6 of itself
 _CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
 _MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
 _DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
-_MONTH_FIRST = r"(?P<month>\d{1,2})/(?P<day>\d{1,2})/(?P<year>\d{4}|\d\d)$"
+_TWO_NUMBERS_FIRST = re.compile(r"\s*(\d{1,2})/(\d{1,2})/(\d{4}|\d\d)(?!\d)")
 AIR_PRESSURE = 10.1325
 """Air pressure to subtract from absolute pressures. [dbar]"""
 AIR_PRESSURE_NOTE = f"{AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure"
@@ -89,14 +114,27 @@ def instrument_table(path: Path, lines: Lines) -> InstrumentTable | None:
         ) from None
     if not any(sheet.titles) or not sheet.rows:
         what = "columns" if not any(sheet.titles) else "rows"
-        raise OceanError(f"{path}: a file of {sheet.instrument} without {what} that are known")
+        unread = f"; not read: {', '.join(sheet.unread)}" if sheet.unread else ""
+        raise OceanError(f"{path}: a file of {sheet.instrument} without {what} that are known{unread}")
+    return _with_valid_time(sheet)
+
+
+def _with_valid_time(sheet: InstrumentTable) -> InstrumentTable:
+    """Replace a time that cannot be read by a note: most uses of a cast need no time."""
+    if not sheet.time:
+        return sheet
+    try:
+        parse_instant(sheet.time)
+    except OceanError:
+        return sheet._replace(time="", notes=(*sheet.notes, f"time {sheet.time[:40]!r} not read"))
     return sheet
 
 
 def _sea_bird(lines: Lines) -> InstrumentTable:
     end = next(i for i, line in enumerate(lines) if line.startswith("*END*"))
     head = [line.lstrip("*# ").strip() for line in lines[:end]]
-    names = [m[1] for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):", line))]
+    entries = [m.groups() for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):?(.*)", line))]
+    names = [name.strip() for name, _ in entries]
     bad = next((float(m[1]) for line in head if (m := re.match(r"bad_flag\s*=\s*(\S+)", line))), -9.99e-29)
     rows: Rows = {}
     for i, line in enumerate(lines[end + 1 :], end + 2):
@@ -106,50 +144,84 @@ def _sea_bird(lines: Lines) -> InstrumentTable:
         if len(cells) == len(names):
             rows[i] = ["" if _value(cell) == bad else cell for cell in cells]
     titles = _first_of_each(
-        next((title for pattern, title in _SEA_BIRD if re.fullmatch(pattern, name.strip())), "")
-        for name in names
+        next((title for pattern, title in _SEA_BIRD if re.fullmatch(pattern, name)), "") for name in names
     )
-    notes = []
-    if flags := [k for k, name in enumerate(names) if name.strip() == "flag"]:
-        flagged = [i for i, cells in rows.items() if not cells[flags[0]]]
-        for i in flagged:
-            del rows[i]
-        if flagged:
-            notes.append(f"{len(flagged)} rows rejected by a bad flag")
-    for k, title in enumerate(titles):
-        if title.endswith("68"):
-            titles[k] = title.removesuffix(" 68")
-            notes.append("temperature converted from ITS-68 to ITS-90 (divided by 1.00024)")
-            for cells in rows.values():
-                cells[k] = repr(_value(cells[k]) / 1.00024) if cells[k] else ""
+    position = _position_in(head)
+    notes = [
+        *_without_flagged_rows(names, rows),
+        *_on_its_90(titles, rows),
+        *_measured_depth(titles, [about for _, about in entries], rows, position),
+    ]
     for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
         if time := _iso(_after(head, key), _MONTH_NAME_FIRST):
             break
-    return InstrumentTable("Sea-Bird", titles, rows, _place_in(head), time, tuple(notes))
+    return InstrumentTable("Sea-Bird", titles, rows, position, time, tuple(notes), names)
+
+
+def _without_flagged_rows(names: Sequence[str], rows: Rows) -> Iterator[str]:
+    """Drop rows with a bad flag, and yield a note."""
+    if "flag" in names:
+        flagged = [i for i, cells in rows.items() if not cells[names.index("flag")]]
+        for i in flagged:
+            del rows[i]
+        if flagged:
+            yield f"{len(flagged)} rows rejected by a bad flag"
+
+
+def _on_its_90(titles: list[str], rows: Rows) -> Iterator[str]:
+    """Convert temperatures from IPTS-68 to ITS-90, and yield a note."""
+    for k, title in enumerate(titles):
+        if title.endswith(" 68"):
+            titles[k] = title.removesuffix(" 68")
+            freezing = 32.0 if "degF" in title else 0.0
+            _convert(rows, k, 1.0 / 1.00024, freezing - freezing / 1.00024)
+            yield "temperature converted from ITS-68 to ITS-90 (divided by 1.00024)"
+
+
+def _measured_depth(
+    titles: list[str], about: Sequence[str], rows: Rows, position: tuple[str, str]
+) -> Iterator[str]:
+    """Convert depths that Seasoft computed for fresh water, or for another latitude, back to pressure; yield a note."""
+    for k, title in enumerate(titles):
+        pressure = any(other.startswith("pressure") for other in titles)
+        stated = re.search(rf"lat\s*=\s*({_NUMBER.pattern})", about[k])
+        unit = 0.3048 if title.endswith("[ft]") else 1.0
+        if title.startswith("fresh_water_depth"):
+            titles[k] = "" if pressure else "pressure [dbar]"
+            if not pressure:
+                _convert(rows, k, unit / _FRESH_WATER_DEPTH)
+                yield f"pressure from depth in fresh water, {_FRESH_WATER_DEPTH} m/dbar"
+        elif title.startswith("depth") and stated and not pressure:
+            latitude, place = float(stated[1]), position_in_text(*position)[0]
+            if abs(latitude) <= 90.0 and (place is None or abs(place[0] - latitude) > _SAME_LATITUDE):
+                titles[k] = "pressure [dbar]"
+                for cells in rows.values():
+                    cells[k] = repr(float(gsw.p_from_z(-unit * _value(cells[k]), latitude)))
+                yield f"pressure from depth, which the file computed for latitude {latitude:g}"
 
 
 def _sippican(lines: Lines) -> InstrumentTable:
-    start = next(
-        (i for i, line in enumerate(lines) if re.match(r"\s*(Depth \(m\)|// Data\s*$)", line)), len(lines)
-    )
+    first = r"\s*(Depth \((m|ft)\)|// Data\s*$)"
+    start = next((i for i, line in enumerate(lines) if re.match(first, line, re.IGNORECASE)), len(lines))
     head = [line.lstrip("/ ").strip() for line in lines[: start + 1]]
     fields = {
         int(m[1]): m[2] for line in head if (m := re.match(r"Field\s*(\d+)\s*:\s*(.*)", line, re.IGNORECASE))
     }
     named = re.findall(r"[A-Za-z][A-Za-z ]*?\s*\([^)]*\)", head[-1]) if head else []
-    titles = [fields[k] for k in sorted(fields)] or named
-    date = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})", _after(head, r"Date of Launch\s*:"))
+    names = [fields[k] for k in sorted(fields)] or named
+    date, notes = _month_first(_after(head, r"Date of Launch\s*:"))
     clock = re.match(r"\d{1,2}:\d{2}(:\d{2})?", _after(head, r"Time of Launch\s*:"))
-    time = f"{date[3]}-{int(date[1]):02d}-{int(date[2]):02d}" if date else ""
     salinity = _NUMBER.search(_after(head, r"Sound velocity derived with assumed salinity\s*:?|Salinity\s*:"))
-    notes = [f"sound speed computed with an assumed salinity of {salinity[0]}"] if salinity else []
+    if salinity:
+        notes.append(f"sound speed computed with an assumed salinity of {salinity[0]}")
     return InstrumentTable(
         "Sippican",
-        _titles(titles),
+        _titles(names),
         _numeric_rows(lines, start + 1, None),
-        _place_in(head),
-        time + (f"T{clock[0]:0>8}" if time and clock else ""),
+        _position_in(head),
+        date + (f"T{clock[0]:0>8}" if date and clock else ""),
         tuple(notes),
+        names,
     )
 
 
@@ -159,10 +231,8 @@ def _kongsberg(lines: Lines) -> InstrumentTable:
     time, lat, lon = [*words[3:6], "", "", ""][:3]
     digits = re.fullmatch(r"(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)?", time)
     stamp = "{}-{}-{}T{}:{}:{}".format(*digits.groups(default="00")) if digits else ""
-    place = _position(_value(lat), _value(lon))
-    return InstrumentTable(
-        "Kongsberg", ["depth [m]", "sound_speed [m/s]"], _numeric_rows(lines, first + 1, None), place, stamp
-    )
+    rows = _numeric_rows(lines, first + 1, None)
+    return InstrumentTable("Kongsberg", ["depth [m]", "sound_speed [m/s]"], rows, (lat, lon), stamp)
 
 
 def _castaway(lines: Lines) -> InstrumentTable:
@@ -170,12 +240,11 @@ def _castaway(lines: Lines) -> InstrumentTable:
     start = next(
         (i for i, line in enumerate(lines) if line.strip() and not line.startswith("%")), len(lines) - 1
     )
-    lat, lon = (_value(_after(head, rf"Start {axis}\s*,")) for axis in ("latitude", "longitude"))
+    lat, lon = (_after(head, rf"Start {axis}\s*,") for axis in ("latitude", "longitude"))
     time = _after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
-    titles = _titles(lines[start].split(","))
-    return InstrumentTable(
-        "CastAway", titles, _numeric_rows(lines, start + 1, ","), _position(lat, lon), time
-    )
+    names = lines[start].split(",")
+    rows = _numeric_rows(lines, start + 1, ",")
+    return InstrumentTable("CastAway", _titles(names), rows, (lat, lon), time, names=names)
 
 
 def _sections(lines: Lines) -> InstrumentTable:
@@ -195,16 +264,17 @@ def _sections(lines: Lines) -> InstrumentTable:
             units = lines[following[1]].split(separator)
     if len(units) == len(titles):
         titles = [f"{t} ({u.strip('()[] ')})" if u.strip() else t for t, u in zip(titles, units, strict=True)]
-    lat = _angle(keys.get("gpslatitude") or keys.get("latitude", ""))
-    lon = _angle(keys.get("gpslongitude") or keys.get("longitude", ""))
-    lat, lon = (np.nan, np.nan) if (lat, lon) == (0.0, 0.0) else (lat, lon)  # 0, 0 means no GNSS fix
+    lat, lon = (keys.get(f"gps{axis}") or keys.get(axis, "") for axis in ("latitude", "longitude"))
     stamps = (keys.get(k) for k in ("datastarttime", "datestarttime", "time_stamp", "timestamp"))
     time = next((s for s in stamps if s), "")
+    notes: list[str] = []
     if not time and "date" in keys:
-        time = f"{_iso(keys['date'], _MONTH_FIRST) or keys['date']} {keys.get('time', '')}".strip()
+        date, notes = _month_first(keys["date"])
+        time = f"{date or keys['date']} {keys.get('time', '')}".strip()
     time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
     rows = _numeric_rows(lines, start + 1, separator)
-    return InstrumentTable("AML" if aml else "Valeport", _titles(titles), rows, _position(lat, lon), time)
+    maker = "AML" if aml else "Valeport"
+    return InstrumentTable(maker, _titles(titles), rows, (lat, lon), time, tuple(notes), titles)
 
 
 def _valeport_midas(lines: Lines) -> InstrumentTable:
@@ -212,11 +282,10 @@ def _valeport_midas(lines: Lines) -> InstrumentTable:
         (i for i, line in enumerate(lines) if line.upper().startswith("DATE / TIME")), len(lines) - 1
     )
     head = [line.strip() for line in lines[:start]]
-    titles = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
+    names = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
     time = _iso(_after(head, r"Time Stamp\s*:"), _DAY_FIRST)
-    return InstrumentTable(
-        "Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place_in(head), time
-    )
+    rows = _numeric_rows(lines, start + 1, "\t")
+    return InstrumentTable("Valeport", _titles(names), rows, _position_in(head), time, names=names)
 
 
 def _valeport_mini(lines: Lines) -> InstrumentTable:
@@ -230,7 +299,9 @@ def _valeport_mini(lines: Lines) -> InstrumentTable:
         "MiniCTD": [down, "temperature [degC]", ""],
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
     time = _iso(_after(head, r"Now\s*:"), _DAY_FIRST)
-    return InstrumentTable("Valeport", columns, _numeric_rows(lines, start + 1, None), _place_in(head), time)
+    return InstrumentTable(
+        "Valeport", columns, _numeric_rows(lines, start + 1, None), _position_in(head), time
+    )
 
 
 def _rbr(lines: Lines) -> InstrumentTable:
@@ -254,13 +325,12 @@ def _rbr(lines: Lines) -> InstrumentTable:
         is not None
     ):
         notes.append(AIR_PRESSURE_NOTE)
-        for cells in rows.values():
-            cells[k] = repr(_value(cells[k]) - AIR_PRESSURE) if cells[k] else ""
+        _convert(rows, k, 1.0, -AIR_PRESSURE)
     head = [line.strip() for line in lines[:start]]
     first = next((line for line in lines[start + 1 :] if line.strip()), "")
     time = re.match(r"\s*(\d{4})[-/](\d\d)[-/](\d\d)[ T](\d\d:\d\d:\d\d)", first)
     stamp = f"{time[1]}-{time[2]}-{time[3]}T{time[4]}" if time else ""
-    return InstrumentTable("RBR", titles, rows, _place_in(head), stamp, tuple(notes))
+    return InstrumentTable("RBR", titles, rows, _position_in(head), stamp, tuple(notes), words)
 
 
 def _any(pattern: str) -> Callable[[Lines], bool]:
@@ -329,6 +399,12 @@ def _after(head: Iterable[str], pattern: str) -> str:
     return ""
 
 
+def _convert(rows: Rows, k: int, factor: float, offset: float = 0.0) -> None:
+    """Multiply the numbers of a column by a factor and add an offset."""
+    for cells in rows.values():
+        cells[k] = repr(factor * _value(cells[k]) + offset) if cells[k] else ""
+
+
 def _value(cell: str) -> float:
     try:
         return float(cell)
@@ -336,25 +412,25 @@ def _value(cell: str) -> float:
         return float("nan")
 
 
-def _angle(words: str) -> float:
-    """Convert text such as ``74.5``, ``74 30.5N`` or ``74 30 12 S`` to degrees; NaN for other text. [degrees]"""
-    numbers = [float(n) for n in _NUMBER.findall(words)][:3]
-    if not numbers:
-        return float("nan")
-    size = sum(abs(n) / 60.0**k for k, n in enumerate(numbers))
-    negative = words.strip().startswith("-") or bool(re.search(r"[SW]\s*$", words.strip(), re.IGNORECASE))
-    return -size if negative else size
+def _position_in(head: Lines) -> tuple[str, str]:
+    """Texts of latitude and longitude from the lines of a header."""
+    lat, lon = (_after(head, rf"(?:NMEA )?{axis}\s*[=:]") for axis in ("Latitude", "Longitude"))
+    return lat, lon
 
 
-def _position(lat: float, lon: float) -> tuple[float, float] | None:
-    return (lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None
-
-
-def _place_in(head: Lines) -> tuple[float, float] | None:
-    """Place from the lines of a header with a latitude and a longitude."""
-    keys = (rf"(?:NMEA )?{axis}\s*[=:]" for axis in ("Latitude", "Longitude"))
-    lat, lon = (_angle(_after(head, key)) for key in keys)
-    return _position(lat, lon)
+def _month_first(words: str) -> tuple[str, list[str]]:
+    """Convert a date such as 07/24/2014 to ISO 8601, and note an assumption; the day is first if it cannot be a month."""
+    match = _TWO_NUMBERS_FIRST.match(words)
+    if match is None:
+        return "", [f"date {words[:40]!r} not read"] if words and not words[:4].isdigit() else []
+    month, day = int(match[1]), int(match[2])
+    year = int(match[3]) + (2000 if len(match[3]) == 2 else 0)
+    notes = []
+    if month > 12:
+        month, day = day, month
+    elif day <= 12 and month != day:
+        notes = [f"date {match[0].strip()!r}: the month is assumed to be first"]
+    return f"{year}-{month:02d}-{day:02d}", notes
 
 
 def _iso(words: str, layout: str) -> str:

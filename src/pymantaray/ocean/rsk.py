@@ -19,6 +19,7 @@ from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE, known_unit
+from pymantaray.ocean.positions import known_position
 from pymantaray.records.text_table import MAX_BYTES
 
 _MAGIC = b"SQLite format 3\0"
@@ -139,7 +140,7 @@ def _position_at(positions: Sequence[tuple[Any, float, float]], times: Any) -> t
     if not positions or not times.size:
         return None
     _, lat, lon = min(positions, key=lambda position: abs(position[0] - times[0]))
-    return (float(lat), float(lon)) if np.isfinite([lat, lon]).all() else None
+    return known_position(float(lat), float(lon))[0]
 
 
 def _table(path: Path, cast: _Cast, units: dict[str, str]) -> CastTable:
