@@ -189,6 +189,8 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
 @with_options
 def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text") -> None:
     """Print extent, levels, time, ranges of each variable and history of an ocean."""
+    import numpy as np
+
     from pymantaray.ocean import ocean_times
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
@@ -199,7 +201,7 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     with printer(as_json=as_json, to=to) as out:
         if not is_profile(section):
             times = ocean_times(section.source, section.standard_names)
-            out.add(times=[str(t)[:16] for t in times])
+            out.add(times=[str(t)[:16] for t in times if not np.isnat(t)])
             if section.time is None and len(times) > 1:
                 listed = " ".join(str(t)[:16] for t in times)
                 out.line(f"times       {len(times)}; this is the first, --time selects another\n{listed}\n")

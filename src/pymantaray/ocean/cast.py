@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
-from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
+from pymantaray.ocean.convert import DEEPEST, is_unit_of, minute, our_unit, to_our_unit
 from pymantaray.ocean.instruments import InstrumentTable, instrument_table
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
@@ -23,8 +23,6 @@ from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair
 from pymantaray.records.text_table import read_text, read_text_table
 
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
-DEEPEST = 12_000.0
-"""Upper limit of ocean depth. [m]"""
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
 _FILLS = (-9.99e-29, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, -9999.0, -99999.0, 99999.0, -1e34, 1e35)
 # quantity: kind of its unit, and column names in lower case, first those of `mantaray rays`, then those of cruise and
@@ -206,6 +204,7 @@ def clean_cast(
     steps, ``where`` is file and station for messages.
     """
     depth, temperature, salinity = (np.asarray(column, dtype=float) for column in profile)
+    salinity = np.where((temperature == 0.0) & (salinity == 0.0), np.nan, salinity)  # a fill value of 0
     quantities = [(temperature, _SPAN["water_temp"]), (salinity, _SPAN["salinity"])]
     deeper, cast_notes, lost = usable_rows(depth, quantities, notes=notes, where=where)
     used = temperature[deeper], salinity[deeper], depth[deeper]

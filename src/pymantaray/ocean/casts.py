@@ -19,9 +19,9 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
-from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
+from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
-from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.convert import DEEPEST, parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.positions import Position, known_position, position_in_comment
 from pymantaray.ocean.rsk import is_rsk, read_rsk

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
-from pymantaray.ocean.convert import decoded_times
+from pymantaray.ocean.convert import decoded_times, degrees
 from pymantaray.ocean.files import numbers, reading, text
 from pymantaray.ocean.positions import is_position, unused_position
 
@@ -167,7 +167,8 @@ def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
     )
     if not name:
         return np.full(count, np.nan)
-    values = np.atleast_1d(numbers(data, name)).ravel()
+    angles = standard in ("latitude", "longitude")
+    values = np.atleast_1d(degrees(data, name, standard) if angles else numbers(data, name)).ravel()
     return values if values.size == count else np.resize(values[:1], count)
 
 

@@ -24,10 +24,13 @@ HYCOM_NAMES = ("water_temp", "salinity", "water_u", "water_v")
 """Names of in-situ temperature, practical salinity, and eastward and northward currents."""
 # HYCOM's fill value if a server scaled it like data: -30000 x 0.001, plus 20 for tracers
 _SCALED_FILL = dict(zip(HYCOM_NAMES, (-10.0, -10.0, -30.0, -30.0), strict=True))
+DEEPEST = 12_000.0
+"""Upper limit of ocean depth. [m]"""
 _AT_SURFACE = 1e-3  # m; a first level this close to 0 m counts as the surface
 _DEEPEST_FIRST_LEVEL = 30.0  # m; values of a deeper first level are not extended to the surface
 _MIN_MAX_SALINITY = 0.06  # a lower maximum means kg/kg with a wrong unit
 _CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian", "none")
+_MAX_MONTHS = 12.0 * 280.0  # from an origin after 1900: the years that 64-bit nanoseconds can represent
 _TIME_TOLERANCE = np.timedelta64(1, "m")  # between the requested and an available instant
 
 _METRES = "m meter meters metre metres"
@@ -172,15 +175,18 @@ def parse_instant(time: str | np.datetime64) -> np.datetime64:
     return stamp.to_datetime64()
 
 
-def instants(data: xr.Dataset, name: str) -> Instants:
-    """Instants of a time coordinate in UTC and the standard calendar; one element for a scalar."""
+def has_time(data: xr.Dataset, name: str) -> bool:
+    """Return True unless a time coordinate has no name, or consists of one missing instant; xarray writes NaT as -2**63."""
+    return bool(name) and not (
+        data.variables[name].size == 1
+        and bool(np.all(np.isnan(values := numbers(data, name)) | (values <= -(2.0**63))))
+    )
+
+
+def instants(data: xr.Dataset, name: str) -> tuple[Instants, bool]:
+    """Instants of a time coordinate in UTC and the standard calendar, and True for a climatology; one element for a scalar."""
     axis = data.variables[name]
     where, unit, calendar = f"{file_name(data)}: {name}", text(axis, "units"), text(axis, "calendar").lower()
-    if "climatology" in axis.attrs or unit.lower().startswith(("month", "year", "common_year")):
-        raise OceanError(
-            f"{where} ({unit or 'climatology'}) is a climatology or counts months; select one step and set its instant,"
-            " data.isel(time=[0]).assign_coords(time=[numpy.datetime64('2014-07-15')])"
-        )
     if calendar not in _CALENDARS:
         raise OceanError(
             f"{where} uses the calendar {calendar!r}, which is not a real calendar; convert it first,"
@@ -190,7 +196,31 @@ def instants(data: xr.Dataset, name: str) -> Instants:
         raise OceanError(
             f"{where} has units {unit[:40]!r}; a time coordinate needs units such as 'hours since ...'"
         )
-    return decoded_times(np.atleast_1d(numbers(data, name)), unit, calendar, where=where)
+    values = np.atleast_1d(numbers(data, name))
+    months = unit.lower().startswith("month")
+    climatology = months or "climatology" in axis.attrs
+    if climatology:  # of no year
+        unit = re.sub(r"(?<= since )0*[01]-", "2000-", unit)
+    times = (
+        _months_since(values, unit, where) if months else decoded_times(values, unit, calendar, where=where)
+    )
+    different, counts = np.unique(times, return_counts=True)
+    if different.size < times.size:
+        again = minute(different[np.argmax(counts)])
+        raise OceanError(f"{where} has the instant {again} {counts.max()} times; keep one of them")
+    return times, climatology
+
+
+def _months_since(values: Array, unit: str, where: str) -> Instants:
+    """Instants of a count of calendar months, as in the World Ocean Atlas; fractions are of the length of the month."""
+    origin = parse_instant(unit.split(" since ", 1)[1]).astype("datetime64[M]")
+    if not np.all(np.isfinite(values)) or np.abs(values).max(initial=0.0) > _MAX_MONTHS:
+        raise OceanError(f"{where} has months from {values.min():g} to {values.max():g}; correct the axis")
+    whole = np.floor(values).astype(int)
+    first, after = (origin + (whole + k).astype("timedelta64[M]") for k in (0, 1))
+    length = (after.astype("datetime64[ns]") - first.astype("datetime64[ns]")).astype(float)
+    part = np.round((values - whole) * length).astype("timedelta64[ns]")
+    return np.asarray(first.astype("datetime64[ns]") + part)
 
 
 def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -> Instants:
@@ -236,6 +266,18 @@ def minute(time: np.datetime64) -> str:
     return str(np.datetime_as_string(time, unit="m"))
 
 
+def degrees(data: xr.Dataset, name: str, quantity: str) -> Array:
+    """Latitudes or longitudes of a variable in degrees, from degrees or radians."""
+    values, unit = numbers(data, name), text(data.variables[name], "units")
+    return to_our_unit(values, quantity, unit, where=f"{file_name(data)}: {name}") if unit else values
+
+
+def time_text(ocean: xr.Dataset) -> str:
+    """Instant of an ocean as text, to the minute, or ``unknown``."""
+    time = ocean["time"].values
+    return "unknown" if np.isnat(time) else str(np.datetime_as_string(time, unit="m"))
+
+
 def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
     """Vertical axis, positive down, in the order of the file, and True if it is an axis of pressure. [m] or [dbar]"""
     axis, where = data.variables[name], f"{file_name(data)}: {name}"
@@ -262,6 +304,8 @@ def _from_surface(values: Array, where: str) -> Array:
         raise OceanError(
             f"{where} has a level {-values.min():g} above the surface; check its attribute positive"
         )
+    if values.max() > DEEPEST:
+        raise OceanError(f"{where} has a level at {values.max():g}; allowed: at most {DEEPEST:g} m or dbar")
     return np.asarray(np.where(np.abs(values) <= _AT_SURFACE, 0.0, values), dtype=float)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import wrapped
-from pymantaray.ocean.convert import is_our_unit, our_unit
+from pymantaray.ocean.convert import DEEPEST, is_our_unit, our_unit
 
 DIMS = ("depth", "lat", "lon")
 MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need four points
@@ -220,6 +220,10 @@ def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
             f" {values[int(np.argmin(rising))]:g}",
             "strictly increasing",
             "sort it and drop duplicates",
+        )
+    elif name == "depth" and values.size and values[-1] > DEEPEST:
+        yield wrong(
+            "axis", f"a level at {values[-1]:g} m", f"0 to {DEEPEST:g} m", "check its values and unit"
         )
     elif name == "depth" and values.size and values[0] != 0.0:
         yield wrong("axis", f"starts at {values[0]:g} m", "0 m, positive down", "add a level at 0 m")
