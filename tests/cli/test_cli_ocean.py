@@ -266,7 +266,7 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
 @pytest.mark.parametrize(("words", "says"), [
     ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
     ("from-cast cast.csv ocean.nc", "already exists; give another name or --force"),
-    ("from-cast none.csv new.nc --bottom 300", "cannot be read: No such file"),
+    ("from-cast none.csv new.nc --bottom 300", "none.csv: no such file"),
     ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast cannot be combined"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
     ("perturb ocean.nc new.nc", "--method eof needs --rms and --scale"),

@@ -303,7 +303,7 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times far.csv out.csv --ocean synthetic:fram": "far.csv: a latitude is not in -90 to 90 degrees",
     "times inf.csv out.csv W": "inf.csv, line 2: source_north is 'inf'",
     "times binary.csv out.csv W": "binary.csv: a binary file, not a text table",
-    "times nothing.csv out.csv W": "nothing.csv: cannot be read: No such file",
+    "times nothing.csv out.csv W": "nothing.csv: no such file",
     "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
     "times links.csv out.csv W --ocean synthetic:fram": "--ocean and --profile given; exactly one",
     "times links.csv out.csv --profile iso.csv": "iso.csv: a profile has no sea bed; give its depth in metres",

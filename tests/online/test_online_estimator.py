@@ -254,7 +254,7 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
     file = tmp_path / "state.json"
     estimator = new()
     estimator.save(file)
-    refused(OnlineError, "cannot be read", OnlineEstimator.restore, tmp_path / "none.json", SPEED)
+    refused(OnlineError, "no such file", OnlineEstimator.restore, tmp_path / "none.json", SPEED)
     profile = MeanSlowness([0.0, 100.0], [1500.0, 1501.0])
     refused(OnlineError, "saved with the range model ConstantSpeed", OnlineEstimator.restore, file, profile)
     head, content = file.read_text().splitlines()

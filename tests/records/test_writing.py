@@ -192,9 +192,7 @@ def test_a_file_is_open_only_while_no_other_thread_is_at_netcdf(tmp_path, monkey
 
 
 def test_missing_file_is_one_line(tmp_path):
-    with pytest.raises(
-        RecordError, match=r"absent\.nc: not a readable NetCDF file: No such file or directory$"
-    ):
+    with pytest.raises(RecordError, match=r"absent\.nc: no such file"):
         read_netcdf(tmp_path / "absent.nc")
 
 

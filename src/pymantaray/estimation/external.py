@@ -23,7 +23,7 @@ from pymantaray.estimation.graph import (
     check_values,
     connected_parts,
 )
-from pymantaray.estimation.graph_text import Indefinite
+from pymantaray.estimation.graph_text import MAX_GRAPH_BYTES, Indefinite
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.minima import (
     StartOutcome,
@@ -39,6 +39,7 @@ from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_recko
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.csv_text import is_number
 from pymantaray.records.status import SOLVE_STATUS_WORDS
+from pymantaray.user_files import open_text
 
 Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
@@ -233,12 +234,9 @@ def is_pose_graph(path: Path) -> bool:
     """
     if path.suffix == G2O:
         return True
-    try:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            lines = (line.split(None, 3) for line in file)
-            first = next((line for line in lines if line and line[0].startswith(("VERTEX", "EDGE"))), [""])
-    except OSError:
-        return False  # the reader reports the cause
+    with open_text(path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES) as file:
+        lines = (line.split(None, 3) for line in file)
+        first = next((line for line in lines if line and line[0].startswith(("VERTEX", "EDGE"))), [""])
     if first[0] in _TORO_WORDS:
         return True
     return path.suffix != PYFG and len(first) > 2 and all(is_number(field) for field in first[1:3])

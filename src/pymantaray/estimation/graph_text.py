@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, SMALLEST_EIGENVALUE, VARIANCES
+from pymantaray.user_files import open_text
 
+MAX_GRAPH_BYTES = 2_000_000_000
 _MAX_WORDS_NAMED = 5  # unknown words listed in a message
 
 
@@ -107,24 +109,20 @@ class TextLines:
 
     def __iter__(self) -> Iterator[str]:
         """Each line that begins with a known word; ``number`` is its number, from 1."""
-        try:
-            with self._path.open(encoding="utf-8-sig") as file:
-                for self.number, raw in enumerate(file, start=1):
-                    line = raw.rstrip("\r\n")
-                    word = next(iter(line.split(None, 1)), "#")
-                    if word.startswith("#"):
-                        continue
-                    if word in self._leave_out or word not in self._words:
-                        self._left_out[word] += 1
-                        if word not in self._leave_out:
-                            self._unknown.setdefault(word, self.number)
-                        continue
-                    if not line.isascii():
-                        self.refuse(f"{word} with a character that is not ASCII", "ASCII")
-                    yield line
-        except (OSError, UnicodeDecodeError) as error:
-            cause = getattr(error, "strerror", None) or error
-            raise EstimationError(f"{self._path}: not a readable text file: {cause}") from None
+        with open_text(self._path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES) as file:
+            for self.number, raw in enumerate(file, start=1):
+                line = raw.rstrip("\r\n")
+                word = next(iter(line.split(None, 1)), "#")
+                if word.startswith("#"):
+                    continue
+                if word in self._leave_out or word not in self._words:
+                    self._left_out[word] += 1
+                    if word not in self._leave_out:
+                        self._unknown.setdefault(word, self.number)
+                    continue
+                if not line.isascii():
+                    self.refuse(f"{word} with a character that is not ASCII", "ASCII")
+                yield line
         never = [w for w in self._leave_out if w not in self._words and w not in self._left_out]
         if never:
             self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)

@@ -6,6 +6,7 @@ dimensions, and the writer flattens them.
 """
 
 import csv
+import io
 import itertools
 import re
 import string
@@ -37,6 +38,7 @@ from pymantaray.estimation.graph_columns import ROTATION_FIRST, columns, to_grap
 from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
+from pymantaray.user_files import exists, read_text
 
 POSE, LANDMARK = "VERTEX_SE3:QUAT", "VERTEX_XYZ"
 FLAT = {  # words in two dimensions, by those in three
@@ -405,12 +407,12 @@ def _free_out_of_plane(covariance: Array) -> None:
 
 def _read_names(path: Path) -> dict[str, str]:
     """Names by symbol of vehicles and landmarks; empty without a table."""
-    if not path.is_file():
+    if not exists(path):
         return {}
+    text = read_text(path, EstimationError, what="a table of names")
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            head, *rows = csv.reader(file)
-    except (OSError, ValueError, csv.Error) as error:
+        head, *rows = csv.reader(io.StringIO(text, newline=""))
+    except (ValueError, csv.Error) as error:
         raise EstimationError(f"{path}: not a readable table of names: {error}") from None
     names = {row[0]: row[1] for row in rows if len(row) == 2 and _STUDY_NAME.fullmatch(row[1])}
     if head != ["symbol", "name"] or len(names) != len(rows) or len(set(names.values())) != len(rows):

@@ -1,6 +1,5 @@
 """Reader of trajectories, which selects the format by the suffix of the file."""
 
-import glob
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from pymantaray.exchange.tracks import Poses, Tracks, poses_of_record
 from pymantaray.exchange.tum import read_tum
 from pymantaray.ocean.files import open_file
 from pymantaray.records import Trajectories
+from pymantaray.user_files import exists, matching_files, shown
 
 Source = str | Path | Sequence[str | Path] | pd.DataFrame
 
@@ -60,12 +60,12 @@ def files_of(source: str | Path | Sequence[str | Path]) -> list[Path]:
     """Files of a source; those of a pattern are sorted."""
     paths: list[Path] = []
     for one in [source] if isinstance(source, str | Path) else source:
-        names = sorted(glob.glob(str(one))) if "*" in str(one) else [str(one)]  # noqa: PTH207  patterns may be absolute
-        if not names:
-            raise ExchangeError(f"{one}: no file matches this pattern")
-        if missing := [name for name in names if not Path(name).exists()]:
-            raise ExchangeError(f"{missing[0]}: no such file")
-        paths += map(Path, names)
+        found = matching_files(str(one), Path(), ExchangeError) if "*" in str(one) else [Path(one)]
+        if not found:
+            raise ExchangeError(f"{shown(one)}: no file matches this pattern")
+        if missing := [path for path in found if not exists(path)]:
+            raise ExchangeError(f"{shown(missing[0])}: no such file")
+        paths += found
     if not paths:
         raise ExchangeError("trajectories: no file; name at least one")
     return paths

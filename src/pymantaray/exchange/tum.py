@@ -14,6 +14,7 @@ from pymantaray.exchange.centre import Centre, centre_comments, centre_in_commen
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
 from pymantaray.records import whole_file
+from pymantaray.user_files import read_text
 
 
 def write_tum(
@@ -115,11 +116,10 @@ def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of an empty file
-            with path.open(encoding="utf-8") as file:
-                lines = file.readlines()
+            lines = read_text(path, ExchangeError, what="a TUM file").splitlines()
             table = np.loadtxt(lines, ndmin=2)
-    except (OSError, ValueError) as error:
-        cause = getattr(error, "strerror", None) or str(error).partition(";")[0]
+    except ValueError as error:
+        cause = str(error).partition(";")[0]
         raise ExchangeError(f"{path}: not a readable TUM file: {cause}") from None
     if table.shape[-1] != 8 or not len(table):
         raise ExchangeError(

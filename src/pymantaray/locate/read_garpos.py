@@ -17,6 +17,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey
 from pymantaray.records.text_table import TextTable, read_text_table
+from pymantaray.user_files import exists, read_text
 
 _MAX_TIME_OF_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or modified Julian dates
 _MJD_1970 = 40587 * 86400.0
@@ -30,7 +31,7 @@ class _Settings:
         self.path = path
         parser = configparser.ConfigParser(interpolation=None, strict=False, allow_no_value=True)
         try:
-            parser.read_string(path.read_bytes().decode("utf-8-sig", errors="replace"), str(path))
+            parser.read_string(read_text(path, LocateError, what="an ini file", errors="replace"), str(path))
         except configparser.Error as error:
             raise LocateError(
                 f"{path}: not a readable ini file: {' '.join(str(error).split())[:100]}"
@@ -195,7 +196,7 @@ def _find(settings: _Settings, name: str) -> Path:
     here = settings.path.resolve().parent
     folders = [Path(), here, *here.parents]
     for candidate in [*(folder / wanted for folder in folders), here / wanted.name]:
-        if candidate.is_file():
+        if exists(candidate) and not candidate.is_dir():
             return candidate
     raise LocateError(
         f"{settings.path}: {name} is neither in the working folder nor in a folder above the ini file; correct its path"

@@ -19,6 +19,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, PlatformError, Survey
 from pymantaray.records.text_table import MONTHS
+from pymantaray.user_files import matching_files, read_text
 
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 _TIME_TOLERANCE = 2e-3  # s; between an instant and its position
@@ -55,8 +56,8 @@ def _config(path: Path) -> dict[str, Any]:
     with optional_package(LocateError, path, "PyYAML", "gnatss"):
         import yaml
     try:
-        config = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
+        config = yaml.safe_load(read_text(path, LocateError, what="a config.yaml"))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise LocateError(f"{path}: not readable: {' '.join(str(error).split())[:100]}") from None
     if not isinstance(config, dict):
         raise LocateError(f"{path}: not a configuration of GNATSS")
@@ -77,11 +78,8 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
     pattern = entry.get("path") if isinstance(entry, dict) else entry
     if not pattern:
         raise LocateError(f"{path}: input_files has no {key}; add it")
-    whole = Path(str(pattern))
-    bases = [Path(whole.anchor)] if whole.is_absolute() else [path.parent, Path()]
-    relative = str(whole.relative_to(whole.anchor)) if whole.is_absolute() else str(whole)
-    for base in bases:
-        if paths := sorted(base.glob(relative)):
+    for folder in (path.parent, Path()):
+        if paths := matching_files(str(pattern), folder, LocateError):
             return paths
     raise LocateError(f"{path}: {key}: no file matches {pattern}")
 
@@ -136,7 +134,7 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> tuple[Arra
 def _lines(paths: list[Path]) -> Iterator[tuple[int, str, list[str]]]:
     """Number, description for messages and words of each line that is neither empty nor a comment."""
     for path in paths:
-        for number, text in enumerate(path.read_text().splitlines(), 1):
+        for number, text in enumerate(read_text(path, LocateError).splitlines(), 1):
             words = text.replace(",", " ").split()
             if words and not words[0].startswith("#"):
                 yield number, f"{path}, line {number}: {text.strip()[:60]!r}", words
@@ -191,7 +189,7 @@ def _nearest(time: Array, wanted: Array) -> NDArray[np.int64]:
 
 def _profile(path: Path) -> tuple[Array, Array]:
     """Depth and sound speed of two columns, depths negative down."""
-    rows = [line.replace(",", " ").split()[:2] for line in path.read_text().splitlines()]
+    rows = [line.replace(",", " ").split()[:2] for line in read_text(path, LocateError).splitlines()]
     try:
         table = np.array(
             [[float(word) for word in row] for row in rows if row and not row[0].startswith("#")]

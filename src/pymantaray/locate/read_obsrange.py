@@ -15,6 +15,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
 from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, Survey
+from pymantaray.user_files import read_text
 
 _SIGMA = (2000.0, 2000.0, 200.0)  # m; standard deviations of a drop point and a charted depth
 _ANGLE = r"(\d+)\s+(\d+(?:\.\d*)?)\s*([{}])"
@@ -42,7 +43,7 @@ def is_obsrange(path: Path) -> bool:
 
 
 def _text(path: Path) -> str:
-    return path.read_bytes().decode("utf-8-sig", errors="replace")
+    return read_text(path, LocateError, errors="replace")
 
 
 def read_obsrange(path: Path, options: ReadOptions) -> Survey:

@@ -18,6 +18,7 @@ from pymantaray.messages import one_line
 from pymantaray.ocean.zarr_metadata import check_zarr
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.records.writing import NETCDF_LOCK
+from pymantaray.user_files import check_regular, exists, first_bytes
 
 MEMORY_SHARE = 1 / 12
 """Maximum fraction of the machine's memory for one of four variables; conversion needs up to three copies of each."""
@@ -207,19 +208,13 @@ def unreadable(path: str | Path, error: Exception) -> OceanError:
 
 def is_netcdf(path: Path) -> bool:
     """Return True if a path is a regular file that begins like NetCDF."""
-    with suppress(OSError, ValueError):  # a name with a null character is a ValueError
-        if path.is_file():
-            with path.open("rb") as stream:
-                return stream.read(4) in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
-    return False
+    return first_bytes(path, 4) in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
 
 
 def _engine(path: Path) -> str:
-    if path.is_dir():
+    if exists(path) and path.is_dir():
         return _zarr_engine(path)
-    if not path.is_file():
-        what = "not a regular file" if path.exists() else "no such file"
-        raise OceanError(f"{path}: {what}; name an existing file")
+    check_regular(path, OceanError, what="a NetCDF file")
     if is_netcdf(path):
         return "netcdf4"
     raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page")

@@ -20,7 +20,7 @@ from pymantaray.messages import one_line
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE, known_unit
 from pymantaray.ocean.positions import known_position
-from pymantaray.records.text_table import MAX_BYTES
+from pymantaray.user_files import MAX_BYTES, check_regular, first_bytes
 
 _MAGIC = b"SQLite format 3\0"
 _MAX_VALUES = 12_000_000  # 7 h at 24 Hz with 20 channels
@@ -46,13 +46,7 @@ class _Cast(NamedTuple):
 
 def is_rsk(path: Path) -> bool:
     """Return True if a path is a regular file that begins like an SQLite database."""
-    try:
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(len(_MAGIC)) == _MAGIC
-    except (OSError, ValueError):  # a name with a null character is a ValueError
-        return False
+    return first_bytes(path, len(_MAGIC)) == _MAGIC
 
 
 def read_rsk(path: Path) -> dict[str, CastTable]:
@@ -82,8 +76,7 @@ def _check(path: Path) -> None:
     """Raise an error for a database that is too large, contains computed values, or has a name that SQLite would misread."""
     if set("?#%") & set(str(path)):
         raise OceanError(f"{path}: the name contains ?, # or %, which SQLite misreads; rename the file")
-    if path.stat().st_size > MAX_BYTES:
-        raise OceanError(f"{path}: more than {MAX_BYTES:,} bytes; export one cast with Ruskin")
+    check_regular(path, OceanError, what="an .rsk file", limit=MAX_BYTES)
     try:
         with closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)) as database:
             computed = database.execute(

@@ -13,6 +13,7 @@ from pymantaray.errors import OnlineError, RecordError
 from pymantaray.online.cells import LEAF, CellStatus, Tree
 from pymantaray.online.table import TravelTimeTable
 from pymantaray.records.writing import read_netcdf, whole_file, write_netcdf
+from pymantaray.user_files import check_regular, first_bytes, read_bytes
 
 MAGIC = b"MANTATAB"
 FORMAT = 1
@@ -94,14 +95,12 @@ def open_table(path: Path | str) -> TravelTimeTable:
     OnlineError
         If the file is missing, is not a table, or is damaged.
     """
-    path = Path(path)
+    path = check_regular(path, OnlineError, what="a travel-time table")
     try:
-        with path.open("rb") as file:
-            packed = file.read(len(MAGIC)) == MAGIC
-        table = _unpacked(path.read_bytes()) if packed else _from_netcdf(path)
-    except (OSError, RecordError, ValueError, KeyError, struct.error) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise OnlineError(f"{path}: not a readable travel-time table: {reason}") from None
+        packed = first_bytes(path, len(MAGIC)) == MAGIC
+        table = _unpacked(read_bytes(path, OnlineError)) if packed else _from_netcdf(path)
+    except (RecordError, ValueError, KeyError, struct.error) as error:
+        raise OnlineError(f"{path}: not a readable travel-time table: {error}") from None
     fault = _fault(table)
     if fault:
         raise OnlineError(f"{path}: damaged travel-time table: {fault}; build it again")

@@ -7,6 +7,7 @@ from typing import Any
 
 from pymantaray.errors import OnlineError
 from pymantaray.records.writing import whole_file
+from pymantaray.user_files import read_text
 
 KIND, FORMAT = "pymantaray online state", 1
 
@@ -21,12 +22,10 @@ def write_state(content: dict[str, Any], path: Path | str) -> None:
 
 def read_state(path: Path | str) -> dict[str, Any]:
     """Read a state."""
+    lines = read_text(path, OnlineError, what="a saved estimator").splitlines()
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
         head = json.loads(lines[0])
         kind, version = head["kind"], head["format"]
-    except OSError as error:
-        raise OnlineError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, IndexError, KeyError, TypeError):
         kind, version = None, None
     if kind != KIND:

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import RecordError
 from pymantaray.records.csv_text import unguarded
+from pymantaray.user_files import read_bytes
 
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
     from numpy.typing import NDArray
 
-MAX_BYTES = 200_000_000
-"""A 24 Hz CTD writes 600,000 rows of at most 300 bytes on a cast to 12 km and back at 1 m/s."""
 MONTHS = {name: k + 1 for k, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}  # noqa: SIM905
 """Number of a month by the first three letters of its English name."""
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
@@ -173,17 +172,7 @@ def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
 
 def read_text(path: Path) -> str:
     """Read a text file; other files raise an error."""
-    try:
-        if path.exists() and not (path.is_file() or path.is_fifo()):
-            what = "is a folder" if path.is_dir() else "not a regular file"
-            raise RecordError(f"{path}: {what}; name a text table such as a .csv file")
-        with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
-        cause = getattr(error, "strerror", None) or error
-        raise RecordError(f"{path}: cannot be read: {cause}; name an existing file") from None
-    if len(raw) > MAX_BYTES:
-        raise RecordError(f"{path}: more than {MAX_BYTES:,} bytes; use a smaller file")
+    raw = read_bytes(path, RecordError, what="a text table such as a .csv file")
     if raw.startswith(b"SQLite format 3"):
         raise RecordError(f"{path}: a database, not a text table; name a text table such as a .csv file")
     if b"\0" in raw[:4096]:
