@@ -16,7 +16,7 @@ from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey
-from pymantaray.records.text_table import TextTable, read_text_table
+from pymantaray.records.text_table import TextTable, check_seconds, read_text_table
 from pymantaray.user_files import exists, read_text
 
 _MAX_TIME_OF_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or modified Julian dates
@@ -117,6 +117,7 @@ def _nodes(
 def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]) -> Survey:
     columns = set(table.frame.columns)
     time, sent, e0, n0, u0 = table.numbers(["TT", "ST", "ant_e0", "ant_n0", "ant_u0"]).T
+    check_seconds(sent, f"{table.path}: ST", LocateError)
     near = np.column_stack([n0, e0, -u0])
     received = table.numbers(["RT"])[:, 0] if "RT" in columns else sent + time
     if (received <= sent).any():

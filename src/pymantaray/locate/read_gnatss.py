@@ -18,7 +18,7 @@ from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, PlatformError, Survey
-from pymantaray.records.text_table import MONTHS
+from pymantaray.records.text_table import MONTHS, check_seconds
 from pymantaray.user_files import matching_files, read_text
 
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
@@ -124,6 +124,7 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> tuple[Arra
     table = np.array(rows)
     if not table.size:
         raise LocateError(f"{paths[0]}: no position in this file")
+    check_seconds(table[:, 0], f"{paths[0]}: time", LocateError)
     table = table[np.argsort(table[:, 0], kind="stable")]
     geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
     lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
