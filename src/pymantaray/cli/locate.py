@@ -155,6 +155,7 @@ def survey(
             seed=seed,
             progress=None if report is None else lambda done, total: report("bootstrap", done, total),
         )
+    notes += located.notes
     page = None
     if folder.out is not None:
         from pymantaray.report import write_location_page
