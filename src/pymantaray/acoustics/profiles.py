@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeVar
@@ -139,7 +140,8 @@ def read_profiles(
     list of Profile
         Profiles with name and, if the file contains it, time.
     """
-    from pymantaray.ocean.casts import cast_tables, holds_argo, read_casts
+    from pymantaray.ocean.cast_folders import is_cast_folder, read_each
+    from pymantaray.ocean.casts import cast_tables, each_usable, holds_argo, read_casts
     from pymantaray.ocean.positions import is_position
 
     if place is not None and not is_position(*place):
@@ -147,14 +149,20 @@ def read_profiles(
             f"{path}: position {place[0]:g} {place[1]:g}; latitude must be -90 to 90 and longitude -360 to 360 degrees"
         )
     try:
-        if holds_argo(path):
+        if is_cast_folder(path):
+            read = partial(read_profiles, place=place, repair_freezing=repair_freezing)
+            profiles, notes = read_each(Path(path), read, AcousticsError)
+        elif holds_argo(path):
             return [_of_cast(cast) for cast in read_casts(path, repair_freezing=repair_freezing)]
-        tables = cast_tables(Path(path))
-        return [
-            _profile(table, name or Path(path).stem, place, repair_freezing) for name, table in tables.items()
-        ]
+        else:
+
+            def make(name: str, table: CastTable) -> Profile:
+                return _profile(table, name or Path(path).stem, place, repair_freezing)
+
+            profiles, notes = each_usable(Path(path), cast_tables(Path(path)), make)
     except OceanError as error:
         raise AcousticsError(str(error)) from None
+    return [profile._replace(notes=(*profile.notes, *notes)) for profile in profiles]
 
 
 def _profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:

@@ -16,7 +16,8 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import DEEPEST, is_unit_of, minute, our_unit, to_our_unit
-from pymantaray.ocean.instruments import InstrumentTable, instrument_table
+from pymantaray.ocean.instrument_table import InstrumentTable
+from pymantaray.ocean.instruments import instrument_table
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair_salinity, sound_speed
@@ -405,7 +406,7 @@ def _of_instrument(path: Path, instrument: InstrumentTable) -> CastTable:
         path,
         header,
         rows,
-        [],
+        [f"bottom {instrument.bottom_depth:g} m"] if instrument.bottom_depth > 0.0 else [],
         columns,
         texts,
         bracketed=False,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import gsw
 import numpy as np
@@ -14,13 +15,15 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
-from pymantaray.errors import OceanError
+from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.checks import distinct_digits
+from pymantaray.messages import one_line
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
 from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
-from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
+from pymantaray.ocean.cast_folders import is_cast_folder, read_each
+from pymantaray.ocean.cf_profiles import DATA_SET, holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import DEEPEST, parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.positions import Position, known_position, position_in_comment
@@ -29,8 +32,10 @@ from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_h
 from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle
 from pymantaray.records.text_table import MONTHS
+from pymantaray.user_files import exists
 
 Instant = str | np.datetime64
+MadeT = TypeVar("MadeT")
 _DATE = re.compile(r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?")
 _MONTH = re.compile(rf"\b({'|'.join(MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
@@ -66,8 +71,8 @@ def read_cast(
     path : str or pathlib.Path
         One of: CSV with named columns (depth or pressure; in-situ, potential or conservative temperature; practical or
         absolute salinity); a point table of HYCOM from the NetCDF Subset Service, also with packed integers; an Argo NetCDF
-        file; a CF data set of profiles; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``,
-        CastAway, Valeport, AML).
+        file; a CF data set of profiles; in-situ profiles of Copernicus; WHP-exchange of a CTD; a profile of an ice-tethered
+        profiler; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``, CastAway, Valeport, AML).
     lat, lon : float, optional
         Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon -140.0``. [degrees]
     time : str or numpy.datetime64, optional
@@ -117,8 +122,10 @@ def read_casts(
     Parameters
     ----------
     paths : str, pathlib.Path or sequence of them
-        At least one file, as in `read_cast`. A table with a station column contains one cast per station. A table of the
-        NetCDF Subset Service contains one cast per time and place. One invalid cast makes the table invalid.
+        At least one file, as in `read_cast`, or folder or ZIP archive of files. A table with a station column contains one
+        cast per station. A table of the NetCDF Subset Service contains one cast per time and place. One invalid cast makes the
+        table invalid. Invalid files of a folder or archive, and invalid profiles of a data set, are dropped; a note of each
+        cast gives their number and the first reason.
     lat, lon, time, default_place, repair_freezing
         As in `read_cast`, for all casts.
 
@@ -130,8 +137,16 @@ def read_casts(
     if not files:
         raise OceanError("casts: no file; name at least one")
     casts: list[Cast] = []
+    place = None if lat is None or lon is None else (float(lat), float(lon))
     for path in files:
-        if holds_argo(path):
+        if is_cast_folder(path):
+            own, notes = read_each(
+                path,
+                partial(read_casts, lat=lat, lon=lon, time=time, default_place=default_place),
+                OceanError,
+            )
+            casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
+        elif holds_argo(path):
             if (lat, lon, time) != (None, None, None):
                 raise OceanError(
                     f"{path}: Argo profiles have their own places and times; remove --lat, --lon and --time (in Python: lat,"
@@ -139,11 +154,39 @@ def read_casts(
                 )
             casts += read_argo(path)
         else:
-            place = None if lat is None or lon is None else (float(lat), float(lon))
-            for station, table in cast_tables(path).items():
-                own = place or cast_place(table) or default_place
-                casts.append(cast_of_table(table, station, own, time))
+
+            def make(station: str, table: CastTable) -> Cast:
+                return cast_of_table(table, station, place or cast_place(table) or default_place, time)
+
+            own, notes = each_usable(path, cast_tables(path), make)
+            casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
     return [cast.with_repaired_salinity() for cast in casts] if repair_freezing else casts
+
+
+def each_usable(
+    path: Path, tables: Mapping[str, CastTable], make: Callable[[str, CastTable], MadeT]
+) -> tuple[list[MadeT], tuple[str, ...]]:
+    """
+    Casts or profiles of the tables of a file, and a note about those that cannot be used.
+
+    A data set with many profiles usually has some without usable levels. In all other files, one of them is an error.
+    """
+    several = len(tables) > 1 and next(iter(tables.values())).instrument == DATA_SET
+    made: list[MadeT] = []
+    refused: list[MantaRayError] = []
+    for name, table in tables.items():
+        try:
+            made.append(make(name, table))
+        except MantaRayError as error:
+            if not several:
+                raise
+            refused.append(error)
+    if refused and not made:
+        raise refused[0]
+    if not refused:
+        return made, ()
+    first = one_line(str(refused[0]).removeprefix(f"{path}"), 160).lstrip(":, ")
+    return made, (f"{len(refused)} of {len(tables)} profiles dropped, the first: {first}",)
 
 
 def holds_casts(path: str | Path) -> bool:
@@ -158,10 +201,12 @@ def holds_casts(path: str | Path) -> bool:
     Returns
     -------
     bool
-        True for a table, an instrument's file, Argo profiles and a CF data set of profiles.
+        True for a table, an instrument's file, Argo profiles, a CF data set of profiles, and a folder or archive of such files.
     """
-    if str(path).startswith("synthetic:") or Path(path).is_dir():
+    if str(path).startswith("synthetic:"):
         return False
+    if exists(path) and Path(path).is_dir():
+        return is_cast_folder(path)
     if not is_netcdf(Path(path)):
         return True
     with open_file(path) as data:
@@ -180,7 +225,7 @@ def holds_argo(path: str | Path) -> bool:
     if not is_netcdf(Path(path)):
         return False
     with open_file(path) as data:
-        return "PRES" in data.variables or not holds_profiles(data)
+        return "N_PROF" in data.sizes or not holds_profiles(data)
 
 
 def cast_of_table(
@@ -236,12 +281,11 @@ def cast_depth(table: CastTable, lat: float | None) -> tuple[Array, list[str]]:
     With a latitude, the pressure of an instrument or a data set has priority over its depth, which programs compute from
     pressure with a latitude and a density of their own. In other tables, depth has priority.
     """
-    pressure = np.array([])
-    if table.has("pressure") and lat is not None and (table.instrument or not table.has("depth")):
-        pressure = table.values("pressure")
-    if not np.isfinite(pressure).any():
-        if not table.has("depth"):
-            raise OceanError(f"{table.path}: no depth or pressure; {table.listing}")
+    if not (table.has("depth") or table.has("pressure")):
+        raise OceanError(f"{table.path}: no depth or pressure; {table.listing}")
+    pressure = table.values("pressure") if table.has("pressure") and lat is not None else np.array([np.nan])
+    computed = not table.has("depth") or (table.instrument and np.isfinite(pressure).any())
+    if not computed:
         return table.values("depth"), []
     with np.errstate(all="ignore"):
         depth = np.asarray(-gsw.z_from_p(pressure, lat), dtype=float)

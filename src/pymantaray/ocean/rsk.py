@@ -18,7 +18,8 @@ import pandas as pd
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.cast import CastTable
-from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE, known_unit
+from pymantaray.ocean.instrument_table import known_unit
+from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE
 from pymantaray.ocean.positions import known_position
 from pymantaray.user_files import MAX_BYTES, check_regular, first_bytes
 
@@ -53,7 +54,9 @@ def read_rsk(path: Path) -> dict[str, CastTable]:
     """Read the downcasts of a file as tables by name; without downcasts in the file, all rows are one cast without a name."""
     _check(path)
     try:
-        from pyrsktools import RSK
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of its own imports
+            from pyrsktools import RSK
     except ImportError:
         raise OceanError(
             f'{path}: pyrsktools is not installed; pip install "pymantaray[rbr]", or export the file as text with Ruskin'
@@ -64,12 +67,12 @@ def read_rsk(path: Path) -> dict[str, CastTable]:
             with RSK(str(path)) as rsk:
                 rsk.readdata()
                 units = {channel.longName: str(channel.units or "") for channel in rsk.channels}
-                casts = list(_casts(rsk))
+                tables = {cast.name: _table(path, cast, units) for cast in _casts(rsk)}
     except Exception as error:  # noqa: BLE001  (the library has no error class of its own)
         raise OceanError(
             f"{path}: not a readable .rsk file: {one_line(error, 100)}; open and save it with Ruskin"
         ) from None
-    return {cast.name: _table(path, cast, units) for cast in casts}
+    return tables
 
 
 def _check(path: Path) -> None:
@@ -100,7 +103,7 @@ def _check(path: Path) -> None:
                 )
             (count,) = database.execute("SELECT count(*) FROM data").fetchone()
             width = len(database.execute("PRAGMA table_info(data)").fetchall())
-    except sqlite3.Error as error:
+    except (sqlite3.Error, ValueError, TypeError) as error:  # names that are not UTF-8, and no answer, too
         raise OceanError(f"{path}: a damaged database ({one_line(error, 60)}); download it again") from None
     if count * width > _MAX_VALUES:
         raise OceanError(
