@@ -263,7 +263,7 @@ BAD = {
         "none of 7 events has an answer",
     ),
     "times": (lambda text: text.replace(":06:30:30", ":05:30:30"), "times must not decrease"),
-    "line": (lambda text: text.replace("Lon: 132", "Lon: east", 1), "line 11: .* is not a ping"),
+    "lines": (lambda text: text.replace("Lon: 132", "Lon: east"), "line 11: .* is not a ping"),
     "drop point": (
         lambda text: text.replace("(Longitude): -132.5", "(Longitude): somewhere"),
         "is 'somewhere'; it must be degrees",

@@ -337,14 +337,14 @@ def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float)
         raise LocateError("no water; give --profile, --ocean or --run")
     first = Path(source.words[0]) if source.words else None
     if (
-        options.sea_floor is None
+        options.bathymetry is None
         and first is not None
         and first.is_file()
         and first.suffix != ".toml"
         and holds_casts(first)
     ):
         last = float(read_profiles(first, options.centre or options.position)[0].depth[-1])
-        options = replace(options, sea_floor=str(max(last, _BED_FACTOR * deepest)))
+        options = replace(options, bathymetry=str(max(last, _BED_FACTOR * deepest)))
     return load_water(source, options, default="linear")
 
 

@@ -78,7 +78,8 @@ class _TrajectoryReader:
             if p is None:
                 continue
             if is_pressure:
-                p.place[:, 2] = -gsw.z_from_p(p.place[:, 2], p.place[:, 0])
+                with np.errstate(all="ignore"):  # of impossible pressures, which are refused later
+                    p.place[:, 2] = -gsw.z_from_p(p.place[:, 2], p.place[:, 0])
             poses.append(p)
         if not poses:
             raise ExchangeError(f"{self._path}: no trajectory with two valid positions and times")

@@ -395,7 +395,7 @@ def cast_levels(bottom_depth: float) -> Array:
 def cast_ocean(
     cast: Cast,
     *,
-    bottom_depth: float | None = None,
+    bathymetry: float | None = None,
     half_extent: tuple[float, float] = (60e3, 60e3),
     levels: ArrayLike | None = None,
     below: Literal["refuse", "constant"] | Cast = "refuse",
@@ -409,7 +409,7 @@ def cast_ocean(
     ----------
     cast : Cast
         Temperature and salinity.
-    bottom_depth : float, optional
+    bathymetry : float, optional
         Depth of the flat sea bed, which is the deepest level. Default: the bottom depth of the cast. [m]
     half_extent : tuple of float
         Half sides (north, east) of a rectangle around the cast. The window contains this rectangle. [m]
@@ -420,7 +420,7 @@ def cast_ocean(
         Water between the deepest sample and the bottom. ``"refuse"``: an error. ``"constant"``: temperature and salinity
         of the deepest sample, so sound speed increases with pressure alone. A deeper cast: its samples below this cast.
     time : str or numpy.datetime64, optional
-        Instant (UTC) of the ocean. Default: the time of the cast.
+        Instant (UTC) of the ocean. Default: the time of the cast, NaT if it is unknown.
     equation : {"teos-10", "del-grosso", "unesco"}
         Equation of the sound-speed change that the history reports.
 
@@ -433,7 +433,7 @@ def cast_ocean(
     Raises
     ------
     OceanError
-        If the bottom or the time is unknown, the bottom is deeper than the samples and ``below`` is ``"refuse"``, a level
+        If the bottom is unknown, the bottom is deeper than the samples and ``below`` is ``"refuse"``, a level
         is invalid, or the window extends over a pole.
 
     Notes
@@ -442,17 +442,13 @@ def cast_ocean(
     shallowest sample. They are uniform at a constant depth. Sound speed varies by a few mm/s over 100 km, because pressure
     at a depth and the composition of sea water depend on the place.
     """
-    bottom = cast.bottom_depth if bottom_depth is None else float(bottom_depth)
+    bottom = cast.bottom_depth if bathymetry is None else float(bathymetry)
     if not cast.depth[0] < bottom <= DEEPEST:
         raise OceanError(
-            f"cast {cast.name}: bottom_depth is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
-            f" and at most {DEEPEST:g} m; give the depth of the sea bed with --bottom (in Python: bottom_depth)"
+            f"cast {cast.name}: the bathymetry is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
+            f" and at most {DEEPEST:g} m; give the depth of the sea bed with --bathymetry (in Python: bathymetry)"
         )
     instant = cast.time if time is None else parse_instant(time)
-    if np.isnat(instant):
-        raise OceanError(
-            f"cast {cast.name}: its time is unknown; give --time 2014-07-24T19:20 (UTC; in Python: time)"
-        )
     z, level_notes = _levels(cast, levels, bottom)
     full, extensions = _extended(cast, bottom, below)
     temperature, salinity = full.cell_means(z)
