@@ -96,7 +96,13 @@ def test_values_without_a_fix_are_no_position(tmp_path):
     profile = read_profile(tmp_path / "a.vp2")
     assert profile.place is None
     assert "position 999, 999 not used: no fix, or not a place" in profile.notes
-    refused(MantaRayError, "the position of a is unknown", write_asvp, tmp_path / "a.asvp", profile)
+    refused(
+        MantaRayError,
+        "the position of a is unknown .position 999, 999 not used",
+        write_asvp,
+        tmp_path / "a.asvp",
+        profile,
+    )
     (tmp_path / "b.csv").write_text("lat,lon,depth,sound_speed\n999,999,1,1500\n999,999,9,1500\n")
     profile = read_profile(tmp_path / "b.csv")
     assert profile.place is None

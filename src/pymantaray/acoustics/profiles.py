@@ -169,6 +169,7 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
     import gsw
 
     from pymantaray.ocean.casts import cast_place, cast_position, cast_time
+    from pymantaray.ocean.convert import DEEPEST
     from pymantaray.ocean.seawater import freezing_notes, repair_salinity, sound_speed
 
     if table.instrument:
@@ -194,6 +195,10 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
     if level[0] < 0.0:
         raise AcousticsError(
             f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
+        )
+    if level[-1] > DEEPEST:
+        raise AcousticsError(
+            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most {DEEPEST:g}"
         )
     computed = not has_speed or vertical == "pressure"
     lat, lon = (

@@ -15,6 +15,7 @@ from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.convert import DEEPEST, is_our_unit, our_unit
 
 DIMS = ("depth", "lat", "lon")
+_NOTED = ("climatology, for ", "outside its valid range removed", "all variables are exactly 0 there")
 MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need four points
 
 
@@ -139,6 +140,13 @@ def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
         raise OceanError(f"ocean: history line {line[:40]!r} has several lines or is empty; give one line")
     before = str(ocean.attrs.get("history", "")).rstrip("\n")
     return ocean.assign_attrs(history=f"{before}\n{line.strip()}" if before else line.strip())
+
+
+def reading_notes(ocean: xr.Dataset) -> tuple[str, ...]:
+    """Lines of a history about a climatology and about values that a reader removed, which a user should see."""
+    return tuple(
+        line for line in str(ocean.attrs.get("history", "")).splitlines() if any(w in line for w in _NOTED)
+    )
 
 
 def layer_edges(depth: Array) -> Array:
