@@ -412,3 +412,11 @@ def test_every_real_cast_is_read_whole_and_makes_an_ocean_that_rays_can_be_trace
 def test_a_cast_without_time_makes_an_ocean_without_time():
     ocean = cast_ocean(replace(LINEAR, time=np.datetime64("NaT", "us")), bathymetry=300.0)
     assert np.isnat(ocean["time"].values)
+
+
+def test_a_date_that_does_not_exist_is_a_note(tmp_path):
+    for text in ("# lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S, time="2018-13-45"),
+                 "# 2018-13-45 lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S)):  # fmt: skip
+        cast = read_cast(write(tmp_path, text))
+        assert np.isnat(cast.time)
+        assert any("'2018-13-45'" in note and "not read; time unknown" in note for note in cast.notes)

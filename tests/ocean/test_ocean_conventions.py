@@ -170,6 +170,14 @@ def test_a_mean_year_gives_the_nearest_month(time, month):
     refused(OceanError, "12 times", open_ocean, data, currents="rest")
 
 
+def test_months_beyond_every_calendar_are_of_no_year():
+    data = xr.merge(
+        [atlas("t", (4614.0,)), atlas("s", (4614.0,))], compat="override"
+    )  # as in woa23, decade 91C0
+    ocean = open_ocean(data, currents="rest")
+    assert ocean["time"].values == np.datetime64("1955-07-01")  # 4614 = 384 years and 6 months
+
+
 def test_a_data_set_without_time_is_an_ocean(tmp_path):
     data = model(np.nan).isel(time=0, drop=True)
     data.to_netcdf(tmp_path / "a.nc")

@@ -214,12 +214,9 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
         water = (values[0], values[1])
     speed = values[0] if has_speed else sound_speed(values[0], values[1], depth, lat, lon)
     notes = repairs or (() if water is None else freezing_notes(*water, depth, lat, lon))
-    try:
-        time, _ = cast_time(table)
-    except OceanError:  # matters only where casts are chosen by it
-        time = np.datetime64("NaT", "ns")
+    time, time_notes = cast_time(table)
     place = (lat, lon) if np.isfinite(lat) else None
-    notes = (*cast_position(table)[1], *notes)
+    notes = (*cast_position(table)[1], *(note for note in time_notes if "not read" in note), *notes)
     return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
 
 

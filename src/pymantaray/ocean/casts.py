@@ -369,13 +369,18 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
     if first is not None:
         try:
             return parse_instant(first), []
-        except OceanError as error:
-            where = "" if table.time else f", line {table.lines[0]}"
-            raise OceanError(f"{table.path}{where}: {error}") from None
+        except OceanError:
+            where = "" if table.time else f" (line {table.lines[0]})"
+            return np.datetime64("NaT", "ns"), [f"time {first[:40]!r}{where} not read; time unknown"]
     for line in table.comments:
         if match := _DATE.search(line):
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""
-            return parse_instant(match[1] + clock), ([] if clock else ["time of day unknown: 0 h assumed"])
+            try:
+                return parse_instant(match[1] + clock), (
+                    [] if clock else ["time of day unknown: 0 h assumed"]
+                )
+            except OceanError:
+                return np.datetime64("NaT", "ns"), [f"time {match[1] + clock!r} not read; time unknown"]
         if match := _MONTH.search(line):
             month = MONTHS[match[1].lower()[:3]]
             note = f"day unknown: the first of {match[0]} assumed"

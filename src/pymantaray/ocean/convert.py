@@ -30,7 +30,8 @@ _AT_SURFACE = 1e-3  # m; a first level this close to 0 m counts as the surface
 _DEEPEST_FIRST_LEVEL = 30.0  # m; values of a deeper first level are not extended to the surface
 _MIN_MAX_SALINITY = 0.06  # a lower maximum means kg/kg with a wrong unit
 _CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian", "none")
-_MAX_MONTHS = 12.0 * 280.0  # from an origin after 1900: the years that 64-bit nanoseconds can represent
+_MAX_MONTHS = 12_000.0
+_MAX_YEARS = 250  # from an origin after 1900: the years that 64-bit nanoseconds can represent
 _TIME_TOLERANCE = np.timedelta64(1, "m")  # between the requested and an available instant
 
 _METRES = "m meter meters metre metres"
@@ -216,6 +217,9 @@ def _months_since(values: Array, unit: str, where: str) -> Instants:
     origin = parse_instant(unit.split(" since ", 1)[1]).astype("datetime64[M]")
     if not np.all(np.isfinite(values)) or np.abs(values).max(initial=0.0) > _MAX_MONTHS:
         raise OceanError(f"{where} has months from {values.min():g} to {values.max():g}; correct the axis")
+    years = np.floor(values / 12.0)
+    if np.abs(years).max(initial=0.0) > _MAX_YEARS:  # of no year, as in files of the World Ocean Atlas 2023
+        values = values - 12.0 * years.min()
     whole = np.floor(values).astype(int)
     first, after = (origin + (whole + k).astype("timedelta64[M]") for k in (0, 1))
     length = (after.astype("datetime64[ns]") - first.astype("datetime64[ns]")).astype(float)
