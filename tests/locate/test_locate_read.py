@@ -260,3 +260,11 @@ def test_an_impossible_date_of_garpos_is_refused(campaign, tmp_path, date):
     line = next(line for line in text.splitlines() if "Date(UTC)" in line)
     path.write_text(text.replace(line, f"{line.split('=')[0]}= {date}"))
     refused(LocateError, f"Date.UTC. is '{date}'; it must be a date", read_survey, path)
+
+
+def test_numbers_of_any_length_and_stray_lines_are_one_line(campaign, tmp_path):
+    path, _ = write_obsrange(tmp_path)
+    path.write_text(path.read_text().replace("Lon: 132", "Lon: " + "9" * 400, 1))
+    assert "1 line left out" in read_survey(path).notes[-1]
+    path = edited(write_garpos(campaign, tmp_path), ("Date(UTC)", "key\n  Date(UTC)"))
+    refused(LocateError, "not a readable ini file", read_survey, path)

@@ -34,7 +34,10 @@ class _Settings:
         parser = configparser.ConfigParser(interpolation=None, strict=False, allow_no_value=True)
         try:
             parser.read_string(read_text(path, LocateError, what="an ini file", errors="replace"), str(path))
-        except configparser.Error as error:
+        except (
+            configparser.Error,
+            AttributeError,
+        ) as error:  # AttributeError: a line continues a key without value
             raise LocateError(
                 f"{path}: not a readable ini file: {' '.join(str(error).split())[:100]}"
             ) from None

@@ -98,7 +98,7 @@ def _ping(line: str) -> tuple[float, float, float, float] | None:
             groups = [g for g in match.groups() if g is not None]
             place = groups[4:10]
             return time, float(match["ms"]), _angle(*place[:3]), _angle(*place[3:])
-    except ValueError:  # no such date, or no number
+    except (ValueError, OverflowError):  # no such date, or no number
         return None
     return None
 
