@@ -47,8 +47,9 @@ def read_kitti(path: Path, *, enu: bool = False) -> list[Poses]:
         raise ExchangeError(f"{times}: {time.size} times, but {path.name} has {len(table)} poses")
     check_seconds(time, str(times), ExchangeError)
     rotation, place = table[:, :, :3], table[:, :, 3]
-    skew = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = (skew > _MAX_SKEW) | (np.linalg.det(rotation) < 0.0)
+    with np.errstate(all="ignore"):  # of impossible numbers
+        skew = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        wrong = ~((skew <= _MAX_SKEW) & (np.linalg.det(rotation) > 0.0))
     if wrong.any():
         raise ExchangeError(
             f"{path}: pose {int(np.argmax(wrong))} has no rotation matrix; correct or remove it"

@@ -224,7 +224,8 @@ def same_vehicle_notes(tracks: Tracks) -> list[str]:
             places = [
                 np.column_stack([np.interp(times, p.time, axis) for axis in p.place.T]) for p in (other, one)
             ]
-            distance = float(np.linalg.norm(places[1] - places[0], axis=1).max())
+            with np.errstate(over="ignore"):
+                distance = float(np.linalg.norm(places[1] - places[0], axis=1).max())
             if distance < _SAME_VEHICLE:
                 notes.append(
                     f"{one.file}: {other.name} and {one.name} are always within {distance:.2g} m; if they are two estimates of one"
@@ -317,7 +318,8 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
     quaternion = None
     if p.quaternion is not None:
         quaternion = np.array(p.quaternion[order], dtype=float)
-        length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
         if not (np.abs(length - 1.0) < 0.1).all():
             row = int(np.argmax(~(np.abs(length[:, 0] - 1.0) < 0.1)))
             raise ExchangeError(
