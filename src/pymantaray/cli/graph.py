@@ -238,8 +238,6 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     """Name and text of each line on the contents of a graph; adds the numbers for --json."""
     import numpy as np
 
-    from pymantaray.estimation.graph import KINDS
-
     g = file.graph
     vehicle, number = g.pose_vehicle, g.pose_number.astype(int)
     a, b = g["edge"].variables.T
@@ -248,7 +246,7 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
     time = g.pose_time
     vehicles = (f"{name} ({np.count_nonzero(vehicle == k)} poses)" for k, name in enumerate(g.vehicle_name))
-    unary = {kind.plural: len(g[name]) for name, kind in KINDS.items() if len(kind.ends) == 1}
+    unary = {t.kind.plural: len(t) for t in g.tables.values() if len(t.kind.ends) == 1}
     priors = [f"{plural} {count}" for plural, count in unary.items() if count]
     counts = [np.count_nonzero(landmarks == k) for k in range(3)]
     lines = [

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.certificate import Certificate, certify
+from pymantaray.estimation.chordal_problem import not_quadratic
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
 from pymantaray.estimation.g2o import TORO, load_g2o
 from pymantaray.estimation.graph import (
-    KINDS,
     FactorGraph,
     GraphValues,
     check_anchored,
@@ -353,8 +353,8 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
         raise EstimationError(
             f"certificate of {result.estimator}: only least squares can be certified; use estimator 'batch'"
         )
-    graph, size = result.graph, sum(len(result.graph[name]) for name in KINDS)
-    small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not len(graph["depth"])
+    graph, size = result.graph, result.graph.n_factors
+    small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not not_quadratic(graph)
     if wanted is False or not (wanted or small) or not result.solution.usable:
         return result
     return replace(result, certificate=certify(graph, result.values))
@@ -376,7 +376,7 @@ def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_
 
 def is_cheap(graph: FactorGraph) -> bool:
     """True if a graph is small enough to be solved from several starts by default."""
-    return sum(len(graph[name]) for name in KINDS) <= MAX_CHEAP_FACTORS
+    return graph.n_factors <= MAX_CHEAP_FACTORS
 
 
 def _default_start(graph: FactorGraph, estimator: str | EstimatorFunction, random_starts: int) -> Start:

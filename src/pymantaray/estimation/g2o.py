@@ -62,8 +62,8 @@ TORO = {POSE: ("VERTEX3", "VERTEX2"), EDGE: ("EDGE3", "EDGE2")}
 _TORO_TRIANGLE = [0, 1, 4, 2, 5, 3]  # of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
 _FLAT = {POSE: "VERTEX_SE2", LANDMARK: "VERTEX_XY", EDGE: "EDGE_SE2", SIGHTING: "EDGE_SE2_XY"}
 
-_KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"edge", "sighting"}}
-LEFT_OUT = ("landmarks", *_KIND_OF)
+_HELD = ("edge", "sighting")  # kinds that a file can hold
+LEFT_OUT = ("landmarks", *(kind.plural for name, kind in KINDS.items() if name not in _HELD))
 """Contents that a file cannot hold; landmarks are those without a sighting."""
 
 _TREATMENTS = "; or drop or repair these lines with --indefinite (in Python: indefinite)"
@@ -99,13 +99,16 @@ def write_g2o(
     .. [2] g2o issue 699, https://github.com/RainerKuemmerle/g2o/issues/699
     """
     path = Path(path)
-    if not set(leave_out) <= set(LEFT_OUT):
-        raise EstimationError(f"{path}: leave out {sorted(leave_out)}; allowed: {', '.join(LEFT_OUT)}")
+    others = {table.kind.plural: len(table) for name, table in graph.tables.items() if name not in _HELD}
+    if not set(leave_out) <= {"landmarks", *others}:
+        raise EstimationError(
+            f"{path}: leave out {sorted(leave_out)}; allowed: landmarks, {', '.join(others)}"
+        )
     check_graph(graph)
     check_values(graph, initial)
     sighted = np.unique(graph["sighting"].variables[:, 1])
     sizes = {"landmarks": graph.landmark_name.size - sighted.size}
-    sizes |= {what: len(graph[kind]) for what, kind in _KIND_OF.items()}
+    sizes |= others
     lost = {what: int(n) for what, n in sizes.items() if n}
     refused = [f"{n} {what}" for what, n in lost.items() if what not in leave_out]
     if refused:
