@@ -137,7 +137,9 @@ def test_the_certificate_counts_a_new_kind_or_says_that_it_cannot(graph, fleet, 
 def test_the_bound_of_dead_reckoning_leaves_out_a_new_sensor(monkeypatch):
     fleet = factories.make_fleet(n_vehicles=1, n_times=N_TIMES, n_landmarks=1, gnss_every=2)
     truth = factories.trajectories(fleet.position, time=fleet.noise_free.time, quaternion=fleet.quaternion)
-    before = {name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet for name in ("odometry", "straight")}
+    before = {
+        name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet for name in ("odometry", "straight")
+    }
     kind = replace(KINDS["fix"], what="new", plural="new ones", word=None)
     monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
     monkeypatch.setattr("pymantaray.estimation.build.KINDS", {**KINDS, "new": kind})

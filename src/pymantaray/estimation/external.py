@@ -85,7 +85,7 @@ class GraphResult:
 
     @property
     def values(self) -> GraphValues:
-        """Estimated values; NaN unless the solution is usable."""
+        """Estimated values; the last point of a descent that did not converge; NaN if the solve failed."""
         return self.solution.values
 
     @property
@@ -102,10 +102,11 @@ class GraphResult:
 
     @property
     def trajectories(self) -> dict[str, GraphValues]:
-        """Values by name: ``start``, ``estimate`` if usable, ``alternative`` and ``truth`` if known."""
+        """Values by name: ``start``, ``estimate`` or an unconverged ``last``, ``alternative`` and ``truth`` if known."""
         tables = {
             "start": self.initial,
             "estimate": self.values if self.solution.usable else None,
+            "last": self.solution.last_point,
             "alternative": None if self.alternative is None else self.alternative.solution.values,
             "truth": self.truth,
         }
@@ -162,7 +163,8 @@ class GraphResult:
         Write graph, start, estimate and truth as NetCDF, and the summary as JSON.
 
         ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc``, ``alternative.nc`` and ``truth.nc`` are `GraphValues` with
-        vehicle, number and time of each pose. There is no estimate without a usable solution.
+        vehicle, number and time of each pose. There is no estimate without a usable solution; ``last.nc`` is then the last point
+        of a descent that did not converge.
 
         Parameters
         ----------
