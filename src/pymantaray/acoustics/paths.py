@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.eigenrays import find_eigenrays, solved_backwards
-from pymantaray.acoustics.near_ends import separated
 from pymantaray.acoustics.medium import Medium
+from pymantaray.acoustics.near_ends import separated
 from pymantaray.acoustics.solving import as_positions, in_blocks
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
