@@ -5,9 +5,7 @@ import os
 import pkgutil
 import re
 import resource
-import signal
 import sys
-import threading
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
@@ -17,6 +15,7 @@ import pymantaray
 from pymantaray import cli
 from pymantaray.cli.options import Commands
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
+from pymantaray.cli.stopping import answered_stops
 from pymantaray.errors import MantaRayError
 from pymantaray.messages import without_secrets
 
@@ -60,9 +59,7 @@ def _root(
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; exit with 0, 2 for wrong usage or a known error, 130 for Ctrl-C, 141 for a closed pipe."""
-    if threading.current_thread() is threading.main_thread():  # other threads cannot set signal handlers
-        signal.signal(signal.SIGTERM, _stop)
-    with standard_streams():
+    with standard_streams(), answered_stops():
         try:
             _check_environment()
             words = sys.argv[1:] if arguments is None else arguments
@@ -129,8 +126,3 @@ def _stop_behind(error: BaseException) -> int | None:
             return cause.code
         cause = cause.__cause__ or cause.__context__
     return None
-
-
-def _stop(number: int, _frame: object) -> None:
-    """Raise an exception for a stop request, so that unfinished files are removed."""
-    raise SystemExit(128 + number)
