@@ -187,7 +187,7 @@ def test_a_date_of_the_environment_that_libraries_cannot_read_is_refused_in_one_
     done = mantaray("study", "list")
     assert done.code == 2
     assert done.err == (
-        f"error: environment: SOURCE_DATE_EPOCH is {value!r}; it must be whole seconds since 1970; correct or unset it\n"
+        f"error: environment: SOURCE_DATE_EPOCH is {value!r}; it must be whole seconds since 1970, at most 11 digits; correct or unset it\n"
     )
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     assert mantaray("study", "list").code == 0

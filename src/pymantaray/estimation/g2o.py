@@ -19,6 +19,7 @@ from pymantaray.estimation.graph import (
     EDGE,
     KINDS,
     SMALLEST_EIGENVALUE,
+    VARIANCES,
     FactorGraph,
     Factors,
     GraphValues,
@@ -346,14 +347,16 @@ def _in_g2o(table: Table, values: Array) -> Array:
 def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int]) -> Array:
     """Invert positive definite matrices (n, k, k) of lines of a word, scaled to unit diagonals."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
-    fine = (diagonal > 0.0).all(axis=1)
+    low, high = 1.0 / VARIANCES[1], 1.0 / VARIANCES[0]
+    fine = ((diagonal >= low) & (diagonal <= high)).all(axis=1)
     if not fine.all():
         row = int(np.argmin(fine))
-        lines.refuse(
-            f"{word} with information {diagonal[row].min():g}",
-            f"a positive diagonal{_TREATMENTS}",
-            numbers[row],
+        wrong = diagonal[row][~((diagonal[row] >= low) & (diagonal[row] <= high))][0]
+        positive = wrong > 0.0
+        allowed = (
+            f"{low:g} to {high:g}; correct the line" if positive else f"a positive diagonal{_TREATMENTS}"
         )
+        lines.refuse(f"{word} with information {wrong:g}", allowed, numbers[row])
     scale = 1.0 / np.sqrt(diagonal)
     scales = scale[:, :, None] * scale[:, None, :]
     correlation = matrices * scales
