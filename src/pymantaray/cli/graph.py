@@ -45,6 +45,13 @@ class GraphReadOptions:
             help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
         ),
     ] = False
+    isam: Annotated[
+        bool,
+        typer.Option(
+            "--isam",
+            help="Matrices of EDGE2 are those of iSAM, the upper triangular root of the information by rows.",
+        ),
+    ] = False
     indefinite: Annotated[
         Literal["refuse", "drop", "repair"],
         typer.Option(

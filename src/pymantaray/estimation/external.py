@@ -14,7 +14,7 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.chordal_problem import not_quadratic
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
-from pymantaray.estimation.g2o import TORO, load_g2o
+from pymantaray.estimation.g2o import ISAM, TORO, load_g2o
 from pymantaray.estimation.graph import (
     FactorGraph,
     GraphValues,
@@ -50,6 +50,7 @@ MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: abo
 G2O = ".g2o"
 PYFG = ".pyfg"
 _TORO_WORDS = {word for words in TORO.values() for word in words}
+_FIRST_WORDS = ("VERTEX", "EDGE", *ISAM.values())
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
 
 
@@ -189,10 +190,11 @@ def open_graph(
     leave_out: Collection[str] = (),
     skip_unknown: bool = False,
     half_angles: bool = False,
+    isam: bool = False,
     indefinite: Indefinite = "refuse",
 ) -> GraphFile:
     """
-    Read a graph file, in three dimensions or two: PyFactorGraph text, g2o or TORO, by its name and its first vertex or edge.
+    Read a graph file, in three dimensions or two: PyFactorGraph text, g2o, TORO or iSAM, by its name and its first vertex or edge.
 
     Parameters
     ----------
@@ -203,6 +205,9 @@ def open_graph(
         Skip and count lines of unknown words instead of refusing them.
     half_angles : bool
         Read the rotation part of a g2o file's information as that of half the angle, as g2o defines it.
+    isam : bool
+        Read the matrices of ``EDGE2`` as iSAM does, the upper triangular root of the information by rows. Those of ``ODOMETRY`` and
+        ``LANDMARK`` always are.
     indefinite : {"refuse", "drop", "repair"}
         Treatment of lines whose information or covariance matrix is not positive definite: refuse the file, drop the lines, or
         raise their eigenvalues. ``left_out`` and ``repaired`` of the result count the lines.
@@ -222,6 +227,7 @@ def open_graph(
             leave_out=leave_out,
             skip_unknown=skip_unknown,
             half_angles=half_angles,
+            isam=isam,
             indefinite=indefinite,
         )
     return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
@@ -238,8 +244,8 @@ def is_pose_graph(path: Path) -> bool:
         return True
     with open_text(path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES) as file:
         lines = (line.split(None, 3) for line in file)
-        first = next((line for line in lines if line and line[0].startswith(("VERTEX", "EDGE"))), [""])
-    if first[0] in _TORO_WORDS:
+        first = next((line for line in lines if line and line[0].startswith(_FIRST_WORDS)), [""])
+    if first[0] in _TORO_WORDS or first[0] in ISAM.values():
         return True
     return path.suffix != PYFG and len(first) > 2 and all(is_number(field) for field in first[1:3])
 

@@ -314,7 +314,7 @@ class _Updates:
         self._rows = [_by_time(timeline.sample[part.table.subject], n_times) for part in self._parts]
         self._columns: dict[tuple[bytes, ...], Indices] = {}
 
-    def at(self, state: _State, k: int) -> tuple[Array, Indices, Array]:
+    def at(self, state: _State, k: int) -> tuple[Array, Array | Indices, Array]:
         """Residuals of a time, columns of the measured errors, and the covariance of the residuals."""
         some = [(part, rows[k]) for part, rows in zip(self._parts, self._rows, strict=True)]
         if not any(rows.size for _, rows in some):

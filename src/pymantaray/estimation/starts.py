@@ -14,7 +14,7 @@ from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_part
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
 
-_ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
+ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
 _LEAST_WEIGHT = 1e-12  # of the largest weight in chordal initialization
 _LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1
 
@@ -242,7 +242,7 @@ def anchor_loose_parts(graph: FactorGraph, values: GraphValues) -> tuple[FactorG
     """
     Add a prior at the first pose of each part that nothing ties to the world; return these poses, too.
 
-    The prior has the mean of ``values`` and `_ANCHOR_SIGMA` on each axis. A part without poses gets none.
+    The prior has the mean of ``values`` and `ANCHOR_SIGMA` on each axis. A part without poses gets none.
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -251,7 +251,7 @@ def anchor_loose_parts(graph: FactorGraph, values: GraphValues) -> tuple[FactorG
     anchors = graph["prior"].kind.table(
         poses,
         [values.position[poses], values.quaternion[poses]],
-        np.tile(_ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1)),
+        np.tile(ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1)),
     )
     return graph.with_factors(prior=graph["prior"].joined(anchors)), poses
 
