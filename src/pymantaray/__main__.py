@@ -31,7 +31,13 @@ def main() -> None:
     from pymantaray.installation import spare_memory_management
 
     spare_memory_management()
-    run()
+    try:
+        run()
+    except SystemExit as end:
+        from pymantaray.cli.stopping import end_after_stop
+
+        end_after_stop(end.code)
+        raise
 
 
 if __name__ == "__main__":

@@ -200,10 +200,10 @@ STOPPED_WITHIN_A_LOCK = """
 import os, signal
 import numpy as np, xarray as xr
 from xarray.backends.locks import CombinedLock
-from pymantaray.cli.main import _stop
+from pymantaray.cli.stopping import _raise
 from pymantaray.records import read_netcdf, write_netcdf
 
-signal.signal(signal.SIGTERM, _stop)
+signal.signal(signal.SIGTERM, _raise)
 write_netcdf(xr.Dataset({"a": ("x", np.arange(3.0))}), "first.nc")
 acquire = CombinedLock.acquire
 

@@ -193,6 +193,6 @@ def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
     try:
         with deferred_stops(), NETCDF_LOCK, xr.open_dataset(path, engine="netcdf4", **options) as dataset:
             return dataset.load()
-    except (OSError, ValueError, RuntimeError) as error:  # netCDF4 reports damaged data as RuntimeError
+    except Exception as error:  # noqa: BLE001  netCDF4 and xarray raise many types for damaged data
         reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]
         raise RecordError(f"{path}: not a readable NetCDF file: {reason}") from None
