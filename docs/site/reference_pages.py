@@ -239,7 +239,7 @@ _WATER_COMMANDS = (
     "ocean plot", "ocean correct", "ocean perturb",
 )  # fmt: skip
 _WATER_OPTIONS = {
-    "sea floor": ("--sea-floor",),
+    "sea floor": ("--bathymetry",),
     "ice": ("--ice",),
     "rough ice": ("--ice-slope", "--ice-length"),
     "currents": ("--currents",),

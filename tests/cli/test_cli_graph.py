@@ -1,12 +1,14 @@
 """The commands `mantaray graph`: what they print and write, and what they refuse in one line."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 from two_minima import ring
 
 from pymantaray.estimation import GraphSolver, read_pyfg
+from pymantaray.estimation.solution import SolveOptions
 from pymantaray.estimation.solve import METHODS
 
 NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
@@ -177,6 +179,27 @@ def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new,
     assert said in done.err
 
 
+def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
+    mantaray, file, tmp_path, monkeypatch
+):
+    whole = file.read_text()
+    file.write_text(whole.replace(f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", ""))
+    out = tmp_path / "out"
+    failed = mantaray("graph", "solve", file, "--json", "--out", out)
+    assert (failed.code, failed.out, out.exists()) == (2, "", False)
+    file.write_text(whole)
+    monkeypatch.setattr(
+        "pymantaray.estimation.external.SolveOptions", partial(SolveOptions, max_iterations=1)
+    )
+    done = mantaray("graph", "solve", file, "--json", "--out", out, "--start", "dead-reckoning")
+    assert done.code == 1
+    result = json.loads(done.out)
+    assert (result["status"], result["start"]) == ("NOT_CONVERGED", "dead-reckoning")
+    assert done.err.startswith(f"error: {file}: not converged after 1 iterations")
+    assert (out / "last.nc").is_file()
+    assert not (out / "estimate.nc").exists()
+
+
 def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(mantaray, graph, file, tmp_path):
     (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
     done = mantaray("graph", "convert", file, tmp_path / "again.pyfg")
@@ -239,7 +262,7 @@ def test_all_starts_a_second_minimum_and_the_certificate_are_reported(mantaray, 
     result = told("graph", "solve", path, "--random-starts", "2", "--out", tmp_path / "out")
     names = [row["start"] for row in result["starts"]]
     assert names == ["file", "dead-reckoning", "chordal", "random-1", "random-2", "relaxation"]
-    assert result["cost"] == min(row["cost"] for row in result["starts"])
+    assert result["cost"] == pytest.approx(min(row["cost"] for row in result["starts"]), rel=1e-9)
     assert (result["start"], result["status"]) == ("file", "SECOND_MINIMUM")
     assert result["certificate"]["certified"] is False
     assert result["certificate"]["least_eigenvalue"] < 0.0

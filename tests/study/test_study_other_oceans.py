@@ -44,7 +44,7 @@ def write_gebco(file, lat, lon, elevation):
 @pytest.mark.parametrize("path", casts())
 def test_a_mission_runs_in_a_uniform_ocean_from_a_cast(path, tmp_path):
     """The quick preset in water from a cast, dead reckoned: water, fleet and rays are what is tested."""
-    write_netcdf(cast_ocean(read_cast(path), bottom_depth=3000.0, below="constant"), tmp_path / "ocean.nc")
+    write_netcdf(cast_ocean(read_cast(path), bathymetry=3000.0, below="constant"), tmp_path / "ocean.nc")
     config = load_study("quick", ocean=[tmp_path / "ocean.nc"])
     config = config.with_(conditions=["odometry"], **{"study.realizations": 1})
     run = run_study(config, tmp_path / "run", workers=1)

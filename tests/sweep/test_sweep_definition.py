@@ -135,8 +135,8 @@ def test_input_files_are_relative_to_the_sweep(tmp_path):
     with pytest.raises(SweepError) as caught:
         SweepPlan(sweep)
     assert str(caught.value).splitlines() == [
-        f"{tmp_path / 'a.nc'}: cannot be read: No such file or directory",
-        f"{tmp_path / 'b.nc'}: cannot be read: No such file or directory",
+        f"{tmp_path / 'a.nc'}: no such file",
+        f"{tmp_path / 'b.nc'}: no such file",
     ]
 
 
@@ -254,7 +254,7 @@ def test_a_file_that_is_no_sweep_is_told_in_one_line(tmp_path, monkeypatch, text
 
 
 def test_a_file_that_is_not_there_is_told_in_one_line():
-    with pytest.raises(SweepError, match=r"^nowhere.toml: cannot be read: No such file or directory$"):
+    with pytest.raises(SweepError, match=r"^nowhere.toml: no such file; name an existing file$"):
         load_sweep("nowhere.toml")
 
 

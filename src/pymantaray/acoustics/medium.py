@@ -29,6 +29,7 @@ _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; other values have a wrong unit
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
 _MAX_ADDED_LEVELS = 100  # above the first level
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
+_LEAST_STEP = 1e-9  # m; between values of an axis; derivatives across smaller steps overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -523,7 +524,14 @@ def _check_speed(speed: Array) -> None:
 
 
 def _axis(name: str, values: ArrayLike) -> Array:
-    return checked_array(AcousticsError, name, values, (None,), rising=True)
+    axis = checked_array(AcousticsError, name, values, (None,), rising=True)
+    step = np.diff(axis)
+    if step.size and step.min() < _LEAST_STEP:
+        at = axis[int(np.argmin(step))]
+        raise AcousticsError(
+            f"{name}: two values at {at:g} m are {step.min():g} m apart; allowed are {_LEAST_STEP:g} m or more: remove one"
+        )
+    return axis
 
 
 def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:

@@ -261,7 +261,8 @@ def _links_of(config: SoundConfig) -> AtlasLinks:
 def _index_of(section: OceanSection) -> OceanIndex:
     """Columns and instants of an ocean; one column and one instant for a profile."""
     if not is_profile(section):
-        return ocean_index(section.source, section.standard_names)
+        index = ocean_index(section.source, section.standard_names)
+        return index._replace(times=np.where(np.isnat(index.times), np.datetime64(EPOCH, "ns"), index.times))
     profile = one_profile(section)
     lat, lon = section.centre or profile.position or (0.0, 0.0)
     time = np.datetime64(EPOCH, "ns") if np.isnat(profile.time) else profile.time

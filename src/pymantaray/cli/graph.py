@@ -10,6 +10,7 @@ import typer
 
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import Commands, Force, Json, TableOptions
+from pymantaray.cli.output import EXIT_UNUSABLE
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
@@ -42,6 +43,13 @@ class GraphReadOptions:
         typer.Option(
             "--half-angles",
             help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
+        ),
+    ] = False
+    isam: Annotated[
+        bool,
+        typer.Option(
+            "--isam",
+            help="Matrices of EDGE2 are those of iSAM, the upper triangular root of the information by rows.",
         ),
     ] = False
     indefinite: Annotated[
@@ -157,6 +165,7 @@ def solve(
     from pymantaray.errors import EstimationError
     from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
+    from pymantaray.records import SolveStatus
 
     content = reading.open(file)
     with ExitStack() as stack:
@@ -164,6 +173,8 @@ def solve(
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
         with step_line(quiet=printing.quiet) as report:
             result = solving.solve(file, content, report)
+        if result.solution.status is SolveStatus.FAILED:  # there is nothing to write
+            raise EstimationError(f"{file}: {result.diagnosis}")
         errors = _errors(result)
         if folder is not None:
             result.save(folder, more=errors)
@@ -173,8 +184,9 @@ def solve(
         _print_result(printed, result, errors)
         if out is not None:
             printed.paths(folder=out)
-    if result.diagnosis is not None:
-        raise EstimationError(f"{file}: {result.diagnosis}")
+        if result.diagnosis is not None:
+            LOG.error("%s: %s", file, result.diagnosis)
+            raise typer.Exit(EXIT_UNUSABLE)
 
 
 @app.command()
@@ -238,8 +250,6 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     """Name and text of each line on the contents of a graph; adds the numbers for --json."""
     import numpy as np
 
-    from pymantaray.estimation.graph import KINDS
-
     g = file.graph
     vehicle, number = g.pose_vehicle, g.pose_number.astype(int)
     a, b = g["edge"].variables.T
@@ -248,7 +258,7 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
     time = g.pose_time
     vehicles = (f"{name} ({np.count_nonzero(vehicle == k)} poses)" for k, name in enumerate(g.vehicle_name))
-    unary = {kind.plural: len(g[name]) for name, kind in KINDS.items() if len(kind.ends) == 1}
+    unary = {t.kind.plural: len(t) for t in g.tables.values() if len(t.kind.ends) == 1}
     priors = [f"{plural} {count}" for plural, count in unary.items() if count]
     counts = [np.count_nonzero(landmarks == k) for k in range(3)]
     lines = [
@@ -306,11 +316,13 @@ def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
     """Trajectory errors of the solution and of its start; least squares have standard errors."""
     from pymantaray.evaluation import graph_degrees_of_freedom, graph_errors
 
-    freedom = None
+    freedom, s = None, result.solution
     if result.truth is not None and result.solution.usable and result.estimator in ("batch", "incremental"):
         freedom = graph_degrees_of_freedom(result.graph, result.values)
     return {
-        "trajectory_error": graph_errors(result.graph, result.values, result.truth, freedom),
+        "trajectory_error": graph_errors(
+            result.graph, replace(s, last_point=None).values, result.truth, freedom
+        ),
         "trajectory_error_of_start": graph_errors(result.graph, result.initial, result.truth),
     }
 

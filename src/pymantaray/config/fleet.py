@@ -230,7 +230,9 @@ class FleetSection(Section):
     trajectories: InputFiles = ()
     """Files with existing trajectories, instead of ``vehicles``; relative to this file."""
     enu: bool = False
-    """True if TUM files use ROS's axes: world east, north, up; body forward, left, up."""
+    """True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left, up."""
+    names: tuple[str, ...] = Field(default=(), strict=False)
+    """Vehicles of the files to use, such as one of two topics of a robot in a bag. Default: all."""
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:

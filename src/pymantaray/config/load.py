@@ -2,7 +2,6 @@
 
 import difflib
 import re
-import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -19,6 +18,7 @@ from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
+from pymantaray.user_files import exists, parse_toml, read_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,7 +28,7 @@ BASE = "base"
 PLAN = "plan"
 """Section of a file for `mantaray plan`; a study is the same without it."""
 _PRESETS = files("pymantaray.config") / "presets"
-_MAX_CHARACTERS = 10_000_000
+_MAX_BYTES = 10_000_000
 
 
 def list_presets() -> dict[str, str]:
@@ -276,7 +276,7 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
     """Tree of a preset or a file, merged into that of its base; its texts have the folder of their file."""
     path, name = Path(name_or_file), str(name_or_file)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
-    if not is_file and name not in preset_names() and path.exists():
+    if not is_file and name not in preset_names() and exists(path):
         raise _no_study(path)
     if not is_file:
         _check_preset(name)
@@ -292,14 +292,11 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
 
 def _parsed(text: str, label: str, folder: Path) -> Tree:
     """Nested dictionaries of a TOML text, whose texts have a folder."""
+    tree = parse_toml(text, label, StudyError)
     try:
-        return {key: located(value, folder) for key, value in tomllib.loads(text).items()}
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{label}: not valid TOML: {error}") from None
-    except (ValueError, RecursionError):
-        raise StudyError(
-            f"{label}: not valid TOML: a number is too long, or tables are nested too deeply"
-        ) from None
+        return {key: located(value, folder) for key, value in tree.items()}
+    except RecursionError:
+        raise StudyError(f"{label}: not valid TOML: tables are nested too deeply") from None
 
 
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
@@ -376,19 +373,9 @@ def _no_study(path: Path) -> StudyError:
 
 
 def _read(path: Path) -> str:
-    if path.is_dir():
+    if exists(path) and path.is_dir():
         raise _no_study(path)
-    try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MAX_CHARACTERS + 1)
-    except UnicodeDecodeError:
-        raise StudyError(f"{path}: cannot be read: not UTF-8 text") from None
-    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
-        shown = repr(str(path)) if "\0" in str(path) else str(path)
-        raise StudyError(f"{shown}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(text) > _MAX_CHARACTERS:
-        raise StudyError(f"{path}: cannot be read: more than {_MAX_CHARACTERS:,} characters")
-    return text
+    return read_text(path, StudyError, what="a study file", limit=_MAX_BYTES)
 
 
 def preset_names() -> list[str]:

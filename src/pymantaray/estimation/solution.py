@@ -119,7 +119,8 @@ class SolveProgress:
 @dataclass(frozen=True, eq=False)
 class GraphSolution:
     """
-    Final values of a solve and its status; the values are NaN unless ``usable``.
+    Final values of a solve and its status; the values are NaN unless ``usable``. ``last_point`` is the last point of a batch
+    descent that did not converge, and ``values`` then returns it.
 
     Fields are those of `Estimates`. ``position`` and ``quaternion`` have one row for each pose of the graph, or the shape
     ``(n_vehicles, n_times, ...)`` in results of `solve_conditions`. After a solve with a range model, ``gated_links`` counts
@@ -142,6 +143,7 @@ class GraphSolution:
     update_seconds: Array | None = None  # CPU time of each update, fixed lag or Kalman filter
     covariances: EpochCovariances | None = None  # at the requested epochs, if the values are usable
     unknowns: UnknownsEstimate | None = None  # of the ranges, likewise
+    last_point: GraphValues | None = None  # of a descent that is not usable
 
     @property
     def usable(self) -> bool:
@@ -150,7 +152,9 @@ class GraphSolution:
 
     @property
     def values(self) -> GraphValues:
-        """Values of the graph's variables."""
+        """Values of the graph's variables: the estimate, or the last point of a descent that did not converge."""
+        if self.last_point is not None:
+            return self.last_point
         return GraphValues(
             position=self.position.reshape(-1, 3),
             quaternion=self.quaternion.reshape(-1, 4),
@@ -198,4 +202,5 @@ def make_solution(
         final_cost=progress.final_cost,
         expected_cost=expected_cost,
         gradient_norm=progress.gradient_norm,
+        last_point=values if status is SolveStatus.NOT_CONVERGED else None,
     )

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +18,7 @@ from pymantaray.config.load import preset_names
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.study import StudyConfig, load_study, parse_study
 from pymantaray.study.tracks import with_tracks
+from pymantaray.user_files import parse_toml, read_text
 
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
 _COLUMNS = frozenset(
@@ -272,20 +272,13 @@ def load_sweep(file: str | Path, **changes: Any) -> Sweep:
         If its base is not a study.
     """
     path = Path(file)
-    try:
-        return parse_sweep(path.read_text(encoding="utf-8"), str(path), path.parent, changes)
-    except UnicodeDecodeError:
-        raise SweepError(f"{path}: cannot be read: not UTF-8 text") from None
-    except (OSError, ValueError) as error:
-        raise SweepError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    text = read_text(path, SweepError, what="a sweep file")
+    return parse_sweep(text, str(path), path.parent, changes)
 
 
 def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] | None = None) -> Sweep:
     """Sweep from a file's text, with changes of the base; names of files in the text are relative to a folder."""
-    try:
-        tree = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise SweepError(f"{label}: not valid TOML: {error}") from None
+    tree = parse_toml(text, label, SweepError)
     if unknown := set(tree) - set(KEYS):
         raise SweepError(f"{label}: {min(unknown)}: unknown key; allowed: {', '.join(KEYS)}")
     base, cross, zipped, seeds = (tree.get(key) for key in ("base", "cross", "zip", "seeds"))

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -33,6 +32,8 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
 from pymantaray.ocean.open import Source
+from pymantaray.ocean.schema import reading_notes
+from pymantaray.user_files import exists
 from pymantaray.water.instants import utc_instant
 from pymantaray.water.uniform import (
     geographic_of,
@@ -142,13 +143,14 @@ def build_ocean(
         profile=profile,
         region=region_table(geographic, equation=section.equation, profile=whole),
         series=series,
+        notes=tuple(f"{geographic.attrs['title']}: {line}" for line in reading_notes(geographic)),
     )
 
 
 def is_profile(section: OceanSection) -> bool:
     """True if the source is a profile or cast: horizontally uniform water."""
     first = section.source[0]
-    return Path(first).is_file() and holds_casts(first)
+    return exists(first) and holds_casts(first)
 
 
 def profile_fields(section: OceanSection, profile: Profile, interpolation: Interpolation) -> OceanFields:

@@ -79,7 +79,7 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
     where = label(section, profile)
     if section.bathymetry is None:
         raise OceanError(
-            f"{where}: a profile has no sea bed; give its depth in metres with --sea-floor (in Python: bathymetry; in TOML:"
+            f"{where}: a profile has no sea bed; give its depth in metres with --bathymetry (in Python: bathymetry; in TOML:"
             " ocean.bathymetry)"
         )
     if section.time_varying:
@@ -147,7 +147,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
             if profile.water is None
             else "position, which this task needs; give --centre LAT LON (in Python: centre)"
             if place is None
-            else "sea bed of one depth, which this task needs; give it in metres with --sea-floor (in Python: bathymetry)"
+            else "sea bed of one depth, which this task needs; give it in metres with --bathymetry (in Python: bathymetry)"
         )
         raise OceanError(f"{label(section, profile)}: the profile has no {lacks}")
     temperature, salinity = profile.water
@@ -156,7 +156,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
         start = utc_instant(section.time)
     cast = Cast(profile.name, *place, start, profile.depth, temperature, salinity)
     options: dict[str, Any] = {} if section.half_extent is None else {"half_extent": section.half_extent}
-    return cast_ocean(cast, bottom_depth=bottom, below="constant", equation=section.equation, **options)
+    return cast_ocean(cast, bathymetry=bottom, below="constant", equation=section.equation, **options)
 
 
 def profile_spread(local: xr.Dataset) -> xr.Dataset:
