@@ -368,8 +368,10 @@ class OceanSection(Section):
     @property
     def files(self) -> tuple[str, ...]:
         """Input files, those of the sea floor and ice last; a synthetic ocean has no files for water."""
+        from pymantaray.ocean.environment import files_of
+
         return (
-            *own_files(self.source),
+            *(file for name in own_files(self.source) for file in files_of(name)),
             *(file for file in (self.bathymetry, self.ice) if isinstance(file, str)),
         )
 
