@@ -130,7 +130,6 @@ FLEETS = {
     "vehicle 'W': waypoint 1 is at north 0, east 9000 m, outside the ocean": [
         Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9), (0, 9e3, 9)], 1, 0.1))
     ],
-    "vehicle 'B': physics_step is 0.5 s; it must be at most 0.25 s, .* overshoot": [floating(depth_gain=4.0)],
     "vehicle 'W': physics_step is 0.5 s; it must be at most 0.2 s, .* miss a waypoint": [
         Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9)], 100.0, 100.0))
     ],

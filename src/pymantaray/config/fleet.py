@@ -38,11 +38,9 @@ class FloatSection(Section):
     vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
     """Limit of the vertical speed, up and down. [m/s]"""
     surface_depth: Depth = 0.5
-    """Depth above which a float is at the surface. Not in the paper, record 0001. [m]"""
-    depth_gain: PositiveFloat = 0.1
+    """Depth of the hold at the surface. Not in the paper, record 0001. [m]"""
+    depth_gain: PositiveFloat = 10.0
     """Commanded vertical speed per metre of depth error. Not in the paper, record 0001. [1/s]"""
-    arrival_tolerance: Metres[PositiveFloat] = 0.1
-    """Depth error at which a vehicle begins to hold its depth. Not in the paper, record 0001. [m]"""
 
 
 class _Placed(Section):
@@ -85,8 +83,6 @@ class FloatVehicle(_Placed):
     """Value of this float instead of that of ``[fleet.floats]``. [m]"""
     depth_gain: PositiveFloat | None = None
     """Value of this float instead of that of ``[fleet.floats]``. [1/s]"""
-    arrival_tolerance: Metres[PositiveFloat] | None = None
-    """Value of this float instead of that of ``[fleet.floats]``. [m]"""
 
     def start_depth(self, floats: FloatSection) -> float:
         """Depth at the surface. [m]"""
@@ -106,7 +102,6 @@ class FloatVehicle(_Placed):
             vertical_speed=merged.vertical_speed,
             surface_depth=merged.surface_depth,
             depth_gain=merged.depth_gain,
-            arrival_tolerance=merged.arrival_tolerance,
         )
 
     def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:

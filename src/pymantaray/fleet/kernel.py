@@ -19,7 +19,7 @@ ACTIVE = int(VehicleStatus.ACTIVE)
 GROUNDED = int(VehicleStatus.GROUNDED)
 LEFT_DOMAIN = int(VehicleStatus.LEFT_DOMAIN)
 
-TOUCH = 1e-6  # m; tolerance for rounding of a vehicle on the sea bed
+TOUCH = 1e-6  # m; tolerance for rounding of a vehicle on the sea bed or at its target depth
 _SAME_NODE = 1e-6  # of a cell; closer nodes count as one
 _SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
@@ -258,7 +258,6 @@ class Cycle(NamedTuple):
     surface: float
     speed: float
     gain: float
-    tolerance: float
     delay: int
     hold_depth: int
     hold_surface: int
@@ -335,11 +334,12 @@ def _level(depth, k, z):
 def _phase_at(cycle, phase, step, depth, top):
     """State of a float below a surface at depth ``top``: descending, holding, last step of the hold, and target depth."""
     down, holding, until, aim = phase
+    short = max(aim, top) - depth if down else depth - max(aim, top)
     if holding:
         if step >= until:
             down, holding = not down, False
             aim = cycle.target if down else cycle.surface
-    elif abs(max(aim, top) - depth) <= cycle.tolerance:
+    elif short <= TOUCH:
         holding = True
         until = step + (cycle.hold_depth if down else cycle.hold_surface)
     return down, holding, until, aim
@@ -391,13 +391,14 @@ def _float_kernel(varying):
         # the first evaluation is at the start because no current predicts the middle yet
         u, v, half = 0.0, 0.0, 0.0
         state, step = ACTIVE, 0
+        gain = min(cycle.gain, 1.0 / dt)  # a step ends at the goal at the latest, so no gain is unstable
         phase = (False, True, cycle.delay, cycle.surface)
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
                 top = surface_depth(water, north, east)  # under ice, a float holds at the underside
                 phase = _phase_at(cycle, phase, step, depth, top)
                 goal = max(phase[3], top)
-                w = min(max(cycle.gain * (goal - depth), -cycle.speed), cycle.speed)
+                w = min(max(gain * (goal - depth), -cycle.speed), cycle.speed)
                 for _ in range(2 if step == 0 else 1):
                     if varying:
                         now = step * dt + half

@@ -188,7 +188,6 @@ def _run(
             surface=float(behaviour.surface_depth),
             speed=float(behaviour.vertical_speed),
             gain=float(behaviour.depth_gain),
-            tolerance=float(behaviour.arrival_tolerance),
             delay=round(behaviour.start_delay / step),
             hold_depth=round(behaviour.hold_depth_time / step),
             hold_surface=round(behaviour.hold_surface_time / step),
@@ -196,7 +195,7 @@ def _run(
         )
         kernel.run_float(water, cycle, step, steps, position, status)
     elif isinstance(behaviour, Drifting):
-        kernel.run_float(water, _drift_cycle(behaviour, step), step, steps, position, status)
+        kernel.run_float(water, _drift_cycle(behaviour), step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
         twist, current = behaviour.twist, behaviour.current
         kernel.run_twist(water, twist, current, step, steps, position, quaternion, status)
@@ -212,14 +211,13 @@ def _run(
         kernel.run_waypoints(water, route, step, steps, position, quaternion, status)
 
 
-def _drift_cycle(behaviour: Drifting, step: float) -> kernel.Cycle:
+def _drift_cycle(behaviour: Drifting) -> kernel.Cycle:
     """Cycle of a float that holds its first depth forever, and returns to it immediately from under ice."""
     return kernel.Cycle(
         target=float(behaviour.depth),
         surface=float(behaviour.depth),
         speed=math.inf,
-        gain=1.0 / step,
-        tolerance=0.0,
+        gain=math.inf,
         delay=sys.maxsize,
         hold_depth=0,
         hold_surface=0,
