@@ -71,6 +71,8 @@ class FloatVehicle(_Placed):
     """An Argo-style float."""
     target_depth: Depth
     """Depth of the lower hold; it must exceed the surface depth. [m]"""
+    depth: Depth | None = None
+    """Depth at the start, until its first descent. Default: the surface depth. [m]"""
     start_delay_h: Hours[NonNegativeFloat] = 0.0
     """Time of its first descent. [h]"""
     hold_depth_h: Hours[NonNegativeFloat] | None = None
@@ -85,7 +87,9 @@ class FloatVehicle(_Placed):
     """Value of this float instead of that of ``[fleet.floats]``. [1/s]"""
 
     def start_depth(self, floats: FloatSection) -> float:
-        """Depth at the surface. [m]"""
+        """Depth at the start. [m]"""
+        if self.depth is not None:
+            return self.depth
         return floats.surface_depth if self.surface_depth is None else self.surface_depth
 
     def behaviour(self, floats: FloatSection) -> "Behaviour":

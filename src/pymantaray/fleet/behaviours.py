@@ -18,7 +18,7 @@ class FloatCycle:
     """
     Argo cycle: hold at the surface, descend, hold at depth, ascend, repeat.
 
-    The vehicle starts in the surface hold, which lasts until `start_delay`. A proportional controller keeps its depth, and a
+    The vehicle stays at its start depth until `start_delay`. A proportional controller keeps its depth, and a
     hold begins when its depth is reached. Its horizontal motion is the current at its position.
 
     Parameters
@@ -264,10 +264,9 @@ def _check_point(owner: str, what: str, point: Array, water: OceanArrays) -> Non
     north, east, depth = (float(value) for value in point)
     state = place(water, north, east, depth)
     if state == LEFT_DOMAIN:
-        far_north = water.north + (water.current_north.shape[1] - 1) / water.per_north
-        far_east = water.east + (water.current_north.shape[2] - 1) / water.per_east
         (x, south, top), (y, west, right) = (
-            distinct_digits(*axis) for axis in ((north, water.north, far_north), (east, water.east, far_east))
+            distinct_digits(*axis)
+            for axis in ((north, water.north[0], water.north[-1]), (east, water.east[0], water.east[-1]))
         )
         raise FleetError(
             f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; allowed: north {south} to {top} m,"

@@ -176,7 +176,7 @@ def read_arrays(path: str | Path) -> dict[str, dict[str, Array]]:
     out: dict[str, dict[str, Array]] = {}
     for section, files in _paths(Path(path)).items():
         arrays = {key: _array(file, f"{Path(path).name}: {section}.{key}") for key, file in files.items()}
-        axes = [key for key in ("x", "y", "z") if key in arrays]
+        axes: list[str] = [key for key in ("x", "y", "z") if key in arrays]
         for key in axes:
             label = f"{Path(path).name}: {section}.{key}"
             arrays[key] = checked_array(OceanError, label, arrays[key].ravel(), (None,), rising=True)

@@ -10,7 +10,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.messages import one_line
-from pymantaray.ocean.convert import is_our_unit
+from pymantaray.ocean.convert import is_our_unit, our_unit
 from pymantaray.ocean.files import IN_MEMORY, is_netcdf, open_file
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.schema import layer_edges
@@ -19,7 +19,7 @@ from pymantaray.ocean.sea_floor import extended_down, nearest_wet_columns
 _AXES = ("north", "east", "depth")
 _FLOOR_AXES = ("floor_north", "floor_east")
 _CURRENTS = ("current_north", "current_east")
-_UNITS = {
+_QUANTITIES = {
     **dict.fromkeys((*_AXES, *_FLOOR_AXES, "sea_floor_depth"), "length"),
     **dict.fromkeys(("sound_speed", *_CURRENTS), "velocity"),
 }
@@ -70,11 +70,11 @@ def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = 
     OceanError
         If an axis, a variable or a unit is missing or wrong; the message is one line.
     """
-    for key in _UNITS:
+    for key, quantity in _QUANTITIES.items():
         unit = str(data[key].attrs.get("units", "")).strip() if key in data.variables else ""
-        if unit and not is_our_unit(_UNITS[key], unit):
+        if unit and not is_our_unit(quantity, unit):
             raise OceanError(
-                f"{name}: {key} is in {one_line(unit, 40)!r}; it must be in {'m' if _UNITS[key] == 'length' else 'm/s'}"
+                f"{name}: {key} is in {one_line(unit, 40)!r}; it must be in {our_unit(quantity)}"
             )
     axes = {key: _axis(data, key, name) for key in _AXES}
     speed = _field(data, "sound_speed", _AXES, name)
@@ -91,7 +91,7 @@ def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = 
     attrs = {"title": name, "source": name, "synthetic": 0, **data.attrs}
     floor = _sea_floor(data, axes["depth"], wet.sum(axis=2), name)
     local = assemble_local(axes, _filled(speed), _currents(data, name, at_rest=at_rest), floor, attrs)
-    return local.assign({key: data[key] for key in data.data_vars if key not in _UNITS})
+    return local.assign({key: data[key] for key in data.data_vars if key not in _QUANTITIES})
 
 
 def with_flat_floor(local: xr.Dataset, depth: float) -> xr.Dataset:

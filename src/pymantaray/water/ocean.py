@@ -32,13 +32,12 @@ from pymantaray.ocean import (
     window_of,
 )
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
-from pymantaray.ocean.metres import is_in_metres
 from pymantaray.ocean.open import Source
 from pymantaray.water.instants import utc_instant
 from pymantaray.water.metres import local_of, metres_of, section_in_metres
 from pymantaray.water.uniform import (
-    geographic_of,
     columns_spread,
+    geographic_of,
     one_profile,
     profile_region,
     profile_spread,
