@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import (
     attitude_table,
     bound_table,
@@ -26,6 +27,7 @@ from pymantaray.evaluation import (
 from pymantaray.records import Estimates, SharedUnknowns, SolveStatus
 from pymantaray.records.result_table import ResultTable
 from pymantaray.study.cone import WIDTHS_DEG, cone_table, has_cone_table
+from pymantaray.study.influence import influence_table
 from pymantaray.study.settings import NOISE, TIMING, settings_table
 
 if TYPE_CHECKING:
@@ -187,6 +189,11 @@ def _has_covariances(run: "Run") -> bool:
     return run.config.solves and run.covariances is not None
 
 
+def _has_range_graphs(run: "Run") -> bool:
+    standard = (c.name for c in run.config.conditions if c.standard)
+    return run.config.solves and any(CONDITIONS[name].ranges is not None for name in standard)
+
+
 def _has_unknowns(run: "Run") -> bool:
     return run.unknowns is not None
 
@@ -330,6 +337,13 @@ TABLES: dict[str, TableDefinition] = {
         "Settings and seed of each condition, and CPU time of its solves; mantaray study run config.toml repeats them",
         cost_table,
         lambda run: run.config.solves and "solve_cpu_seconds" in run.manifest,
+        folded=True,
+    ),
+    "influence": TableDefinition(
+        "Measurements of realization 0 with the largest whitened residual, leverage or Cook's distance, by condition; a large"
+        " distance means that the estimate depends on this measurement",
+        influence_table,
+        _has_range_graphs,
         folded=True,
     ),
     "solves": TableDefinition(
