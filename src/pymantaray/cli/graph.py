@@ -94,7 +94,7 @@ class GraphSolveOptions:
         str,
         typer.Option(
             help="batch (least squares), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
-            " geman-mcclure, gnc."
+            " geman-mcclure, tukey, welsch, gnc."
         ),
     ] = "batch"
     anchor: Annotated[

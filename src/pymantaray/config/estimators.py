@@ -435,7 +435,7 @@ class ConditionSection(Section):
     """Prediction of travel times, by its ``kind``; text is the kind alone."""
     variance: AnyVariance = FixedVariance(kind="fixed")
     """Variance of a range, by its ``kind``; text is the kind alone."""
-    loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
+    loss: Literal["none", "huber", "cauchy", "geman-mcclure", "tukey", "welsch", "gnc"] = "none"
     """Robust loss of ranges; ``"none"`` is least squares."""
     solver: AnySolver = BatchSolver(kind="batch")
     """Solver, by its ``kind``; text is the kind alone."""

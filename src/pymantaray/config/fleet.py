@@ -37,7 +37,7 @@ class FloatSection(Section):
     """Time at the surface. [h]"""
     vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
     """Limit of the vertical speed, up and down. [m/s]"""
-    surface_depth: Depth = 0.5
+    surface_depth: Depth = 0.01
     """Depth of the hold at the surface. Not in the paper, record 0001. [m]"""
     depth_gain: PositiveFloat = 10.0
     """Commanded vertical speed per metre of depth error. Not in the paper, record 0001. [1/s]"""
@@ -118,7 +118,7 @@ class StationVehicle(_Placed):
 
     kind: Literal["station"]
     """A vehicle that keeps its position."""
-    depth: Depth = 0.5
+    depth: Depth = 0.01
     """Depth that it keeps. [m]"""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
@@ -133,7 +133,7 @@ class DriftingVehicle(_Placed):
 
     kind: Literal["drifting"]
     """A buoy."""
-    depth: Depth = 0.5
+    depth: Depth = 0.01
     """Depth that it keeps. [m]"""
     drogue_depth: Depth | None = None
     """Depth of the current that moves it. Default: its own depth. [m]"""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
 from pymantaray.acoustics.reflection import Sediment
+from pymantaray.acoustics.selection import ArrivalRule
 from pymantaray.config.checks import NAME, NAMED
 from pymantaray.config.common import (
     Degrees,
@@ -64,8 +65,8 @@ class AcousticsSection(Section):
     """Maximum number of reflections at the sea bed."""
     sediment: Sediment = "none"
     """Sediment of the sea bed, for the loss of reflections; ``"none"`` has no loss; needs ``[detection]``."""
-    arrival: Literal["direct", "first", "strongest"] = "direct"
-    """Arrival that is the range: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
+    arrival: ArrivalRule = "direct"
+    """Arrival that is the range: the earliest without a reflection, the earliest of all, the one with the smallest loss, or the earliest of all only if each has a reflection."""
     currents: bool = False
     """True if currents change travel times along the rays."""
     cone_deg: Degrees[Annotated[float, Field(gt=0.0, le=180.0)]] | None = None

@@ -45,7 +45,7 @@ class FloatCycle:
     hold_depth_time: float = 86_400.0
     hold_surface_time: float = 3_600.0
     vertical_speed: float = 0.5
-    surface_depth: float = 0.5
+    surface_depth: float = 0.01
     depth_gain: float = 10.0
 
     def __post_init__(self) -> None:

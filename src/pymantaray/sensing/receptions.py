@@ -216,7 +216,11 @@ def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
     """Receptions with at most one selected per link and direction; its probability is that of its detection, others have 0."""
     lossless = np.isnan(receptions.loss_db).all()
     strength = receptions.spreading_db if lossless else receptions.loss_db
-    keys = [receptions.travel_time] if rule != "strongest" else [strength, receptions.travel_time]
+    keys = [receptions.travel_time]
+    if rule == "strongest":
+        keys.insert(0, strength)
+    if rule == "direct-or-first":
+        keys.insert(0, (receptions.path == SoundPath.REFLECTED).astype(float))
     selected = np.zeros(receptions.link.size, dtype=np.int8)
     selected[first_rows(receptions.group, keys, admitted(receptions, rule)).row] = 1
     probability = np.where(selected == 1, receptions.detection, 0.0)
