@@ -214,7 +214,7 @@ def convert(
     depths: Annotated[
         Literal["priors", "ranges"],
         typer.Option(
-            help="PyFactorGraph out: depths as pose priors, which PyFactorGraph loses, or as ranges to a landmark 1e9 m above, which"
+            help="PyFactorGraph out: depths as pose priors, which PyFactorGraph loses, or as ranges to a landmark 5e8 m above, which"
             " it keeps."
         ),
     ] = "priors",

@@ -170,9 +170,16 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
     from pymantaray.ocean import check_ocean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
-    from pymantaray.water.ocean import build_sea_floor, is_profile, open_start
+    from pymantaray.water.metres import section_in_metres
+    from pymantaray.water.ocean import build_ocean, build_sea_floor, is_profile, open_start
 
     section = config.ocean
+    if section_in_metres(section):
+        try:
+            build_ocean(section, 0.0)
+        except OceanError as error:
+            return Findings([Finding("wrong", "water in metres", str(error))])
+        return Findings([])
     options: dict[str, Any] = {"equation": section.equation, "currents": section.currents, **fleet}
     options |= {"centre": section.centre, "half_extent": section.half_extent}
     if not (is_profile(section) or section.standard_names) and section.bathymetry is None:
@@ -192,11 +199,16 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     from pymantaray.ocean import ocean_times
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.ocean import is_profile
+    from pymantaray.water.metres import section_in_metres
+    from pymantaray.water.ocean import build_ocean, is_profile
 
     config = _configured(files, water)
     section = config.ocean
     with printer(as_json=as_json, to=to) as out:
+        if section_in_metres(section):
+            region = build_ocean(section, 0.0).region
+            out.table(ResultTable("region", region.reset_index(), by_row=True))
+            return
         if not is_profile(section):
             times = ocean_times(section.source, section.standard_names)
             out.add(times=[str(t)[:16] for t in times])

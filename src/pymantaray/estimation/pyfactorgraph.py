@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import KINDS, LARGEST, FactorGraph, Factors, GraphValues
+from pymantaray.estimation.graph import KINDS, FactorGraph, Factors, GraphValues
 
-ABOVE = LARGEST
+ABOVE = 5e8
 """Height above the sea surface of the landmark that ranges give depths to. [m]"""
 _SURVEY_SIGMA = 1e-3  # m, of this landmark
 
@@ -68,14 +68,14 @@ class DepthsAsRanges(NamedTuple):
 
 def depths_as_ranges(graph: FactorGraph, values: GraphValues) -> DepthsAsRanges:
     """
-    Replace depths by ranges to one landmark that is 1e9 m above the frame's centre, a form that PyFactorGraph keeps.
+    Replace depths by ranges to one landmark that is 5e8 m above the frame's centre, a form that PyFactorGraph keeps.
 
     Parameters
     ----------
     graph : FactorGraph
     values : GraphValues
         Values of its variables: where a range has its direction, and so also a small part of the horizontal position. For a
-        vehicle 10 km from the centre, an error of 100 m in the values shifts the depth by 1 mm.
+        vehicle 10 km from the centre, an error of 100 m in the values shifts the depth by 2 mm.
 
     Returns
     -------

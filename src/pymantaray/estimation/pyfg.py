@@ -108,7 +108,7 @@ def write_pyfg(
     initial : GraphValues
         Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
     depths : {"priors", "ranges"}
-        Depths as pose priors, which PyFactorGraph reads with a precision of 0 (the log warns), or as ranges to a landmark 1e9 m
+        Depths as pose priors, which PyFactorGraph reads with a precision of 0 (the log warns), or as ranges to a landmark 5e8 m
         above the surface, which it keeps.
 
     Raises
