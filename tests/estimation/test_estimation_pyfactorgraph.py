@@ -34,7 +34,7 @@ def pose(fields):
 
 def solve_by_its_rules(text):
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    key = lambda name: gtsam.symbol(name[0], int(name[1:]))  # noqa: E731
+    key = lambda name: gtsam.symbol(name[0], int(name[1:]))
     for word, *f in (line.split() for line in text.splitlines()):
         if word == "VERTEX_SE3:QUAT":
             values.insert(key(f[1]), pose(f[2:]))

@@ -162,7 +162,7 @@ def test_vehicles_drift_in_currents_on_unequal_steps():
 
 BAD = {
     "`ssp.q`: unknown key": lambda t: t["ssp"].update(q="a.npy"),
-    "`curent`: unknown key. Did you mean `current`": lambda t: t.update(curent=t.pop("current")),
+    "`currents`: unknown key. Did you mean `current`": lambda t: t.update(currents=t.pop("current")),
     "current.v: missing; add it": lambda t: t["current"].pop("v"),
     "ssp: missing; add it": lambda t: t.pop("ssp"),
     "source_dir: no folder": lambda t: t.update(source_dir="elsewhere"),
@@ -184,7 +184,7 @@ WRONG = {
     "float32; the program reads float64 only": lambda a: a.astype(np.float32),
     "ssp.data has 99 values; its axes x, y, z need 5 x 4 x 5": lambda a: a.ravel()[:-1],
     "Fortran order": lambda a: np.asfortranarray(a),
-    "not a .npy file of numbers": lambda a: np.array([object()]),
+    "not a .npy file of numbers": lambda _: np.array([object()]),
 }
 
 

@@ -210,7 +210,7 @@ def _hold(seconds: float, step: float) -> float:
 
 
 def _notes(config: StudyConfig, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:
-    """What the program does in another way, one line each."""
+    """Differences between the study and the program, one line each."""
     noise, acoustics = config.noise.model, config.acoustics
     if len(config.fleet.vehicles) > LETTERS.index("L"):
         yield "the program gives the 12th robot the letter L, which means a landmark in its graphs"

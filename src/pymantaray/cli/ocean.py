@@ -206,8 +206,8 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     section = config.ocean
     with printer(as_json=as_json, to=to) as out:
         if section_in_metres(section):
-            region = build_ocean(section, 0.0).region
-            out.table(ResultTable("region", region.reset_index(), by_row=True))
+            table = build_ocean(section, 0.0).region.reset_index()
+            out.table(ResultTable("region", table, by_row=True))
             return
         if not is_profile(section):
             times = ocean_times(section.source, section.standard_names)

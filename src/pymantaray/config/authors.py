@@ -208,7 +208,7 @@ class StudyImport(NamedTuple):
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What a user should know, one line each."""
+        """Notes and unused keys for a user, one line each."""
         unused = "; ".join(f"{key} ({WITHOUT_MEANING[key]})" for key in self.unused)
         return (*self.notes, *([f"without meaning here: {unused}"] if unused else []))
 

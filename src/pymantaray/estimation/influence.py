@@ -132,7 +132,7 @@ def _named(graph: FactorGraph, factors: Factors) -> pd.DataFrame:
         {
             "kind": factors.kind.what,
             "first": ends[0],
-            "second": ends[1] if len(ends) > 1 else "",
+            "second": ends[1] if len(ends) > 1 else "-",
             "time_s": np.where(np.isinf(last), np.nan, last),
             "successive": _successive(graph, factors),
         }

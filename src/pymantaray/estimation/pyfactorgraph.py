@@ -1,4 +1,4 @@
-"""What PyFactorGraph's own reader makes of a graph: isotropic covariances, and a form of depths that it keeps."""
+"""Graphs as PyFactorGraph reads them: isotropic covariances, and a form of depths that it keeps."""
 
 from dataclasses import replace
 from typing import NamedTuple

@@ -20,15 +20,16 @@ _ROWS = 10  # of each measure
 def influence_table(run: "Run") -> pd.DataFrame:
     """Fixes, surveys and ranges with the largest residual, leverage and Cook's distance in realization 0, by condition."""
     noisy = run.noisy_measurements(0)
-    tables = []
-    for condition, graph in noisy_graphs(run, noisy).items():
-        row = run.estimates.condition.tolist().index(condition)
-        position = run.estimates.position[row, 0].reshape(-1, 3)
-        quaternion = run.estimates.quaternion[row, 0].reshape(-1, 4).astype(float)
-        quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
-        if not np.isfinite(position).all():  # the solve failed
+    estimates, tables = run.estimates, []
+    graphs = noisy_graphs(run, noisy)
+    for row, condition in enumerate(estimates.condition.tolist()):
+        position = estimates.position[row, 0].reshape(-1, 3)
+        if condition not in graphs or not np.isfinite(position).all():  # the solve failed
             continue
-        values = GraphValues(position, quaternion, noisy.landmark_position)
+        graph = graphs[condition]
+        quaternion = estimates.quaternion[row, 0].reshape(-1, 4).astype(float)
+        quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+        values = GraphValues(position, quaternion, estimates.landmark_position[row, 0])
         try:
             influence = factor_influence(graph, values, kinds=_KINDS)
         except EstimationError:
