@@ -122,8 +122,9 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
 
 
 def cost_table(run: "Run") -> pd.DataFrame:
-    """Settings of each condition, its seed and the CPU time of its solves."""
+    """Settings of each condition, its seed, the CPU time of its solves, and the distance of GTSAM from the batch solver."""
     own = [c for c in run.config.conditions if not c.standard]
+    apart = run.manifest.get("from_batch_m", {})
     sections = {c.name: c.model_dump(mode="json", exclude_defaults=True) for c in own}
     rows = []
     for name, seconds in run.manifest.get("solve_cpu_seconds", {}).items():
@@ -136,6 +137,7 @@ def cost_table(run: "Run") -> pd.DataFrame:
                 "realizations": len(seconds),
                 "cpu_median_s": float(np.median(seconds)),
                 "cpu_total_s": float(np.sum(seconds)),
+                **({"from_batch_m": max(apart[name])} if name in apart else {}),
             }
         )
     return pd.DataFrame(rows)
