@@ -78,7 +78,7 @@ class AcousticsSection(Section):
     currents: bool = False
     """True if currents change travel times along the rays."""
     cone_deg: Degrees[Annotated[float, Field(gt=0.0, le=180.0)]] | None = None
-    """Width of the transmitter's fan about the chord, half of it on either side; rays launched outside are lost. None without a limit. [degrees]"""
+    """Half-angle of the transmitter's fan about the chord, as ``beam_spread_deg`` of the authors' program; rays launched outside are lost. None without a limit. [degrees]"""
     earth: Earth = "flat"
     """Shape of the Earth for rays and straight distances: a plane, as in the paper, or a sphere."""
 

@@ -25,7 +25,6 @@ from pymantaray.evaluation import (
 )
 from pymantaray.records import Estimates, SharedUnknowns, SolveStatus
 from pymantaray.records.result_table import ResultTable
-from pymantaray.study.cone import WIDTHS_DEG, cone_table, has_cone_table
 from pymantaray.study.settings import NOISE, TIMING, settings_table
 
 if TYPE_CHECKING:
@@ -35,13 +34,8 @@ _ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p5_m p25_m p75_m p95_m m
 _BRIEF_ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p95_m"
 SUMMARY = ("dropouts", "range_error", "ate_pooled", "ping_error")
 """Tables that a command prints and a notebook shows after a run."""
-OF_MISSION = ("cone", "bound")
+OF_MISSION = ("bound",)
 """Tables that take time and do not depend on the realizations."""
-_FANS = {
-    "all_angles_percent": "all angles [%]",
-    "paper_percent": "paper [%]",
-    **{f"fan_{width:g}_deg_percent": f"{width:g} degrees wide [%]" for width in WIDTHS_DEG},
-}
 
 
 @dataclass(frozen=True)
@@ -259,13 +253,6 @@ TABLES: dict[str, TableDefinition] = {
         brief="category attempts dropouts percent",
         words={"percent": "dropouts [%]"},
         paper="Table IV",
-    ),
-    "cone": TableDefinition(
-        "Dropouts [%] if transmitters send at all angles, and in fans of these widths about the straight line; the paper counts a link as"
-        " lost if a fan in a cone of 15 degrees has no direct arrival",
-        lambda run: cone_table(run),
-        has_cone_table,
-        words=_FANS,
     ),
     "ranging_draws": TableDefinition(
         "Dropouts and range errors of each realization, which has its own draw of rough ice. All other tables and figures of ranges are"
