@@ -511,3 +511,20 @@ def test_the_first_ping_may_be_at_the_start(tiny):
     for start, refusal in ((0.01, "ping_start_h is 36 s; it must be a whole multiple"), (-1.0, "0 or more")):
         with pytest.raises(StudyError, match=refusal):
             tiny(mission={"ping_start_h": start})
+
+
+def test_gtsam_replaces_the_batch_solver_of_conditions_with_straight_range_factors():
+    config = load_study("quick", solver="gtsam")
+    assert (config.solver.kind, config.solver.converged) == ("gtsam", True)
+    kinds = {c.name: config.solver_of(c).kind for c in config.conditions}
+    assert kinds == {"odometry": "dead-reckoning", "straight": "gtsam", "refracted": "gtsam"}
+    assert not load_study("quick", solver={"kind": "gtsam", "converged": False}).solver.converged
+    assert load_study("quick").solver.kind == "batch"
+    rays = {"name": "rays", "range_model": {"kind": "eigenray", "belief": "exact"}}
+    for more, why in (
+        (rays, "range_model is eigenray"),
+        ({"name": "biased", "bias_sigma": 50.0}, "biases"),
+        ({"name": "graduated", "loss": "gnc"}, "loss gnc"),
+    ):
+        changes = {"solver": "gtsam", "conditions": ["straight", more]}
+        refused(StudyError, f"condition {more['name']} cannot use it.*{why}", load_study, "quick", **changes)

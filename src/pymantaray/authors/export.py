@@ -88,7 +88,7 @@ def _simulation(config: StudyConfig) -> dict[str, Any]:
     _check(config)
     period = mission.sampling_period_s
     frequency = 1.0 / period
-    spread = _SPREAD_DEG if acoustics.cone_deg is None else 0.5 * acoustics.cone_deg
+    spread = _SPREAD_DEG if acoustics.cone_deg is None else acoustics.cone_deg
     sensors = {
         "gt_freq_hz": frequency,
         "odom_freq_hz": frequency,

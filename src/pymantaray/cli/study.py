@@ -365,6 +365,12 @@ def _print_summary(out: Printer, run: "Run") -> None:
         out.table(table)
         if table.name == "dropouts":
             _print_causes(out, table.frame, run.config.acoustics.cutoff_db)
+    apart = {name: max(values) for name, values in run.manifest.get("from_batch_m", {}).items()}
+    for name, distance in apart.items():
+        out.line(
+            f"{name}: GTSAM's positions differ from those of the batch solver by at most {distance:.2g} m"
+        )
+    out.add(from_batch_m=apart)
     out.warn(_warnings(run))
 
 

@@ -419,7 +419,7 @@ def _study(
         "acoustics": {
             "interpolation": "linear",
             "spreading_cutoff_db": "none",
-            "cone_deg": 2.0 * acoustics.beam_spread_deg,
+            "cone_deg": acoustics.beam_spread_deg,
             **(reflections if acoustics.allow_multipath else {}),
         },
         "ranging": {"timing": acoustics.tof_mode.replace("_", "-")},

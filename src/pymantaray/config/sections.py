@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, create_model, model_validator
 
 from pymantaray.acoustics.reflection import Sediment
 from pymantaray.acoustics.selection import ArrivalRule
@@ -29,7 +29,15 @@ from pymantaray.config.common import (
     require_unique,
 )
 from pymantaray.config.conditions import DEFAULT
-from pymantaray.config.estimators import ConditionSection, InternalTideSection, Start, follows_ocean
+from pymantaray.config.estimators import (
+    AnyBatchSolver,
+    AnySolver,
+    BatchSolver,
+    ConditionSection,
+    InternalTideSection,
+    Start,
+    follows_ocean,
+)
 from pymantaray.config.fleet import FleetSection, LandmarkSection
 from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
@@ -70,7 +78,7 @@ class AcousticsSection(Section):
     currents: bool = False
     """True if currents change travel times along the rays."""
     cone_deg: Degrees[Annotated[float, Field(gt=0.0, le=180.0)]] | None = None
-    """Width of the transmitter's fan about the chord, half of it on either side; rays launched outside are lost. None without a limit. [degrees]"""
+    """Half-angle of the transmitter's fan about the chord, as ``beam_spread_deg`` of the authors' program; rays launched outside are lost. None without a limit. [degrees]"""
     earth: Earth = "flat"
     """Shape of the Earth for rays and straight distances: a plane, as in the paper, or a sphere."""
 
@@ -607,6 +615,8 @@ class StudyConfig(SoundConfig):
     """The vehicles."""
     landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
     """Fixed points; a table ``[[landmarks]]`` for each."""
+    solver: AnyBatchSolver = BatchSolver(kind="batch")
+    """Solver of the conditions whose own is ``"batch"``: that, or ``"gtsam"``. Text is the kind alone."""
     estimator: EstimatorSection = EstimatorSection()
     """The optimizer."""
     conditions: tuple[ConditionSection, ...] = Field(
@@ -673,6 +683,23 @@ class StudyConfig(SoundConfig):
                     f"condition {c.name} estimates clocks, but their priors are 0; give noise.clock_offset_sigma or"
                     " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
                 )
+        return self
+
+    def solver_of(self, condition: ConditionSection) -> AnySolver:
+        """Solver of a condition; that of the study replaces a batch."""
+        return self.solver if condition.solver.kind == "batch" else condition.solver
+
+    @model_validator(mode="after")
+    def _solver_fits(self) -> Self:
+        for c in self.conditions if self.solver.kind != "batch" else ():
+            if c.solver.kind == "batch":
+                try:
+                    ConditionSection.model_validate(
+                        {**dict(c), "name": f"{c.name}-{self.solver.kind}", "solver": self.solver}
+                    )
+                except ValidationError as error:
+                    problem = error.errors()[0]["msg"].removeprefix("Value error, ")
+                    raise ValueError(f"solver: condition {c.name} cannot use it: {problem}") from None
         return self
 
     @property

@@ -197,12 +197,12 @@ def with_leaks(
 
 
 def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: float) -> Receptions:
-    """Receptions whose sound leaves within half the width of a cone [rad] about the chord of its link, and those without a ray."""
+    """Receptions whose sound leaves within an angle [rad] of the chord of its link, and those without a ray."""
     step = (receiver - source)[receptions.link]
     forth = receptions.direction == Direction.FORTH
     slope = _elevation(np.where(forth[:, None], step, -step))
     off = np.abs(receptions.departure_angle - slope)
-    return receptions.at({"reception": ~(off > 0.5 * cone) | (receptions.arrival < 0)})
+    return receptions.at({"reception": ~(off > cone) | (receptions.arrival < 0)})
 
 
 def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:

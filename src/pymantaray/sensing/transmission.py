@@ -58,7 +58,7 @@ class ReceptionOptions(NamedTuple):
     leakage : Leakage, optional
         Model of sound that arrives without a ray, at the detector's frequency. Default: no such sound.
     cone : float, optional
-        Width of the fan of launch angles of the transmitter, centred on the chord. Rays launched outside the fan are lost. [rad]
+        Half-angle of the fan of launch angles of the transmitter, centred on the chord. Rays launched outside the fan are lost. [rad]
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
     solved : EarlierLinks, optional
