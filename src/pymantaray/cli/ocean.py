@@ -130,9 +130,7 @@ def check(
         moved = bool(config.fleet.trajectories)
         findings = _checked(config, fleet=fleet_plan(config), existing_trajectories=moved)
         if findings.ok and not moved:
-            from pymantaray.water.ocean import open_geographic
-
-            findings = Findings([*fleet_findings(config, *open_geographic(config.ocean)), *findings])
+            findings = Findings([*fleet_findings(config), *findings])
     with printer(as_json=as_json) as out:
         for finding in findings:
             out.line(str(finding))

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 LOG = logging.getLogger(__name__)
 SIMULATION = ".json"
 """Ending of a configuration of the paper's authors' program."""
+STUDY_FILES = (".toml", SIMULATION)
+"""Endings of study files."""
 BASE = "base"
 """Key at the top of a file for the preset or file that it changes."""
 PLAN = "plan"
@@ -347,12 +349,12 @@ def _parsed(text: str, label: str, folder: Path) -> Tree:
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
     """Tree merged into that of its base; file names are relative to a folder, and ``chain`` has the files on the way to this base."""
     base, rest = tree[BASE], {key: value for key, value in tree.items() if key != BASE}
-    if not isinstance(base, str) or not (base in preset_names() or base.endswith((".toml", SIMULATION))):
+    if not isinstance(base, str) or not (base in preset_names() or base.endswith(STUDY_FILES)):
         hint = "".join(
             f"did you mean {name}? " for name in difflib.get_close_matches(str(base), preset_names(), n=1)
         )
         raise StudyError(
-            f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in .toml or {SIMULATION}, {', '.join(preset_names())}"
+            f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
         )
     source = str(base) if base in preset_names() else folder / base
     reached = source if isinstance(source, str) else str(source.resolve())
