@@ -9,9 +9,11 @@ from authors_files import FLOOR, X, Y, Z, arrays, currents, sound_speed, write_e
 from refusals import refused
 
 from pymantaray import find_eigenrays, load_study, measure, simulate
+from pymantaray.acoustics import Medium
 from pymantaray.atlas import Atlas
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle
+from pymantaray.ocean.environment import environment_arrays
 from pymantaray.records import Trajectories
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
@@ -205,3 +207,17 @@ def test_wrong_data_sets_are_refused_in_one_line():
     refused(OceanError, "no coordinate depth", open_water, dataset().isel(depth=0))
     double = dataset().assign_coords(east=[0.0, 0.0, 1.0, 2.0, 3.0])
     refused(OceanError, "east: values do not increase after 0", open_water, double)
+
+
+def test_a_medium_needs_no_sea_floor_in_the_data_set():
+    medium = Medium.from_dataset(dataset().drop_vars("sea_floor_depth"))
+    assert medium.bottom_depth([[0.0, 0.0]])[0] == 2000.0
+
+
+def test_exported_levels_reach_below_the_sea_floor():
+    local = open_water(dataset(), bathymetry=2000.0).local
+    arrays_out = environment_arrays(local)
+    assert arrays_out["ssp"]["z"].tolist() == [*Z.tolist(), 2010.0]
+    np.testing.assert_array_equal(arrays_out["ssp"]["data"][..., -1], arrays_out["ssp"]["data"][..., -2])
+    assert arrays_out["current"]["u"].shape == arrays_out["ssp"]["data"].shape
+    assert environment_arrays(open_water(dataset()).local)["ssp"]["z"].tolist() == Z.tolist()

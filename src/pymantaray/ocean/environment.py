@@ -28,6 +28,9 @@ _FILES = {
     "current": {},
 }
 _MAX_CHARACTERS = 10_000_000
+_COMPONENTS = {"current_east": "u", "current_north": "v"}
+_FIELDS = ("sound_speed", *_COMPONENTS)
+_BELOW_FLOOR = 10.0  # m
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -252,9 +255,6 @@ def read_environment(path: str | Path) -> xr.Dataset:
     return xr.Dataset(variables, coordinates, {"title": Path(path).stem, "source": str(path)})
 
 
-_COMPONENTS = {"current_east": "u", "current_north": "v"}
-
-
 def _joint(axis: Array, other: Array) -> Array:
     """Grid points of an axis, and those of another between its ends."""
     return np.union1d(axis, other[(other > axis[0]) & (other < axis[-1])])
@@ -278,8 +278,14 @@ def environment_arrays(local: xr.Dataset) -> dict[str, dict[str, Array]]:
     Returns
     -------
     dict of str to dict of str to ndarray
-        As by `read_arrays`.
+        As by `read_arrays`. If the sea floor is not above the last level, a level is added below it, because the program traces
+        rays in levels only.
     """
+    deepest = float(local["sea_floor_depth"].max())
+    if deepest >= float(local["depth"][-1]):
+        below = local.isel(depth=[-1]).assign_coords(depth=[deepest + _BELOW_FLOOR])
+        with_level = xr.concat([local[list(_FIELDS)], below[list(_FIELDS)]], dim="depth")
+        local = with_level.assign(sea_floor_depth=local["sea_floor_depth"])
     axes = {key: local[name].values for key, name in (("x", "east"), ("y", "north"), ("z", "depth"))}
     bed = local["sea_floor_depth"]
     own = "floor_east" in bed.dims
