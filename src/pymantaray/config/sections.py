@@ -686,7 +686,17 @@ class StudyConfig(SoundConfig):
         return self
 
     def solver_of(self, condition: ConditionSection) -> AnySolver:
-        """Solver of a condition; that of the study replaces a batch."""
+        """
+        Return the solver of a condition; that of the study replaces a batch.
+
+        Parameters
+        ----------
+        condition : ConditionSection
+
+        Returns
+        -------
+        BatchSolver, GtsamSolver, IncrementalSolver, FixedLagSolver, KalmanFilter or DeadReckoning
+        """
         return self.solver if condition.solver.kind == "batch" else condition.solver
 
     @model_validator(mode="after")
