@@ -93,7 +93,7 @@ class GraphSolveOptions:
     estimator: Annotated[
         str,
         typer.Option(
-            help="batch (least squares), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
+            help="batch (least squares), gtsam (the same by GTSAM), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
             " geman-mcclure, tukey, welsch, gnc."
         ),
     ] = "batch"
