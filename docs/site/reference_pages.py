@@ -11,7 +11,7 @@ import typer.main
 
 FOLDERS = (
     "geometry", "records", "ocean", "ocean.fetch", "acoustics", "acoustics.bellhop", "fleet", "sensing", "estimation",
-    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "online", "plan", "atlas", "service", "report",
+    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "authors", "online", "plan", "atlas", "service", "report",
 )  # fmt: skip
 """Folders in the order in which data flows."""
 

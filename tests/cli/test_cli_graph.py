@@ -273,3 +273,38 @@ def test_all_starts_a_second_minimum_and_the_certificate_are_reported(mantaray, 
     refused = mantaray("graph", "solve", path, "--start", "file", "--random-starts", "2")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "--start best" in refused.err
+
+
+def test_solve_lists_the_worst_factors_by_each_measure(graph, mantaray, tmp_path):
+    path = tmp_path / "g.pyfg"
+    path.write_text(TEXT)
+    done = json.loads(graph("solve", path, "--worst", 2, "--json").out)
+    for measure in ("residual_sigmas", "leverage", "cook_distance"):
+        rows = done["tables"][f"largest_{measure}"] if "tables" in done else done[f"largest_{measure}"]
+        assert len(rows) == 2
+        assert rows[0][measure] >= rows[1][measure]
+        assert {row["kind"] for row in rows} <= {
+            "range",
+            "sighting",
+            "odometry",
+            "first-pose prior",
+            "landmark prior",
+        }
+    assert "Cook's distance" in graph("solve", path, "--worst", 2).out
+
+
+def test_covariances_may_be_those_that_pyfactorgraph_reads(graph, tmp_path):
+    path = tmp_path / "g.pyfg"
+    depth = f"VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1 {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    path.write_text(TEXT.replace(NOISE, NOISE.replace("0.01", "0.04", 1), 1) + depth)
+    done = json.loads(graph("solve", path, "--covariances", "isotropic", "--json").out)
+    assert done["left_out"] == {"depth priors (PyFactorGraph reads precision 0)": 1}
+
+
+def test_convert_writes_depths_as_ranges(graph, tmp_path):
+    path, out = tmp_path / "g.pyfg", tmp_path / "out.pyfg"
+    depth = f"VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1 {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    path.write_text(TEXT + depth)
+    assert "precision of 0" in graph("convert", path, out).err
+    assert graph("convert", path, out, "--depths", "ranges", "--force").err == ""
+    assert len(read_pyfg(out)[0]["range"]) == 3

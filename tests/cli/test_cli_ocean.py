@@ -77,8 +77,13 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
 
 def test_what_only_the_run_s_own_check_sees_is_told_by_the_check_too(mantaray, small_text, tmp_path):
     study = tmp_path / "study.toml"
-    study.write_text(small_text.replace("physics_step_s = 0.125", "physics_step_s = 20.0"), encoding="utf-8")
-    says = "vehicle 'B': physics_step is 20 s; it must be at most 10 s"
+    swimmer = (
+        '\n[[fleet.vehicles]]\nname = "W"\nkind = "waypoints"\nnorth = 0.0\neast = 0.0\ndepth = 9.0\n'
+        "points = [[99.0, 0.0, 9.0]]\nspeed = 1.0\n"
+    )
+    text = small_text.replace("physics_step_s = 0.125", "physics_step_s = 25.0")
+    study.write_text(text + swimmer, encoding="utf-8")
+    says = "vehicle 'W': physics_step is 25 s; it must be at most 20 s"
     checked, ran = (
         mantaray("ocean", "check", "--study", study),
         mantaray("study", "run", study, "--no-figures"),

@@ -356,7 +356,7 @@ def test_a_run_folder_is_not_a_study_but_contains_one(mantaray, small):
     Path("done/config.toml").write_text(small.read_text())
     check_refusal(
         mantaray("study", "show", "./done"),
-        "done: not a preset, and not a study file, whose name ends in .toml; use done/config.toml",
+        "done: not a preset, and not a study file, whose name ends in .toml or .json; use done/config.toml",
         ("done", "small.toml"),
     )
 

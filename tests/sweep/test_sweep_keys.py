@@ -59,6 +59,7 @@ OTHER = {  # another allowed value of each field; numbers not listed are doubled
     "ranging.mistaken": "first-detected",
     "ranging.below_strongest_db": 6.0,
     "detection": MODEM,
+    "solver.kind": "gtsam",
     "estimator.start": "dead-reckoning",
     "conditions": [{"name": "e", "range_model": "constant", "ranges": "refracted"}],
     "landmarks": [{"name": "L9", "north": 1.0, "east": 2.0, "depth": 3.0}],

@@ -240,7 +240,8 @@ class Medium:
         ----------
         ocean : xarray.Dataset
             Geographic ocean from `pymantaray.ocean.open_ocean`, which is regridded around the middle of its window, or local ocean
-            from `pymantaray.ocean.to_local`. A variable ``sea_ice_draft`` replaces the surface.
+            from `pymantaray.ocean.to_local`, or in metres; without a sea floor its levels end there. A variable ``sea_ice_draft``
+            replaces the surface.
         interpolation : {"smooth", "linear"}
             Interpolation of the sound speed between the grid points.
         earth : {"flat", "sphere"}
@@ -259,6 +260,10 @@ class Medium:
             from pymantaray.ocean.local import local_grid
 
             return cls.from_local_grid(local_grid(ocean), interpolation=interpolation, earth=earth)
+        from pymantaray.ocean.metres import is_in_metres, ocean_in_metres
+
+        if is_in_metres(ocean) and "sea_floor_depth" not in ocean:
+            ocean = ocean_in_metres(ocean)
         require_local(ocean, "sound_speed", "sea_floor_depth", "north", "east", "depth")
         latitude = ocean.attrs.get("centre_latitude_deg")
         return cls.from_grid(

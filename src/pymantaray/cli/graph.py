@@ -59,6 +59,14 @@ class GraphReadOptions:
         ),
     ] = "refuse"
 
+    covariances: Annotated[
+        Literal["full", "isotropic"],
+        typer.Option(
+            help="Covariances of the file, or isotropic ones as PyFactorGraph reads them: the mean variance of each translation"
+            " and of each rotation, and no depths."
+        ),
+    ] = "full"
+
     def open(self, file: Path) -> "GraphFile":
         """Open a graph's file."""
         from pymantaray.estimation import open_graph
@@ -93,8 +101,8 @@ class GraphSolveOptions:
     estimator: Annotated[
         str,
         typer.Option(
-            help="batch (least squares), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
-            " geman-mcclure, gnc."
+            help="batch (least squares), gtsam (the same by GTSAM), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
+            " geman-mcclure, tukey, welsch, gnc."
         ),
     ] = "batch"
     anchor: Annotated[
@@ -158,6 +166,14 @@ def solve(
     reading: GraphReadOptions,
     solving: GraphSolveOptions,
     printing: TableOptions,
+    worst: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="List the N factors with the largest whitened residual, leverage and Cook's distance, except odometry.",
+        ),
+    ] = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")] = None,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
@@ -182,6 +198,8 @@ def solve(
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)
     with printing.printer() as printed:
         _print_result(printed, result, errors)
+        if worst:
+            _print_worst(printed, result, worst)
         if out is not None:
             printed.paths(folder=out)
         if result.diagnosis is not None:
@@ -205,6 +223,13 @@ def convert(
         bool,
         typer.Option("--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."),
     ] = False,
+    depths: Annotated[
+        Literal["priors", "ranges"],
+        typer.Option(
+            help="PyFactorGraph out: depths as pose priors, which PyFactorGraph loses, or as ranges to a landmark 5e8 m above, which"
+            " it keeps."
+        ),
+    ] = "priors",
     force: Force = False,
 ) -> None:
     """Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold."""
@@ -236,7 +261,7 @@ def convert(
         check_output(out, endings, inputs=[file], beside=files, force=force)
         write_graph_tum(out, content.graph, content.values)
     else:
-        write_pyfg(content.graph, out, initial=content.values)
+        write_pyfg(content.graph, out, initial=content.values, depths=depths)
         files += [path for path in beside if path.exists()]
     for what, count in lost.items():
         LOG.warning("left out: %d %s", count, what)
@@ -310,6 +335,20 @@ def _print_starts(out: Printer, result: "GraphResult") -> None:
         out.table(ResultTable("starts", starts, "Solutions from each start"))
     out.warn([] if result.warning is None else [result.warning])
     out.add(alternative_start=None if result.alternative is None else result.alternative.name)
+
+
+def _print_worst(out: Printer, result: "GraphResult", count: int) -> None:
+    """Print the factors with the largest influence on a solution, by each measure."""
+    from pymantaray.estimation import LOSSES
+    from pymantaray.estimation.influence import MEASURES, factor_influence, worst_factors
+    from pymantaray.records.result_table import ResultTable
+
+    if not result.solution.usable:
+        return
+    influence = factor_influence(result.graph, result.values, LOSSES.get(result.estimator))
+    for measure, caption in MEASURES.items():
+        table = worst_factors(influence, measure, count).drop(columns="successive")
+        out.table(ResultTable(f"largest_{measure}", table, f"Factors with the largest {caption}"))
 
 
 def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:

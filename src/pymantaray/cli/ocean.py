@@ -140,9 +140,7 @@ def check(
         moved = bool(config.fleet.trajectories)
         findings = _checked(config, fleet=fleet_plan(config), existing_trajectories=moved)
         if findings.ok and not moved:
-            from pymantaray.water.ocean import open_geographic
-
-            findings = Findings([*fleet_findings(config, *open_geographic(config.ocean)), *findings])
+            findings = Findings([*fleet_findings(config), *findings])
     with printer(as_json=as_json) as out:
         if note:
             out.line(note)
@@ -182,9 +180,16 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
     from pymantaray.ocean import check_ocean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
-    from pymantaray.water.ocean import build_sea_floor, is_profile, open_start
+    from pymantaray.water.metres import section_in_metres
+    from pymantaray.water.ocean import build_ocean, build_sea_floor, is_profile, open_start
 
     section = config.ocean
+    if section_in_metres(section):
+        try:
+            build_ocean(section, 0.0)
+        except OceanError as error:
+            return Findings([Finding("wrong", "water in metres", str(error))])
+        return Findings([])
     options: dict[str, Any] = {"equation": section.equation, "currents": section.currents, **fleet}
     options |= {"centre": section.centre, "half_extent": section.half_extent}
     if not (is_profile(section) or section.standard_names) and section.bathymetry is None:
@@ -203,11 +208,16 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     """Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of profiles."""
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.ocean import is_profile
+    from pymantaray.water.metres import section_in_metres
+    from pymantaray.water.ocean import build_ocean, is_profile
 
     config = _configured(files, water)
     section = config.ocean
     with printer(as_json=as_json, to=to) as out:
+        if section_in_metres(section):
+            table = build_ocean(section, 0.0).region.reset_index()
+            out.table(ResultTable("region", table, by_row=True))
+            return
         if is_profile(section) and section.bathymetry is None:
             _show_profiles(section, out)
             return

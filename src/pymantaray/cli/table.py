@@ -58,7 +58,7 @@ class TableWaterOptions:
     """Arrival, place of the source, and other possible oceans."""
 
     arrival: Annotated[
-        Literal["direct", "first", "strongest"] | None,
+        Literal["direct", "first", "strongest", "direct-or-first"] | None,
         typer.Option(help="Selected arrival. Default: that of the configuration, else direct."),
     ] = None
     node: Annotated[

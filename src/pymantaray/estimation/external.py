@@ -32,6 +32,7 @@ from pymantaray.estimation.minima import (
     plausible_alternative,
     search_minima,
 )
+from pymantaray.estimation.pyfactorgraph import isotropic
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import GraphSolution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
@@ -41,6 +42,8 @@ from pymantaray.records.csv_text import is_number
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 from pymantaray.user_files import open_text
 
+Covariances = Literal["full", "isotropic"]
+"""Treatment of a file's covariances."""
 Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], GraphSolution]
@@ -192,6 +195,7 @@ def open_graph(
     half_angles: bool = False,
     isam: bool = False,
     indefinite: Indefinite = "refuse",
+    covariances: Covariances = "full",
 ) -> GraphFile:
     """
     Read a graph file, in three dimensions or two: PyFactorGraph text, g2o, TORO or iSAM, by its name and its first vertex or edge.
@@ -211,6 +215,9 @@ def open_graph(
     indefinite : {"refuse", "drop", "repair"}
         Treatment of lines whose information or covariance matrix is not positive definite: refuse the file, drop the lines, or
         raise their eigenvalues. ``left_out`` and ``repaired`` of the result count the lines.
+    covariances : {"full", "isotropic"}
+        Covariances of the file, or one variance of each translation and rotation, as PyFactorGraph reads them; ``left_out`` of
+        the result counts the depths, which it reads as priors without effect.
 
     Returns
     -------
@@ -221,16 +228,22 @@ def open_graph(
     EstimationError
         If the file cannot be read or a line is not in the grammar; the message names the line.
     """
+    if covariances not in get_args(Covariances):
+        raise EstimationError(f"covariances {covariances!r}; allowed: {', '.join(get_args(Covariances))}")
+    options: dict[str, Any] = {
+        "leave_out": leave_out,
+        "skip_unknown": skip_unknown,
+        "indefinite": indefinite,
+    }
     if is_pose_graph(Path(path)):
-        return load_g2o(
-            path,
-            leave_out=leave_out,
-            skip_unknown=skip_unknown,
-            half_angles=half_angles,
-            isam=isam,
-            indefinite=indefinite,
-        )
-    return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
+        file = load_g2o(path, half_angles=half_angles, isam=isam, **options)
+    else:
+        file = load_pyfg(path, **options)
+    if covariances == "full":
+        return file
+    graph, lost = isotropic(file.graph)
+    left_out = file.left_out | ({"depth priors (PyFactorGraph reads precision 0)": lost} if lost else {})
+    return file._replace(graph=graph, left_out=left_out)
 
 
 def is_pose_graph(path: Path) -> bool:

@@ -8,12 +8,13 @@ dimensions, and the writer flattens them.
 import csv
 import io
 import itertools
+import logging
 import re
 import string
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,10 +38,12 @@ from pymantaray.estimation.graph import (
 )
 from pymantaray.estimation.graph_columns import ROTATION_FIRST, columns, to_graph, write_rows
 from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, read_tables
+from pymantaray.estimation.pyfactorgraph import depths_as_ranges
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 from pymantaray.user_files import exists, read_text
 
+LOG = logging.getLogger(__name__)
 POSE, LANDMARK = "VERTEX_SE3:QUAT", "VERTEX_XYZ"
 FLAT = {  # words in two dimensions, by those in three
     POSE: "VERTEX_SE2",
@@ -87,7 +90,13 @@ class GraphFile(NamedTuple):
     repaired: Mapping[str, int] = MappingProxyType({})
 
 
-def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:
+def write_pyfg(
+    graph: FactorGraph,
+    path: Path | str,
+    *,
+    initial: GraphValues,
+    depths: Literal["priors", "ranges"] = "priors",
+) -> None:
     """
     Write a factor graph as PyFactorGraph text, atomically.
 
@@ -101,6 +110,9 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
         File to create or replace; its folder must exist.
     initial : GraphValues
         Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
+    depths : {"priors", "ranges"}
+        Depths as pose priors, which PyFactorGraph reads with a precision of 0 (the log warns), or as ranges to a landmark 5e8 m
+        above the surface, which it keeps.
 
     Raises
     ------
@@ -125,7 +137,20 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     .. [1] PyFactorGraph, ``py_factor_graph/io/pyfg_text.py`` and ``utils/matrix_utils.py``,
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
+    if depths == "ranges":
+        graph, initial = depths_as_ranges(graph, initial)
+    warn_of_depths(graph, path)
     _write(graph, Path(path), initial, None)
+
+
+def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
+    """Log that PyFactorGraph loses the depth priors of a graph; nothing without any."""
+    if count := len(graph["depth"]):
+        LOG.warning(
+            '%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect; depths = "ranges" keeps them',
+            path,
+            count,
+        )
 
 
 def write_pyfgs(graphs: Mapping[Path, FactorGraph], *, initial: GraphValues) -> None:

@@ -30,17 +30,21 @@ class Method:
         Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2. [s]
     kalman : bool
         Use an error-state extended Kalman filter, which starts at the priors of the graph.
+    gtsam : {"converged", "default"}, optional
+        Use GTSAM's Levenberg-Marquardt optimizer: until the cost does not fall, or with its default
+        parameters.
     """
 
     loss: Loss | None = None
     incremental: bool = False
     lag: float | None = None
     kalman: bool = False
+    gtsam: Literal["converged", "default"] | None = None
 
     @property
     def uses_distances(self) -> bool:
         """True if ranges can only be distances between positions, without a range model."""
-        return self.incremental or self.lag is not None
+        return self.incremental or self.lag is not None or self.gtsam is not None
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,8 @@ class GraphSolution:
     ``(n_vehicles, n_times, ...)`` in results of `solve_conditions`. After a solve with a range model, ``gated_links`` counts
     the ranges without an arrival in the assumed ocean, and ``expansions`` the evaluations of the model.
     `solve_conditions` sets ``seconds`` of CPU time; the first estimator includes the time for shared results.
+    After a solve by GTSAM, ``from_batch`` is the largest distance of a pose or landmark from the estimate of the batch solver
+    from the same start.
     """
 
     position: Array
@@ -140,6 +146,7 @@ class GraphSolution:
     gated_links: int = 0
     expansions: int = 0
     seconds: float = math.nan
+    from_batch: float = math.nan  # [m]
     update_seconds: Array | None = None  # CPU time of each update, fixed lag or Kalman filter
     covariances: EpochCovariances | None = None  # at the requested epochs, if the values are usable
     unknowns: UnknownsEstimate | None = None  # of the ranges, likewise

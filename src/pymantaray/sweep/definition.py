@@ -14,7 +14,7 @@ import tomli_w
 from pymantaray.config.common import NONE
 from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, with_key
-from pymantaray.config.load import preset_names
+from pymantaray.config.load import STUDY_FILES, preset_names
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.study import StudyConfig, load_study, parse_study
 from pymantaray.study.tracks import with_tracks
@@ -284,7 +284,7 @@ def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] 
     base, cross, zipped, seeds = (tree.get(key) for key in ("base", "cross", "zip", "seeds"))
     folder = folder / tree.get("folder", "")
     if isinstance(base, str):
-        base = folder / base if Path(base).suffix == ".toml" else base
+        base = folder / base if Path(base).suffix in STUDY_FILES else base
     elif isinstance(base, dict):
         base = parse_study(base, f"{label}: base", folder)
     else:
@@ -298,7 +298,7 @@ def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] 
             raise SweepError(f"{label}: {key}: must be {what}")
     if isinstance(base, str) and base not in preset_names():
         raise SweepError(
-            f"{label}: base: found {base!r}; allowed: a file that ends in .toml, {', '.join(preset_names())}"
+            f"{label}: base: found {base!r}; allowed: a file that ends in {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
         )
     if changes:
         base = (base if isinstance(base, StudyConfig) else load_study(base)).with_(**changes)

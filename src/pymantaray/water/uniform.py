@@ -15,6 +15,7 @@ from pymantaray.arrays import Array
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice, with_roughness
 from pymantaray.ocean.local import assemble_local
@@ -169,6 +170,26 @@ def profile_spread(local: xr.Dataset) -> xr.Dataset:
         "count": count.drop_vars(("north", "east"))
     }
     return xr.Dataset(spread, attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")})
+
+
+def columns_spread(local: xr.Dataset) -> xr.Dataset:
+    """Sound speed of the levels above the sea floor of a local ocean, as in `sound_speed_profile_spread`."""
+    speed, over = local["sound_speed"], ("north", "east")
+    bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
+    places = np.stack(np.meshgrid(*(local[name].values for name in over), indexing="ij"), axis=-1)
+    wet = local["depth"].values <= bed.depth_at(places.reshape(-1, 2)).reshape(*places.shape[:2], 1)
+    speed = speed.where(xr.DataArray(wet, dims=speed.dims))
+    count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
+    spread = {
+        "mean": speed.sum(over) / count.where(count > 0),
+        "min": speed.reduce(np.fmin.reduce, over),
+        "max": speed.reduce(np.fmax.reduce, over),
+    }
+    return xr.Dataset(
+        {name: values.assign_attrs(local["sound_speed"].attrs) for name, values in spread.items()}
+        | {"count": count},
+        attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")},
+    )
 
 
 def profile_region(local: xr.Dataset) -> pd.DataFrame:
