@@ -255,7 +255,7 @@ def test_velocities_are_one_for_each(loud):
 def test_options_that_cannot_be_are_refused_in_one_line(medium):
     refused(ServiceError, "workers is -1; allowed are 0 and more", RangingService, medium, workers=-1)
     refused(ServiceError, "water_interval is -1 s", RangingService, medium, water_interval=-1.0)
-    refused(MantaRayError, "sea.toml: cannot be read", RangingService, "sea.toml")
+    refused(MantaRayError, "sea.toml: no such file", RangingService, "sea.toml")
 
 
 def test_the_frame_of_a_study_is_about_its_trajectories(tmp_path):

@@ -530,7 +530,7 @@ def test_the_file_of_a_belief_is_relative_to_the_study_and_an_input_of_it(tmp_pa
     assert config.files == (str(tmp_path / "casts" / "one.csv"),)
     again = parse_study(tomllib.loads(study_toml(config)))
     assert again == config
-    refused(StudyError, "one.csv: no such file", run_study, config, tmp_path / "run")
+    refused(StudyError, "one.csv: cannot be read: No such file", run_study, config, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 

@@ -135,8 +135,8 @@ def test_input_files_are_relative_to_the_sweep(tmp_path):
     with pytest.raises(SweepError) as caught:
         SweepPlan(sweep)
     assert str(caught.value).splitlines() == [
-        f"{tmp_path / 'a.nc'}: no such file",
-        f"{tmp_path / 'b.nc'}: no such file",
+        f"{tmp_path / 'a.nc'}: cannot be read: No such file or directory",
+        f"{tmp_path / 'b.nc'}: cannot be read: No such file or directory",
     ]
 
 

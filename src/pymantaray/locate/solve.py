@@ -181,7 +181,7 @@ class Solver:
         correlation: Correlation,
         before: Posterior | None = None,
     ) -> SurveySolution:
-        """Iterate outer steps until the positions converge; full steps may jump to and fro, so that later ones are damped."""
+        """Iterate outer steps until the positions converge; full steps may oscillate, so later ones are damped."""
         hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
         sigma = 0.0 if before is None else before.sigma
         used: Mask | None = None
