@@ -137,7 +137,7 @@ def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
     with xr.open_dataset(ocean_file, engine="scipy") as data:
         spans = [f"{float(bound):.2f}" for bound in (data["water_temp"].min(), data["water_temp"].max())]
     shown = [mantaray("ocean", "show", ocean_file, "--equation", name).out for name in ("teos-10", "unesco")]
-    for text in ("made up     yes", "2014-07-15 12:00 UTC", "17 points, 0.04 degrees apart", *spans):
+    for text in ("made up     yes", "2014-07-15 00:00 UTC", "17 points, 0.04 degrees apart", *spans):
         assert text in shown[0]
     assert "\n0 2 4 6 8 10 12" in shown[0]
     assert shown[0] != shown[1]

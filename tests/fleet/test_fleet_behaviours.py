@@ -12,7 +12,7 @@ POINT = [[0, 0, 1.0]]
 
 BAD = {
     "FloatCycle: target_depth is -5 m; it must be finite and zero or positive": lambda: FloatCycle(-5.0),
-    "target_depth is 0.4 m; it must be greater than surface_depth 0.5 m": lambda: FloatCycle(0.4),
+    "target_depth is 0.005 m; it must be greater than surface_depth 0.01 m": lambda: FloatCycle(0.005),
     "start_delay is -1 s; .* zero or positive": lambda: FloatCycle(100.0, start_delay=-1.0),
     "hold_depth_time is nan s": lambda: FloatCycle(100.0, hold_depth_time=np.nan),
     "hold_surface_time is inf s": lambda: FloatCycle(100.0, hold_surface_time=np.inf),

@@ -88,7 +88,7 @@ def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny, tiny
 def test_profiles_are_of_the_domain_that_was_asked_for_and_no_further(tiny, tiny_run):
     """No grid point beyond those that enclose 15 km about the centre."""
     section = tiny().ocean
-    whole = open_ocean("synthetic:beaufort", time="2014-07-15T12:00")
+    whole = open_ocean("synthetic:beaufort", time="2014-07-15T00:00")
     part = crop_around(whole, section.centre, section.half_extent)
     frame = LocalFrame(*section.centre)
     north, east = frame.to_local(part["lat"].values[:, None], part["lon"].values)
