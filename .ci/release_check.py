@@ -127,6 +127,8 @@ def check_changelog(version: str, *, released: bool) -> None:
     date = re.search(
         r'^date-released: "(.+)"$', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE
     )
+    if date is None and not released and version not in sections:  # nothing is released yet
+        return
     if date is None or not _is_date(date[1]):
         refuse('CITATION.cff: no line date-released: "YYYY-MM-DD"')
     if version in sections and section.partition("\n")[0].strip() != f"- {date[1]}":

@@ -41,7 +41,17 @@ def write_profile(file: Path) -> None:
 @contextmanager
 def server(profile: Path) -> Iterator[http.client.HTTPConnection]:
     """Run `mantaray serve` on a free port, and connect to it."""
-    command = [sys.executable, "-m", "pymantaray", "serve", str(profile), "--sea-floor", "300", "--port", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "pymantaray",
+        "serve",
+        str(profile),
+        "--bathymetry",
+        "300",
+        "--port",
+        "0",
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

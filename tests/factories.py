@@ -154,6 +154,7 @@ def make_fleet(
         rotation[:, k + 1] = rotation[:, k] @ so3_exp(rng.normal(0, turn, (n_vehicles, 3)))
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
     moved = np.einsum("atji,atj->ati", rotation[:, :-1], np.diff(position, axis=1))
+    # the same sigma on all axes, of the size of the motion: ranges of this fleet are hard to fit from some starts
     turned, way = (np.linalg.norm(v, axis=-1, keepdims=True) for v in (so3_log(step), moved))
     odometry_sigma = np.concatenate(
         [

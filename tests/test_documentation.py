@@ -85,7 +85,9 @@ def test_every_key_says_what_it_means_and_a_quantity_its_unit(model, tables):
 def test_the_page_shows_types_defaults_and_allowed_values(tables):
     assert tables["[ocean]"]["source"][2:] == ["", "must be given", "text or list of text"]
     assert tables["[mission]"]["duration_h"][2:] == ["h", "`168.0`", "number > 0 or text with a unit"]
-    assert tables["[acoustics]"]["arrival"][4] == '`"direct"`, `"first"`, `"strongest"`'
+    assert tables["[acoustics]"]["arrival"][4] == (
+        '`"direct"`, `"first"`, `"strongest"`, `"direct-or-first"`'
+    )
     assert tables["[detection]"]["shipping"][2:] == ["-", "-", "number ≥ 0 ≤ 1"]
     assert tables['[[fleet.vehicles]] kind = "waypoints"']["points"][4] == "list of list of 3 numbers"
     assert set(tables["[noise]"]) >= {"range_sigma", "attitude_tilt_sigma"}

@@ -67,5 +67,26 @@ def test_mantaray_is_cited_as_readme_and_citation_file_do():
     assert fields[0] == fields[1]
     released = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert fields[1]["url"] == released["url"]
-    assert fields[1]["year"] == released["date-released"][:4]
+    assert fields[1]["year"] == released.get("date-released", fields[1]["year"])[:4]
     assert fields[1]["title"] == released["title"]
+
+
+def test_before_the_first_release_no_file_claims_one():
+    """The changelog has a dated section for each release."""
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    is_released = bool(re.search(r"^## \[\d[^]]*\] - \d", changelog, re.MULTILINE))
+    citation_file = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert ("date-released" in citation_file) == is_released
+    assert ("pip install pymantaray" in README) == is_released
+    assert ".venv/bin/mantaray" in README
+
+
+def test_actions_are_pinned_by_commit_and_lower_bounds_have_no_known_holes():
+    for workflow in (ROOT / ".github" / "workflows").glob("*.yml"):
+        used = re.findall(r"uses: (\S+)", workflow.read_text(encoding="utf-8"))
+        assert used
+        assert all(re.fullmatch(r"[\w./-]+@[0-9a-f]{40}", one) for one in used), used
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert '"jinja2>=3.1.6"' in project
+    assert project.count('"waitress>=3.0.1"') == 2
+    assert (ROOT / "SECURITY.md").is_file()

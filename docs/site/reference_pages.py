@@ -11,7 +11,7 @@ import typer.main
 
 FOLDERS = (
     "geometry", "records", "ocean", "ocean.fetch", "acoustics", "acoustics.bellhop", "fleet", "sensing", "estimation",
-    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "online", "plan", "atlas", "service", "report",
+    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "authors", "online", "plan", "atlas", "service", "report",
 )  # fmt: skip
 """Folders in the order in which data flows."""
 
@@ -239,7 +239,7 @@ _WATER_COMMANDS = (
     "ocean plot", "ocean correct", "ocean perturb",
 )  # fmt: skip
 _WATER_OPTIONS = {
-    "sea floor": ("--sea-floor",),
+    "sea floor": ("--bathymetry",),
     "ice": ("--ice",),
     "rough ice": ("--ice-slope", "--ice-length"),
     "currents": ("--currents",),

@@ -5,6 +5,7 @@ import resource
 import signal
 import sys
 import threading
+import warnings
 
 _MIN_ADDRESS_SPACE_MIB = 1536  # with less, libraries raise errors or never return
 
@@ -17,6 +18,9 @@ def main() -> None:
             f"error: not enough memory: the limit of this process is {limit / 2**20:.0f} MiB (ulimit -v); set it to 4096 MiB or more\n"
         )
         raise SystemExit(2)
+    if not sys.warnoptions and "PYTHONWARNINGS" not in os.environ:  # of numpy, in this process and in workers
+        warnings.simplefilter("ignore", RuntimeWarning)
+        os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"
     if threading.current_thread() is not threading.main_thread():  # only the main thread may handle signals
         from pymantaray.cli.main import main as run
     else:
@@ -27,7 +31,13 @@ def main() -> None:
     from pymantaray.installation import spare_memory_management
 
     spare_memory_management()
-    run()
+    try:
+        run()
+    except SystemExit as end:
+        from pymantaray.cli.stopping import end_after_stop
+
+        end_after_stop(end.code)
+        raise
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ Python calls entries. Entries call kernels, which are compiled as part of them. 
 
 import fcntl
 import hashlib
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -17,9 +18,11 @@ import numba
 from numba import config, njit, types
 from numba.extending import intrinsic
 
-from pymantaray.messages import announce_compilation, warn_not_cached
+from pymantaray.messages import announce_compilation, one_line, warn_not_cached, warn_once
 
 PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
+_LOCK_WAIT = 30.0  # s; longer than another process needs, unless it is starved or stopped
+_LOCK_POLL = 0.1  # s
 _SHARED_SOURCES = tuple(
     Path(__file__).parent / p
     for p in (
@@ -72,8 +75,8 @@ def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], *
     Compile a function and cache it on disk, or in memory if no folder is writable.
 
     Numba checks only the file of the function itself, not the files of the functions that it calls, so it could load stale
-    code. Here, the names of its cache files contain a digest of all sources. Files with other digests are removed. If several
-    processes need code that is not cached, one compiles it and the others wait.
+    code. Here, the names of its cache files contain a digest of all sources. Files with other digests, and damaged files, are removed.
+    If several processes need code that is not cached, one compiles it and the others wait for at most half a minute.
     """
     name = function.__qualname__
     digest = _digest(Path(function.__code__.co_filename).parent)
@@ -89,6 +92,7 @@ def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], *
         folder, stem = Path(compiled.stats.cache_path), f"{Path(function.__code__.co_filename).stem}.{name}"
         _discard_stale(folder, stem, digest)
         _ignore_failed_saves(compiled._cache)
+        _discard_damaged(compiled._cache, folder, f"{stem}-{digest}")
         if decorate is njit:
             _compile_in_one_process(compiled, folder / f"{stem}-{digest}.lock")
     return compiled
@@ -107,22 +111,48 @@ def _ignore_failed_saves(disk_cache: Any) -> None:
     disk_cache.save_overload = try_to_save
 
 
+def _discard_damaged(disk_cache: Any, folder: Path, stem: str) -> None:
+    """Remove files of a function that cannot be read, so that it is compiled again."""
+    load = disk_cache.load_overload
+
+    def try_to_load(signature: Any, context: Any) -> Any:
+        try:
+            return load(signature, context)
+        except Exception as error:  # noqa: BLE001  damaged pickles raise many types
+            warn_once(
+                f"{folder}: compiled kernels are damaged ({one_line(repr(error), 60)}); compiling them again"
+            )
+            for file in folder.glob(f"{stem.replace('<', '').replace('>', '')}*.nb[ic]"):
+                with suppress(OSError):
+                    file.unlink()
+            return None
+
+    disk_cache.load_overload = try_to_load
+
+
 def _compile_in_one_process(compiled: Any, path: Path) -> None:
-    """Let a process that finds no code on disk wait for one that compiles it; the lock ends with its process."""
+    """
+    Let a process that finds no code on disk wait for one that compiles it; the lock ends with its process.
+
+    A process that waited in vain compiles in memory.
+    """
     load, compile_types, locks = compiled._cache.load_overload, compiled.compile, list[TextIO]()
+    save, in_memory = compiled._cache.save_overload, list[bool]()
 
     def load_or_wait(signature: Any, context: Any) -> Any:
         code = load(signature, context)
-        if code is not None or locks:
+        if code is not None or locks or in_memory:
             return code
         with suppress(OSError):  # the folder is not writable, or its disk has no locks
             locks.append(path.open("w"))
-            try:
-                fcntl.flock(locks[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                announce_compilation()
-                fcntl.flock(locks[0], fcntl.LOCK_EX)
+            if not _is_locked(locks[0]):
+                locks.pop().close()
+                in_memory.append(True)
         return load(signature, context)
+
+    def save_unless_in_memory(signature: Any, code: Any) -> None:
+        if not in_memory:
+            save(signature, code)
 
     def compile_and_unlock(signature: Any) -> Any:
         try:
@@ -133,6 +163,25 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
                     fcntl.flock(lock, fcntl.LOCK_UN)  # a process that was forked meanwhile has the file, too
 
     compiled._cache.load_overload, compiled.compile = load_or_wait, compile_and_unlock
+    compiled._cache.save_overload = save_unless_in_memory
+
+
+def _is_locked(file: TextIO) -> bool:
+    """Lock a file; False if another process holds it for too long."""
+    end = time.monotonic() + _LOCK_WAIT
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            announce_compilation()
+            if time.monotonic() > end:
+                warn_once(
+                    f"another process has been compiling kernels for {_LOCK_WAIT:.0f} s; compiling them in memory"
+                )
+                return False
+            time.sleep(_LOCK_POLL)
+        else:
+            return True
 
 
 def _discard_stale(folder: Path, stem: str, digest: str) -> None:

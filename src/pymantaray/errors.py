@@ -8,14 +8,14 @@ allowed values. A docstring lists an error only if it does not follow from the d
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from pymantaray.messages import without_secrets
+from pymantaray.messages import printable, without_secrets
 
 
 class MantaRayError(Exception):
-    """Invalid input or an impossible request; the message is one line for the user, without passwords and tokens."""
+    """Invalid input or an impossible request; the message is one printable line, without passwords and tokens."""
 
     def __init__(self, *arguments: object) -> None:
-        super().__init__(*(without_secrets(one) if isinstance(one, str) else one for one in arguments))
+        super().__init__(*(printable(without_secrets(a)) if isinstance(a, str) else a for a in arguments))
 
 
 class GeometryError(MantaRayError):

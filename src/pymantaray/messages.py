@@ -17,6 +17,15 @@ def without_secrets(text: object) -> str:
     return _VALUE.sub(r"\1...", _BARE_ACCOUNT.sub("", _ACCOUNT.sub("/", str(text))))
 
 
+def printable(text: str) -> str:
+    """Escape characters that a terminal may act on; line ends, and the bytes of file names that are not UTF-8, stay."""
+    if text.isprintable():
+        return text
+    return "".join(
+        c if c.isprintable() or c == "\n" or "\udc80" <= c <= "\udcff" else ascii(c)[1:-1] for c in text
+    )
+
+
 def one_line(text: object, longest: int = 160) -> str:
     """Convert text of unknown origin to one short printable line."""
     words = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())

@@ -4,6 +4,7 @@ import gc
 import itertools
 import os
 import pickle
+import signal
 import subprocess
 import sys
 from collections import Counter, namedtuple
@@ -104,6 +105,65 @@ def test_one_process_compiles_and_another_waits_for_its_code(tmp_path):
             (tmp_path / "go").touch()
             assert second.communicate()[0] == "2.0 1\n"
         assert first.communicate()[0] == "calls\n2.0 0\n"
+
+
+@pytest.mark.skipif(compilation.PLAIN, reason="nothing is compiled")
+def test_a_process_does_not_wait_for_ever_for_one_that_is_stopped(tmp_path):
+    (tmp_path / "slow.py").write_text(SLOW)
+    (tmp_path / "short.py").write_text(
+        "from pymantaray import compile as c\nc._LOCK_WAIT = 1.0\nfrom slow import doubled\n"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    start = partial(
+        subprocess.Popen,
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with start([sys.executable, "-c", "import slow"]) as first:
+        while not (tmp_path / "compiling").exists():
+            assert first.poll() is None
+        first.send_signal(signal.SIGSTOP)
+        try:
+            (tmp_path / "go").touch()
+            with start([sys.executable, "short.py"]) as second:
+                printed, said = second.communicate(timeout=120)
+            assert printed == "calls\n2.0 0\n", said
+            assert "another process has been compiling kernels for 1 s; compiling them in memory" in said
+        finally:
+            first.send_signal(signal.SIGCONT)
+        assert first.communicate(timeout=120)[0] == "calls\n2.0 0\n"
+    with start([sys.executable, "-c", "import slow"]) as third:  # the first one has saved its code
+        assert third.communicate(timeout=120)[0] == "calls\n2.0 1\n"
+
+
+DAMAGE = {
+    "an empty index": (".nbi", lambda content: content[:0]),
+    "a random index": (".nbi", lambda content: np.random.default_rng(0).bytes(len(content))),
+    "half an index": (".nbi", lambda content: content[: len(content) // 2]),
+    "an empty kernel": (".nbc", lambda content: content[:0]),
+    "half a kernel": (".nbc", lambda content: content[: len(content) // 2]),
+    "a random kernel": (".nbc", lambda content: np.random.default_rng(1).bytes(len(content))),
+}
+
+
+@pytest.mark.skipif(compilation.PLAIN, reason="nothing is compiled")
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_damaged_kernels_on_disk_are_compiled_again_with_a_warning(two_files, tmp_path, damage):
+    ending, change = DAMAGE[damage]
+    folder = tmp_path / "cache"
+    environment = {"NUMBA_CACHE_DIR": str(folder)}
+    two_files(2.0, **environment)
+    (file,) = folder.rglob(f"outer.scaled*{ending}")
+    file.write_bytes(change(file.read_bytes()))
+    printed, said = two_files(2.0, **environment)
+    assert printed == ["2.0", "True"], said
+    assert "compiled kernels are damaged" in said
+    assert "Traceback" not in said
+    printed, said = two_files(2.0, **environment)
+    assert (printed, said) == (["2.0", "True"], "")
 
 
 SHARED = """

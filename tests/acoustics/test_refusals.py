@@ -101,7 +101,7 @@ REFUSED = {
     "at least 2": lambda: thin_profile([0.0], [1500.0]),
     "tolerance is 0 m/s; it must be finite and positive": lambda: thin_profile([0.0, 1.0], [1500.0] * 2, tolerance=0.0),
     "allows 21 m, its widest gap, to 49.5": lambda: smooth_profile(np.r_[0:50, 70:100], np.full(80, 1500.0)),
-    "arrival rule 'loudest'; allowed are direct, first, strongest": lambda: select(ARRIVALS, "loudest"),
+    "arrival rule 'loudest'; allowed are direct, first, strongest, direct-or-first": lambda: select(ARRIVALS, "loudest"),
     r"loss_db: shape \(1,\); 3 arrivals need one value each": lambda: select(ARRIVALS, "strongest", loss_db=[1.0]),
     r"delay: shape \(3, 1\); 3 arrivals": lambda: select(ARRIVALS, "first", delay=np.zeros((3, 1))),
     "wind_speed is -1 m/s": lambda: WenzNoise(wind_speed=-1.0),

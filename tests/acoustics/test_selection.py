@@ -1,4 +1,4 @@
-"""Which arrival of a link is ranged on: the three rules on arrivals made by hand, and their statuses."""
+"""Which arrival of a link is ranged on: the four rules on arrivals made by hand, and their statuses."""
 
 import numpy as np
 import pytest
@@ -49,6 +49,7 @@ ARRIVALS = arrivals_of(TABLE, STATUS)
     ("direct", [1.01, 2.0, np.nan, np.nan], RayStatus.SHADOW, np.nan),  # bounced arrivals only
     ("first", [1.0, 2.0, np.nan, 4.0], RayStatus.OK, 0.0),
     ("strongest", [1.5, 2.0, np.nan, 4.25], RayStatus.OK, 0.0),
+    ("direct-or-first", [1.01, 2.0, np.nan, 4.0], RayStatus.OK, 0.0),
 ])  # fmt: skip
 def test_each_rule_picks_its_arrival_with_time_slowness_and_status(rule, times, last, margin):
     found = select(ARRIVALS, rule)
@@ -92,6 +93,7 @@ def test_rules_are_the_minima_they_say(rows):
         expected = {
             "direct": min((r[1] for r in own if r[2] == r[3] == 0), default=np.nan),
             "first": min((r[1] for r in own), default=np.nan),
+            "direct-or-first": min(own, key=lambda r: (r[2] + r[3] > 0, r[1]), default=(0, np.nan))[1],
             "strongest": min(own, key=lambda r: (r[4], r[1]), default=(0, np.nan))[1],
         }
         for rule, time in expected.items():

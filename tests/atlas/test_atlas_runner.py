@@ -345,7 +345,7 @@ def test_what_is_no_atlas_is_refused(file, tmp_path):
     refused(AtlasError, "not an atlas of this version; compute one with mantaray atlas run", open_atlas, file)
     refused(
         AtlasError,
-        "missing.nc: not a readable NetCDF file: No such file",
+        "missing.nc: no such file",
         open_atlas,
         tmp_path / "missing.nc",
     )

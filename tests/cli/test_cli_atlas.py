@@ -57,7 +57,7 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monke
         (("--step-h", "6"), "--step-h needs --start and --stop; give both"),
         (
             ("--time", "2015-01-01"),
-            "time 2015-01-01T00:00: not in the ocean, which has 1 from 2014-07-15T12:00 to",
+            "time 2015-01-01T00:00: not in the ocean, which has 1 from 2014-07-15T00:00 to",
         ),
         (("--cutoff-db", "-3"), "--cutoff-db is -3; it must be a positive number of decibels, or none"),
     ],

@@ -15,7 +15,7 @@ LINKS = """source_north,source_east,source_depth,receiver_north,receiver_east,re
 0,0,100,3000,4000,400
 500.5,-300,70,4000,900,40
 """
-PROFILE = ("--profile", "profile.csv", "--bottom", 1000)
+PROFILE = ("--profile", "profile.csv", "--bathymetry", 1000)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_comparison_of_a_profile(mantaray, told, files, monkeypatch):
 
 def test_writing_the_links_of_a_table(mantaray, files):
     shown = mantaray(
-        "rays", "write-bellhop", "links.csv", "--profile", "profile.csv", "--bottom", 1234,
+        "rays", "write-bellhop", "links.csv", "--profile", "profile.csv", "--bathymetry", 1234,
         "--out", "run", "--write", "rays", "--beams", 7, "--sea-bed", "matching", "--step", 0, "--ice", 4,
     )  # fmt: skip
     paths = [Path(line) for line in shown.out.split()]
@@ -67,7 +67,7 @@ def test_a_smooth_ocean_is_sampled(mantaray, files):
     depth, speed = np.array([0.0, 100.0, 300.0, 1000.0]), np.array([1500.0, 1490.0, 1480.0, 1495.0])
     pd.DataFrame({"depth": depth, "sound_speed": speed}).to_csv("bent.csv", index=False)
     mantaray(
-        "rays", "write-bellhop", "links.csv", "--profile", "bent.csv", "--bottom", 900,
+        "rays", "write-bellhop", "links.csv", "--profile", "bent.csv", "--bathymetry", 900,
         "--interpolation", "smooth", "--refine", 5, "--out", "run",
     )  # fmt: skip
     levels = np.array(read_env("run/link_0.env").levels)

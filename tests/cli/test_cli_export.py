@@ -3,6 +3,7 @@
 import re
 
 import pandas as pd
+from authors_files import write_simulation
 from factories import names_in
 
 from pymantaray.study import open_run
@@ -30,3 +31,21 @@ def test_export_names_what_it_made_and_refuses_in_one_line(mantaray, tiny_run_fo
     assert again.code == 2
     assert len(again.err.splitlines()) == 1
     assert names_in(tmp_path) == ["tables"]
+
+
+def test_export_authors_takes_a_study_or_a_run_and_import_reads_it(mantaray, tmp_path):
+    write_simulation(tmp_path)
+    done = mantaray("study", "import", tmp_path / "sim.json", "--out", tmp_path / "study.toml")
+    assert done.code == 0
+    assert "without meaning here: output_dir" in done.err
+    assert "output_dir" in (tmp_path / "study.toml").read_text()
+    run = tmp_path / "run"
+    words = ("--realizations", 1, "--no-figures", "--out", run)
+    assert mantaray("study", "run", tmp_path / "study.toml", *words).code == 0
+    for source, folder in ((tmp_path / "study.toml", "one"), (run, "two")):
+        done = mantaray("export", "authors", source, tmp_path / folder)
+        assert (done.code, done.out) == (0, f"{tmp_path / folder}\n"), done.err
+        assert names_in(tmp_path / folder) == ["environment", "environment.json", "sim.json"]
+    assert mantaray("study", "import", tmp_path / "two" / "sim.json").code == 0
+    refused = mantaray("export", "authors", tmp_path / "study.toml")
+    assert (refused.code, "export authors STUDY FOLDER" in refused.err) == (2, True)

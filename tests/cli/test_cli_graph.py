@@ -1,12 +1,14 @@
 """The commands `mantaray graph`: what they print and write, and what they refuse in one line."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 from two_minima import ring
 
 from pymantaray.estimation import GraphSolver, read_pyfg
+from pymantaray.estimation.solution import SolveOptions
 from pymantaray.estimation.solve import METHODS
 
 NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
@@ -177,6 +179,27 @@ def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new,
     assert said in done.err
 
 
+def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
+    mantaray, file, tmp_path, monkeypatch
+):
+    whole = file.read_text()
+    file.write_text(whole.replace(f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", ""))
+    out = tmp_path / "out"
+    failed = mantaray("graph", "solve", file, "--json", "--out", out)
+    assert (failed.code, failed.out, out.exists()) == (2, "", False)
+    file.write_text(whole)
+    monkeypatch.setattr(
+        "pymantaray.estimation.external.SolveOptions", partial(SolveOptions, max_iterations=1)
+    )
+    done = mantaray("graph", "solve", file, "--json", "--out", out, "--start", "dead-reckoning")
+    assert done.code == 1
+    result = json.loads(done.out)
+    assert (result["status"], result["start"]) == ("NOT_CONVERGED", "dead-reckoning")
+    assert done.err.startswith(f"error: {file}: not converged after 1 iterations")
+    assert (out / "last.nc").is_file()
+    assert not (out / "estimate.nc").exists()
+
+
 def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(mantaray, graph, file, tmp_path):
     (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
     done = mantaray("graph", "convert", file, tmp_path / "again.pyfg")
@@ -239,7 +262,7 @@ def test_all_starts_a_second_minimum_and_the_certificate_are_reported(mantaray, 
     result = told("graph", "solve", path, "--random-starts", "2", "--out", tmp_path / "out")
     names = [row["start"] for row in result["starts"]]
     assert names == ["file", "dead-reckoning", "chordal", "random-1", "random-2", "relaxation"]
-    assert result["cost"] == min(row["cost"] for row in result["starts"])
+    assert result["cost"] == pytest.approx(min(row["cost"] for row in result["starts"]), rel=1e-9)
     assert (result["start"], result["status"]) == ("file", "SECOND_MINIMUM")
     assert result["certificate"]["certified"] is False
     assert result["certificate"]["least_eigenvalue"] < 0.0
@@ -250,3 +273,38 @@ def test_all_starts_a_second_minimum_and_the_certificate_are_reported(mantaray, 
     refused = mantaray("graph", "solve", path, "--start", "file", "--random-starts", "2")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "--start best" in refused.err
+
+
+def test_solve_lists_the_worst_factors_by_each_measure(graph, mantaray, tmp_path):
+    path = tmp_path / "g.pyfg"
+    path.write_text(TEXT)
+    done = json.loads(graph("solve", path, "--worst", 2, "--json").out)
+    for measure in ("residual_sigmas", "leverage", "cook_distance"):
+        rows = done["tables"][f"largest_{measure}"] if "tables" in done else done[f"largest_{measure}"]
+        assert len(rows) == 2
+        assert rows[0][measure] >= rows[1][measure]
+        assert {row["kind"] for row in rows} <= {
+            "range",
+            "sighting",
+            "odometry",
+            "first-pose prior",
+            "landmark prior",
+        }
+    assert "Cook's distance" in graph("solve", path, "--worst", 2).out
+
+
+def test_covariances_may_be_those_that_pyfactorgraph_reads(graph, tmp_path):
+    path = tmp_path / "g.pyfg"
+    depth = f"VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1 {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    path.write_text(TEXT.replace(NOISE, NOISE.replace("0.01", "0.04", 1), 1) + depth)
+    done = json.loads(graph("solve", path, "--covariances", "isotropic", "--json").out)
+    assert done["left_out"] == {"depth priors (PyFactorGraph reads precision 0)": 1}
+
+
+def test_convert_writes_depths_as_ranges(graph, tmp_path):
+    path, out = tmp_path / "g.pyfg", tmp_path / "out.pyfg"
+    depth = f"VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1 {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    path.write_text(TEXT + depth)
+    assert "precision of 0" in graph("convert", path, out).err
+    assert graph("convert", path, out, "--depths", "ranges", "--force").err == ""
+    assert len(read_pyfg(out)[0]["range"]) == 3

@@ -11,12 +11,15 @@ import sys
 import time
 
 import pytest
+from factories import python
 
 from pymantaray.cli.main import main
 
 COMMAND = """
 from pymantaray.jobs import checkpoint
 checkpoint._SAVE_INTERVAL = 3600.0  # what a short run keeps, however long it takes on a busy machine
+from factories import python
+
 from pymantaray.cli.main import main
 main()
 """
@@ -184,7 +187,7 @@ def test_a_date_of_the_environment_that_libraries_cannot_read_is_refused_in_one_
     done = mantaray("study", "list")
     assert done.code == 2
     assert done.err == (
-        f"error: environment: SOURCE_DATE_EPOCH is {value!r}; it must be whole seconds since 1970; correct or unset it\n"
+        f"error: environment: SOURCE_DATE_EPOCH is {value!r}; it must be whole seconds since 1970, at most 11 digits; correct or unset it\n"
     )
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     assert mantaray("study", "list").code == 0
@@ -206,3 +209,70 @@ def test_too_little_memory_is_told_in_one_line(mebibytes, tmp_path):
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert "emory" in done.stderr
     assert not any(tmp_path.iterdir())
+
+
+SPIN = """
+import sys
+from numba import njit
+from pymantaray.cli.stopping import answered_stops, end_after_stop
+
+@njit(nogil=True)
+def spin(n):
+    total = 0.0
+    for k in range(n):
+        total += 1.0 / (1.0 + total * total)
+    return total
+
+spin(10)
+where = sys.argv[1]
+try:
+    with answered_stops():
+        if where == "thread":
+            from pymantaray.acoustics.solving import in_blocks
+            def work(start, stop):
+                print("go", flush=True)
+                return spin(10 if start == 0 else 10**13)
+            import pymantaray.acoustics.solving as solving
+            solving._BLOCK_SECONDS = 0.0
+            list(in_blocks(work, 3, threads=2))
+        print("go", flush=True)
+        spin(10**13)
+except (SystemExit, KeyboardInterrupt) as end:
+    code = getattr(end, "code", 130)
+    end_after_stop(code)
+    sys.exit(code)
+"""
+
+
+@STOPS
+@pytest.mark.parametrize("where", ["main", "thread"])
+def test_a_process_in_compiled_code_stops_within_seconds(sent, code, where):
+    with subprocess.Popen(
+        [sys.executable, "-c", SPIN, where], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        for _ in range(1 if where == "main" else 3):
+            assert process.stdout.readline() == "go\n"
+        process.send_signal(sent)
+        try:
+            assert process.wait(timeout=30) in (code, -sent)
+        finally:
+            process.kill()
+
+
+def test_signals_of_a_forked_child_do_not_stop_its_parent():
+    done = python("""
+import os, signal, time
+from pymantaray.cli.stopping import answered_stops
+with answered_stops():
+    child = os.fork()
+    if not child:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, lambda *_: None)
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+        os._exit(0)
+    os.waitpid(child, 0)
+    time.sleep(4.0)
+print("there")
+""")
+    assert (done.returncode, done.stdout) == (0, "there\n"), done.stderr

@@ -98,6 +98,43 @@ def test_our_own_table_is_located_in_seconds_and_in_milliseconds(told, campaign,
     np.testing.assert_allclose(*places, atol=1e-3)
 
 
+def test_names_that_no_file_can_hold_are_refused_before_the_solve(mantaray, campaign, tmp_path, monkeypatch):
+    pings, nodes = write_table(campaign, tmp_path)
+    for file in (pings, nodes):
+        file.write_text(file.read_text().replace(campaign.names[0], "buoy 7/b"))
+    monkeypatch.setattr("pymantaray.locate.locate", lambda *_, **__: pytest.fail("solved"))
+    water = ("--profile", profile_csv(tmp_path))
+    done = mantaray("locate", pings, "--nodes", nodes, *water, "--out", tmp_path / "out")
+    assert (done.code, (tmp_path / "out").exists()) == (2, False)
+    assert done.err == (
+        f"error: {pings}: node 'buoy 7/b': files of results need names of 1 to 64 letters, digits, _ and -;"
+        " rename it in the survey\n"
+    )
+
+
+def test_a_node_may_have_the_name_of_the_platform(mantaray, campaign, tmp_path):
+    pings, nodes = write_table(campaign, tmp_path)
+    for file in (pings, nodes):
+        file.write_text(file.read_text().replace(campaign.names[0], "A"))
+    lever = campaign.lever[0]
+    options = ("--profile", profile_csv(tmp_path), "--lever", *lever, "--sound-speed", "known")
+    done = mantaray("locate", pings, "--nodes", nodes, *options, "--out", tmp_path / "out")
+    assert done.code == 0, done.err
+    assert "A,platform" in (tmp_path / "out" / "survey.names.csv").read_text()
+
+
+def test_a_survey_that_does_not_converge_prints_its_status_and_ends_with_1(
+    mantaray, campaign, tmp_path, monkeypatch
+):
+    pings, nodes = write_table(campaign, tmp_path)
+    monkeypatch.setattr("pymantaray.locate.solve._MAX_STEPS", 1)
+    monkeypatch.setattr("pymantaray.locate.solve._MAX_DAMPED", 0)
+    done = mantaray("locate", pings, "--nodes", nodes, "--profile", profile_csv(tmp_path), "--json")
+    assert done.code == 1
+    assert {node["status"] for node in json.loads(done.out)["nodes"]} == {"not converged"}
+    assert done.err.splitlines()[-1].startswith(f"error: {pings}: not converged; ")
+
+
 def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
     """Positions every 0.5 s in a file of their own, as a logger writes them."""
     time = np.arange(-5.0, campaign.time[-1] + 10.0, 0.5)
@@ -263,7 +300,7 @@ BAD = {
         "none of 7 events has an answer",
     ),
     "times": (lambda text: text.replace(":06:30:30", ":05:30:30"), "times must not decrease"),
-    "line": (lambda text: text.replace("Lon: 132", "Lon: east", 1), "line 11: .* is not a ping"),
+    "lines": (lambda text: text.replace("Lon: 132", "Lon: east"), "line 11: .* is not a ping"),
     "drop point": (
         lambda text: text.replace("(Longitude): -132.5", "(Longitude): somewhere"),
         "is 'somewhere'; it must be degrees",

@@ -1,5 +1,6 @@
 """`mantaray ocean` as a user runs it: exit codes, one line each, files that are whole."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -76,8 +77,13 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
 
 def test_what_only_the_run_s_own_check_sees_is_told_by_the_check_too(mantaray, small_text, tmp_path):
     study = tmp_path / "study.toml"
-    study.write_text(small_text.replace("physics_step_s = 0.125", "physics_step_s = 20.0"), encoding="utf-8")
-    says = "vehicle 'B': physics_step is 20 s; it must be at most 10 s"
+    swimmer = (
+        '\n[[fleet.vehicles]]\nname = "W"\nkind = "waypoints"\nnorth = 0.0\neast = 0.0\ndepth = 9.0\n'
+        "points = [[99.0, 0.0, 9.0]]\nspeed = 1.0\n"
+    )
+    text = small_text.replace("physics_step_s = 0.125", "physics_step_s = 25.0")
+    study.write_text(text + swimmer, encoding="utf-8")
+    says = "vehicle 'W': physics_step is 25 s; it must be at most 20 s"
     checked, ran = (
         mantaray("ocean", "check", "--study", study),
         mantaray("study", "run", study, "--no-figures"),
@@ -131,7 +137,7 @@ def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
     with xr.open_dataset(ocean_file, engine="scipy") as data:
         spans = [f"{float(bound):.2f}" for bound in (data["water_temp"].min(), data["water_temp"].max())]
     shown = [mantaray("ocean", "show", ocean_file, "--equation", name).out for name in ("teos-10", "unesco")]
-    for text in ("made up     yes", "2014-07-15 12:00 UTC", "17 points, 0.04 degrees apart", *spans):
+    for text in ("made up     yes", "2014-07-15 00:00 UTC", "17 points, 0.04 degrees apart", *spans):
         assert text in shown[0]
     assert "\n0 2 4 6 8 10 12" in shown[0]
     assert shown[0] != shown[1]
@@ -145,19 +151,19 @@ def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
 
 def test_show_has_the_domain_and_the_sea_floor_of_its_options(told, mantaray, ocean_file, tmp_path):
     whole = told("ocean", "show", ocean_file)["region"]
-    part = told("ocean", "show", ocean_file, "--half-extent", 10, 10, "--sea-floor", 900)["region"]
+    part = told("ocean", "show", ocean_file, "--half-extent", 10000, "10km", "--bathymetry", 900)["region"]
     assert part["height [km]"] < 0.5 * whole["height [km]"]
     assert [part[f"{end} sea floor [m]"] for end in ("shallowest", "deepest")] == [900.0, 900.0]
-    assert "900 to 900 m, one depth" in mantaray("ocean", "show", ocean_file, "--sea-floor", 900).out
+    assert "900 to 900 m, one depth" in mantaray("ocean", "show", ocean_file, "--bathymetry", 900).out
 
 
 def test_made_oceans_have_the_domain_and_refuse_a_sea_floor(mantaray, ocean_file, tmp_path):
     words = ("ocean", "perturb", ocean_file, tmp_path / "mean.nc", "--method", "mean")
-    assert mantaray(*words, "--half-extent", 10, 10).code == 0
+    assert mantaray(*words, "--half-extent", 10000, "10km").code == 0
     with xr.open_dataset(ocean_file) as data, xr.open_dataset(tmp_path / "mean.nc") as mean:
         assert mean.sizes["lat"] < data.sizes["lat"]
-    result = mantaray(*words, "--force", "--sea-floor", 900)
-    assert (result.code, "--sea-floor applies to a profile here" in result.err) == (2, True)
+    result = mantaray(*words, "--force", "--bathymetry", 900)
+    assert (result.code, "--bathymetry applies to a profile here" in result.err) == (2, True)
 
 
 def test_an_ocean_of_two_files_is_perturbed(mantaray, ocean_file, tmp_path):
@@ -179,7 +185,7 @@ def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tm
         ("--at", "10,10", "outside the ocean"),
         ("--at", "north", "2 numbers separated by commas"),
         ("--depth", 9_000, "not in the water"),
-        ("--half-extent", "500 500", "does not fit into the data"),
+        ("--half-extent", "500km 500km", "does not fit into the data"),
     ):
         words = str(value).split()
         result = mantaray("ocean", "plot", ocean_file, "--out", tmp_path / "none", option, *words)
@@ -194,7 +200,7 @@ def make(mantaray, tmp_path, monkeypatch):
     Path("cast.csv").write_text(CAST)
     Path("warmer.csv").write_text(CAST.replace("0.4,30.7", "1.4,30.7").replace("lat 74.0", "lat 74.05"))
     levels = np.arange(0.0, 401.0, 25.0)
-    ocean = cast_ocean(read_cast("cast.csv"), bottom_depth=400.0, half_extent=(20e3, 20e3), levels=levels)
+    ocean = cast_ocean(read_cast("cast.csv"), bathymetry=400.0, half_extent=(20e3, 20e3), levels=levels)
     write_netcdf(ocean, Path("ocean.nc"))
 
     def call(*words, code=0):
@@ -228,10 +234,10 @@ def member(seed):
 BY_MODES = "perturb ocean.nc new.nc --rms 0.5 --scale inf --mode-cast cast.csv --mode-cast warmer.csv"
 MADE = {  # what is told, the command and what it calls
     "450 m; cast cast: 4 samples averaged onto": (
-        "from-cast cast.csv new.nc --below constant --half-extent 20 30", lambda: of_cast(below="constant")
+        "from-cast cast.csv new.nc --below constant --half-extent 20km 30km", lambda: of_cast(below="constant")
     ),
     "300 m; cast cast": (
-        "from-cast cast.csv new.nc --bottom 300 --half-extent 20 30 --force", lambda: of_cast(bottom_depth=300.0)
+        "from-cast cast.csv new.nc --bathymetry 300 --half-extent 20km 30km --force", lambda: of_cast(bathymetry=300.0)
     ),
     "corrected with 2 casts (warmer, cast)": (
         "correct ocean.nc warmer.csv cast.csv new.nc --scale 3 --noise-ratio 0.01",
@@ -266,14 +272,14 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
 @pytest.mark.parametrize(("words", "says"), [
     ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
     ("from-cast cast.csv ocean.nc", "already exists; give another name or --force"),
-    ("from-cast none.csv new.nc --bottom 300", "cannot be read: No such file"),
+    ("from-cast none.csv new.nc --bathymetry 300", "none.csv: no such file"),
     ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast cannot be combined"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
     ("perturb ocean.nc new.nc", "--method eof needs --rms and --scale"),
     ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean does not use --rms"),
     ("perturb ocean.nc new.nc --rms 0 --scale 10", "rms is 0; it must be positive"),
-    ("check ocean.nc --sea-floor none.nc", "none.nc: no such file"),
-    ("plot ocean.nc --out figures --sea-floor none.nc", "none.nc: no such file"),
+    ("check ocean.nc --bathymetry none.nc", "none.nc: no such file"),
+    ("plot ocean.nc --out figures --bathymetry none.nc", "none.nc: no such file"),
 ])  # fmt: skip
 def test_what_is_missing_or_in_the_way_is_one_line(make, words, says):
     assert says in make(*words.split(), code=2)
@@ -281,7 +287,7 @@ def test_what_is_missing_or_in_the_way_is_one_line(make, words, says):
 
 def test_help_tells_the_units(mantaray):
     """Brackets in a help text are taken for markup and vanish."""
-    for command, units in (("from-cast", ["in m", "in km"]), ("perturb", ["in m/s", "in km"])):
+    for command, units in (("from-cast", ["in m"]), ("perturb", ["in m/s", "in km"])):
         shown = " ".join(mantaray("ocean", command, "--help").out.replace("│", " ").split())
         assert all(unit in shown for unit in units), shown
 
@@ -334,10 +340,54 @@ def test_rays_run_in_an_instruments_profile(told, tmp_path, monkeypatch):
         "out.csv",
         "--profile",
         "sound.asvp",
-        "--bottom",
+        "--bathymetry",
         300,
         "--interpolation",
         "linear",
     )
     (row,) = pd.read_csv("out.csv").to_dict("records")
     assert row["travel_time_s"] == pytest.approx(np.hypot(500.0, 30.0) / 1438.7, rel=1e-4)  # at 65 m
+
+
+def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("sound.asvp").write_text(ASVP)
+    shown = mantaray("ocean", "show", "sound.asvp")
+    assert shown.code == 0
+    for words in (
+        "profile     sound",
+        "2014-07-24 19:20 UTC",
+        "74.5 N, 140.25 W",
+        "levels      3, 0 to 300 m",
+        "1,450",
+    ):
+        assert words in shown.out, words
+    Path("two.csv").write_text("station,depth,sound_speed\nA,0,1500\nA,9,1501\nB,0,1510\nB,99,1511\n")
+    told = json.loads(mantaray("ocean", "show", "two.csv", "--json").out)
+    assert [(one["profile"], one["sound_speed"]) for one in told["levels"]] == [
+        ("A", [1500.0, 1501.0]),
+        ("B", [1510.0, 1511.0]),
+    ]
+
+
+def test_check_and_show_take_the_first_of_two_instants(mantaray, tmp_path, ocean_file):
+    with xr.open_dataset(ocean_file) as one:
+        days = [one.load().assign_coords(time=np.datetime64(f"2014-07-{day}")) for day in (15, 16)]
+    both = xr.concat(days, "time")
+    both["time"].attrs["standard_name"] = "time"
+    both.to_netcdf(tmp_path / "two.nc")
+    for command in ("check", "show"):
+        done = mantaray("ocean", command, tmp_path / "two.nc")
+        assert done.code == 0
+        assert (
+            "times       2; this is the first, --time selects another\n2014-07-15T00:00 2014-07-16T00:00"
+            in done.out
+        )
+
+
+def test_a_range_in_another_form_names_its_own(mantaray, tmp_path):
+    Path(tmp_path / "p.csv").write_text("depth,sound_speed\n0,1500\n99,1500\n")
+    done = mantaray(
+        "table", tmp_path / "p.csv", "--source-depth", "0-20", "--receiver-depth", "0:9", "--range", "9:99"
+    )
+    assert "found '0-20'; it must be START:STOP[:STEP] in metres, such as 0:200:5" in done.err

@@ -153,7 +153,8 @@ def test_every_option_has_a_type_and_not_the_name_of_one():
 def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantaray, monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr("pymantaray.cli.study.run_and_report", lambda config, *_, **__: seen.append(config))
-    (tmp_path / "own.csv").touch()
+    rows = "".join(f"{t},{name},79,{lon},10\n" for name, lon in (("A", 1), ("B", 1.1)) for t in (0, 600))
+    (tmp_path / "own.csv").write_text("time,vehicle,lat,lon,depth\n" + rows)
     words = ("ranges", tmp_path / "own.csv", "--ocean", "synthetic:fram", "--out", tmp_path / "new")
     assert mantaray(*words, "--interval", "5 min", "--sampling", "1 min 40 s").code == 0
     assert mantaray(*words, "--slots", "A,B", "--slot", "1.5 min").code == 0
@@ -202,7 +203,7 @@ def test_an_option_takes_a_number_in_its_unit_or_text_with_a_unit(unit, text, nu
 
 
 def test_an_option_refuses_another_quantity_in_one_line(mantaray):
-    done = mantaray("rays", "times", "a.csv", "b.csv", "--profile", "c.csv", "--bottom", "2 kg")
+    done = mantaray("rays", "times", "a.csv", "b.csv", "--profile", "c.csv", "--bathymetry", "2 kg")
     assert done.code == 2
-    assert done.err.startswith("error: --sea-floor: found '2 kg'; allowed: a number of metres, or text")
+    assert done.err.startswith("error: --bathymetry: found '2 kg'; allowed: a number of metres, or text")
     assert len(done.err.splitlines()) == 1

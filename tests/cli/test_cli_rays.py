@@ -28,8 +28,8 @@ D,5,5,40,5,5,40,4
 """
 PROFILE = "depth,sound_speed\n0,1434\n50,1436\n100,1442\n200,1443\n400,1455\n800,1462\n1500,1473\n3000,1499\n"
 ENDS = [f"{end}_{axis}" for end in ("source", "receiver") for axis in ("north", "east", "depth")]
-WATER = ("--profile", "profile.csv", "--bottom", 3000)
-ISO = ("--profile", "iso.csv", "--bottom", 1000)
+WATER = ("--profile", "profile.csv", "--bathymetry", 3000)
+ISO = ("--profile", "iso.csv", "--bathymetry", 1000)
 
 
 @pytest.fixture
@@ -184,7 +184,7 @@ def test_an_output_can_be_overwritten_by_force_and_be_an_input(rays):
 @pytest.mark.skipif(not CASTS.is_dir(), reason=f"{CASTS} is absent")
 def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
-    words = ("times", "links.csv", "out.csv", "--profile", cast, "--bottom", 3000)
+    words = ("times", "links.csv", "out.csv", "--profile", cast, "--bathymetry", 3000)
     assert mantaray("rays", *words).err == (
         f"error: {cast.name}: 1001 levels with a spacing below 2 m are a raw cast; thin it with --thin 0.1 (in Python: thin, m/s),"
         " smooth it with --smooth 10 (smooth, m), or use --interpolation linear (interpolation)\n"
@@ -209,7 +209,7 @@ def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_
     Path("deep.csv").write_text("pressure,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,0,100,0,0\n")
     place = ("--position", 74.5, -140)
-    printed = rays("times", "links.csv", "out.csv", "--profile", "deep.csv", "--bottom", 3000, *place)
+    printed = rays("times", "links.csv", "out.csv", "--profile", "deep.csv", "--bathymetry", 3000, *place)
     depth = -gsw.z_from_p(10.0, 74.5)
     assert f"deep.csv: starts at {depth:g} m; sound speed above is constant\n" in printed
     assert pd.read_csv("out.csv")["source_sound_speed_m_s"][0] == pytest.approx(1434.0, abs=1e-9)
@@ -218,7 +218,7 @@ def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_
 
 
 def test_a_named_ocean_about_a_centre(rays):
-    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", 20, 15)
+    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", "20km", 15000)
     rays("times", *words, "links.csv", "out.csv", "--interpolation", "linear")
     local = to_local(open_ocean("synthetic:fram"), centre=(79.0, 1.0), half_extent=(20000.0, 15000.0))
     _, source, receiver = own_links()
@@ -229,7 +229,7 @@ def test_a_named_ocean_about_a_centre(rays):
 
 
 def test_links_in_latitude_and_longitude_are_those_in_the_frame(rays):
-    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", 20, 15)
+    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", "20km", 15000)
     plain, frame = pd.read_csv("links.csv", comment="#").iloc[[0, 2]], LocalFrame(79.0, 1.0)
     plain.to_csv("plain.csv", index=False)
     for end in ("source", "receiver"):
@@ -303,22 +303,22 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times far.csv out.csv --ocean synthetic:fram": "far.csv: a latitude is not in -90 to 90 degrees",
     "times inf.csv out.csv W": "inf.csv, line 2: source_north is 'inf'",
     "times binary.csv out.csv W": "binary.csv: a binary file, not a text table",
-    "times nothing.csv out.csv W": "nothing.csv: cannot be read: No such file",
+    "times nothing.csv out.csv W": "nothing.csv: no such file",
     "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
     "times links.csv out.csv W --ocean synthetic:fram": "--ocean and --profile given; exactly one",
     "times links.csv out.csv --profile iso.csv": "iso.csv: a profile has no sea bed; give its depth in metres",
-    "times links.csv out.csv --profile iso.csv --bottom -5": "ocean.bathymetry: found -5.0; allowed: greater than 0",
+    "times links.csv out.csv --profile iso.csv --bathymetry -5": "ocean.bathymetry: found -5.0; allowed: greater than 0",
     "times links.csv out.csv --ocean synthetic:fram --thin 1": "ocean.thin .--thin. applies to a profile, not to an ocean",
     "times links.csv out.csv W --half-extent 0 1": "ocean.half_extent_north: found 0.0; allowed: greater than 0",
     "times links.csv out.csv W --thin 0.1 --smooth 9": "thin and smooth cannot be combined",
     "times links.csv out.csv W --cutoff-db x": "--cutoff-db is x; it must be a positive number of decibels, or none",
     "times links.csv out.csv W --cutoff-db nan": "--cutoff-db is nan; it must be a positive number of decibels, or none",
     "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
-    "times links.csv out.csv --profile falls.csv --bottom 9": "falls.csv, line 4: depth is 5 after 10",
-    "times links.csv out.csv --profile holes.csv --bottom 9": "holes.csv, line 3: sound_speed is ''; it must be a number",
-    "times links.csv out.csv --profile km.csv --bottom 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; it must be 1000 to 2500",
-    "times links.csv out.csv --profile salty.csv --bottom 9": "no column sound_speed; the columns are depth, salinity",
-    "times links.csv out.csv --profile placeless.csv --bottom 9": "needs a position; give --position LAT LON",
+    "times links.csv out.csv --profile falls.csv --bathymetry 9": "falls.csv, line 4: depth is 5 after 10",
+    "times links.csv out.csv --profile holes.csv --bathymetry 9": "holes.csv, line 3: sound_speed is ''; it must be a number",
+    "times links.csv out.csv --profile km.csv --bathymetry 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; it must be 1000 to 2500",
+    "times links.csv out.csv --profile salty.csv --bathymetry 9": "no column sound_speed; the columns are depth, salinity",
+    "times links.csv out.csv --profile placeless.csv --bathymetry 9": "needs a position; give --position LAT LON",
     "times links.csv out.csv --ocean synthetic:mars": "mars",
     "times links.csv out.csv W --ice ice.nc": "ocean.ice is a map, which needs --centre",
     "times links.csv out.csv W --ice 3500": "ice: the draft is 3500 m; it must be 0 to 100 m",
@@ -398,5 +398,12 @@ def test_one_link_is_written_in_the_singular(mantaray, tmp_path):
     ends = ",".join(f"{end}_{axis}" for end in ("source", "receiver") for axis in ("north", "east", "depth"))
     (tmp_path / "one.csv").write_text(f"{ends}\n0,0,20,900,0,60\n")
     (tmp_path / "water.csv").write_text("depth,sound_speed\n0,1440\n500,1450\n")
-    words = (tmp_path / "one.csv", tmp_path / "out.csv", "--profile", tmp_path / "water.csv", "--bottom", 500)
+    words = (
+        tmp_path / "one.csv",
+        tmp_path / "out.csv",
+        "--profile",
+        tmp_path / "water.csv",
+        "--bathymetry",
+        500,
+    )
     assert mantaray("rays", "times", *words).out.splitlines()[0] == "1 link: 1 ok"

@@ -41,7 +41,7 @@ def files(tmp_path, monkeypatch):
 
 
 CASTS = (("first", "2020-03-10T11:00"), ("second", "2020-03-10T13:00"))
-WATER = ("--profile", "casts.csv", "--bottom", 2000, "--interpolation", "linear")
+WATER = ("--profile", "casts.csv", "--bathymetry", 2000, "--interpolation", "linear")
 
 
 def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
@@ -71,7 +71,7 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
 
 
 def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
-    words = ("--ocean", ocean_file, "--half-extent", 4, 4, "--quiet", "--out", "out")
+    words = ("--ocean", ocean_file, "--half-extent", 4000, 4000, "--quiet", "--out", "out")
     done = mantaray("replay", "events.csv", *words)
     result = told("replay", "events.csv", *words[:-1], "json")
     assert sum(result["statuses"].values()) == len(EVENTS)
@@ -98,7 +98,7 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     local[[name for name in local if name.endswith(("_north", "_east"))]] *= 0.0
     local["receiver_north"] = 700.0
     local.to_csv(files / "local.csv", index=False)
-    extent = ("--ocean", "synthetic:beaufort", "--centre", 74.5, -140.0, "--half-extent", 15, 15)
+    extent = ("--ocean", "synthetic:beaufort", "--centre", 74.5, -140.0, "--half-extent", "15km", "15km")
     one, other = (
         told("replay", "local.csv", *water, *detection, "--quiet", "--out", f"out{k}")
         for k, water in enumerate([("--run", tiny_run_folder), extent])

@@ -342,7 +342,7 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
 @pytest.mark.parametrize(("words", "expected"), [
     (("run", "quick", "--realizations", "0"), "quick: study.realizations: found 0; allowed: 1 or more"),
     (("run", "fast"), f"no preset 'fast'; allowed: {PRESETS}"),
-    (("run", "no.toml"), "no.toml: cannot be read: No such file or directory"),
+    (("run", "no.toml"), "no.toml: no such file"),
     (("show", "fast"), "no preset 'fast'"),
     (("run", "."), ".: not a preset, and not a study file, whose name ends in .toml"),
     (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
@@ -356,7 +356,7 @@ def test_a_run_folder_is_not_a_study_but_contains_one(mantaray, small):
     Path("done/config.toml").write_text(small.read_text())
     check_refusal(
         mantaray("study", "show", "./done"),
-        "done: not a preset, and not a study file, whose name ends in .toml; use done/config.toml",
+        "done: not a preset, and not a study file, whose name ends in .toml or .json; use done/config.toml",
         ("done", "small.toml"),
     )
 

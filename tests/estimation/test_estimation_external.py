@@ -122,10 +122,11 @@ def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign):
 
     result = solve_graph(GraphFile(graph, values, {}), estimator=hasty)
     assert not result.solution.usable
-    assert np.isnan(result.values.position).all()
+    assert np.isnan(result.solution.position).all()
+    assert np.isfinite(result.values.position).all()
     assert "\n" not in result.diagnosis
     assert result.summary()["usable"] is False
-    assert list(result.trajectories) == ["start", "truth"]
+    assert list(result.trajectories) == ["start", "last", "truth"]
 
 
 def test_fewer_measurements_than_unknowns_is_said_before_the_solver_is_asked(foreign):

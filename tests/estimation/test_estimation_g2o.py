@@ -128,9 +128,9 @@ def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph)
     ("200 0 400", "200 0 nan", "line 5: EDGE_SE3:QUAT with a value that is not finite"),
     ("200 0 400", "200 0 x", "line 5: EDGE_SE3:QUAT: could not convert"),
     ("200 0 400", "200 0", "line 5: EDGE_SE3:QUAT with 30 fields; allowed: 31"),
-    ("200 0 400", "200 0 1e-200", "line 5: EDGE_SE3:QUAT with singular information; allowed: a positive"),
+    ("200 0 400", "200 0 1e-200", "line 5: EDGE_SE3:QUAT with information 1e-200; allowed: 1e-30 to 1e.30; or drop"),
     (HAND, "", "no VERTEX_SE3:QUAT, EDGE_SE3:QUAT, VERTEX_SE2 or EDGE_SE2 in the file"),
-    ("# a comment", "FIX 3\nFIX 7\nPRIOR", r"unknown lines: 2 of 'FIX' \(line 1\), 1 of 'PRIOR' \(line 3\); allowed: VERTEX_.*--skip"),
+    ("# a comment", "TAG 3\nTAG 7\nPRIOR", r"unknown lines: 2 of 'TAG' \(line 1\), 1 of 'PRIOR' \(line 3\); allowed: VERTEX_.*--skip"),
 ])  # fmt: skip
 def test_fault_is_one_line_that_names_the_place(tmp_path, old, new, message):
     assert old in HAND
@@ -239,3 +239,103 @@ def test_indefinite_matrices_are_refused_dropped_or_repaired_and_counted(tmp_pat
     assert solve_graph(dropped, truth=False).values.position[1, 0] == pytest.approx(1.1, abs=1e-6)
     if name == "g.g2o":  # an axis without information hardly counts
         assert solve_graph(repaired, truth=False).values.position[1, 0] == pytest.approx(1.1, abs=1e-5)
+
+
+def read_text(folder, text):
+    """Read a graph from text."""
+    (folder / "g.g2o").write_text(text)
+    return open_graph(folder / "g.g2o")
+
+
+def test_fixed_vertices_and_priors_are_read_with_their_sensor_offset(tmp_path):
+    """A prior of a sensor that is 1 m ahead of the body, turned by 90 degrees: the body is 1 m behind it."""
+    half = 0.5**0.5
+    text = f"""\
+PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1
+PARAMS_SE3OFFSET 1 1 0 0 0 0 {half} {half}
+VERTEX_SE3:QUAT 0 1 2 3 0 0 0 1
+VERTEX_SE3:QUAT 1 2 2 3 0 0 0 1
+VERTEX_SE3:QUAT 2 3 2 3 0 0 0 1
+VERTEX_TRACKXYZ 9 5 5 5
+FIX 0 9
+EDGE_SE3_PRIOR 1 0 2.1 2 3 0 0 0 1 100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400
+EDGE_SE3_PRIOR 2 1 4.1 2 3 0 0 {half} {half} 100 0 0 0 0 0 25 0 0 0 0 4 0 0 0 1e4 0 0 1e4 0 1e4
+EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400
+EDGE_SE3:QUAT 1 2 1 0 0 0 0 0 1 100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400
+EDGE_SE3_TRACKXYZ 1 9 0 3 3 2 1 0 0 1 0 1
+"""
+    (tmp_path / "a.g2o").write_text(text)
+    graph = open_graph(tmp_path / "a.g2o").graph
+    prior = graph["prior"]
+    assert prior.subject.tolist() == [1, 2, 0]
+    np.testing.assert_allclose(prior.column("position"), [[2.1, 2, 3], [3.1, 2, 3], [1, 2, 3]], atol=1e-12)
+    np.testing.assert_allclose(prior.column("quaternion"), [[1, 0, 0, 0]] * 3, atol=1e-12)
+    np.testing.assert_allclose(prior.variance[0], [1 / 400] * 3 + [0.01] * 3)
+    # x of the sensor is y of the body; a rotation of the body about down moves the sensor by its arm of 1 m
+    np.testing.assert_allclose(prior.variance[1], [1e-4, 1e-4, 1e-4, 1 / 25, 0.01 + 1e-4, 0.25 + 1e-4])
+    np.testing.assert_allclose(prior.variance[2], 1e-6)
+    assert graph["survey"].subject.tolist() == [3]
+    solved = solve_graph(open_graph(tmp_path / "a.g2o"), start="file", truth=False)
+    assert np.linalg.norm(solved.values.position[0] - [1, 2, 3]) < 1e-3
+    refused(
+        EstimationError,
+        "line 7: id 8; allowed: ids of the file's vertices",
+        read_text,
+        tmp_path,
+        text.replace("FIX 0 9", "FIX 0 8"),
+    )
+
+
+def test_a_planar_prior_and_fix_are_read(tmp_path):
+    text = """\
+VERTEX_SE2 0 1 2 0.5
+VERTEX_SE2 1 2 2 0.5
+FIX 0
+EDGE_PRIOR_SE2 1 2 2 0.5 4 0 0 9 0 16
+EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1
+"""
+    (tmp_path / "a.g2o").write_text(text)
+    prior = open_graph(tmp_path / "a.g2o").graph["prior"]
+    assert prior.subject.tolist() == [1, 0]
+    np.testing.assert_allclose(prior.variance[0][[3, 4, 2]], [1 / 4, 1 / 9, 1 / 16])
+
+
+def test_words_of_isam_have_the_root_of_the_information_by_rows(tmp_path):
+    root = np.array([[10.0, 1.0, 2.0], [0.0, 20.0, 3.0], [0.0, 0.0, 30.0]])
+    entries = " ".join(f"{x:g}" for x in root[np.triu_indices(3)])
+    text = f"""\
+ODOMETRY 0 1 1 0 0.1 {entries}
+ODOMETRY 1 2 1 0 0.1 {entries}
+EDGE2 0 2 2 0.1 0.2 {entries}
+LANDMARK 1 0 3 4 2 0.5 4
+"""
+    (tmp_path / "victoria.txt").write_text(text)
+    file = open_graph(tmp_path / "victoria.txt")
+    edge, sighting = file.graph["edge"], file.graph["sighting"]
+    assert file.graph.planar
+    assert file.valueless
+    assert edge.variables.tolist() == [[0, 1], [1, 2], [0, 2]]
+    expected = np.linalg.inv(root.T @ root)  # x, y, angle
+    own = [3, 4, 2]
+    for k in range(3):
+        np.testing.assert_allclose(edge.covariance[k][np.ix_(own, own)], expected, rtol=1e-9)
+    root = np.array([[2.0, 0.5], [0.0, 4.0]])
+    np.testing.assert_allclose(sighting.covariance[0][:2, :2], np.linalg.inv(root.T @ root), rtol=1e-9)
+    only = "\n".join(line for line in text.splitlines() if line.startswith("EDGE2")) + "\n"
+    (tmp_path / "e.g2o").write_text(only)
+    stated = open_graph(tmp_path / "e.g2o", isam=True).graph["edge"]
+    np.testing.assert_allclose(stated.covariance[0][np.ix_(own, own)], expected, rtol=1e-9)
+    (tmp_path / "e.g2o").write_text("EDGE2 0 1 1 0 0 10 0 20 30 0 0\n")  # TORO: 11 12 22 33 13 23
+    toro = open_graph(tmp_path / "e.g2o").graph["edge"]
+    np.testing.assert_allclose(toro.variance[0][own], [1 / 10, 1 / 20, 1 / 30])
+
+
+def test_information_that_no_covariance_can_hold_is_refused(tmp_path):
+    text = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1e-320 0 0 1 0 1\n"
+    refused(
+        EstimationError,
+        r"line 3: EDGE_SE2 with information .*e-32[01]; allowed: 1e-30 to 1e\+30",
+        read_text,
+        tmp_path,
+        text,
+    )

@@ -351,7 +351,7 @@ def test_a_factor_of_every_kind_moves_the_estimate_of_every_solver(make_fleet, n
 def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
     fleet = make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
     graph = build_graph(fleet.noisy, "straight")
-    kinds = {"beacon": replace(KINDS["sighting"], what="beacon", plural="beacons"), **KINDS}
+    kinds = {"beacon": replace(KINDS["sighting"], what="beacon", plural="beacons", word=None), **KINDS}
     monkeypatch.setattr("pymantaray.estimation.graph.KINDS", kinds)
     sighted = one_more(graph, "sighting", fleet.truth)
     beacon = replace(sighted["sighting"], kind=kinds["beacon"])

@@ -197,7 +197,7 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
     refused(EstimationError, "A0: a Kalman filter needs one prior", solve, factories.without(graph, "prior"))
     refused(
         EstimationError,
-        "needs landmarks with priors, and takes no sighting",
+        "needs landmarks with one prior each",
         solve,
         factories.without(graph, "survey"),
     )

@@ -226,7 +226,7 @@ REFUSED = {
     "no file; name": lambda _: [],
     "m.parquet: not a readable Parquet file": text("PAR1", "m.parquet"),
     "m.tum: 2 rows of 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
-    "m.tum: not a readable TUM file: could not convert string 'x'": text("0 1 2 x 0 0 0 1\n", "m.tum"),
+    "m.tum: not readable: could not convert string 'x'": text("0 1 2 x 0 0 0 1\n", "m.tum"),
     "m.tum: 0 rows": text("# nothing\n", "m.tum"),
     "m.tum: pose 1 has a number that is not finite": text("0 0 0 0 0 0 0 1\nnan 0 0 0 0 0 0 1\n", "m.tum"),
 }  # fmt: skip

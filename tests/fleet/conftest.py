@@ -39,7 +39,8 @@ def make_ocean():
 @pytest.fixture(scope="session")
 def make_float():
     def make(name="B", north=0.0, east=0.0, depth=0.5, heading=0.0, **cycle):
-        parameters = {"target_depth": 100.0, "hold_depth_time": 600.0, "hold_surface_time": 300.0} | cycle
+        parameters = {"target_depth": 100.0, "surface_depth": 0.5} | cycle
+        parameters = {"hold_depth_time": 600.0, "hold_surface_time": 300.0} | parameters
         return Vehicle(name, (north, east, depth), FloatCycle(**parameters), heading)
 
     return make

@@ -12,14 +12,13 @@ POINT = [[0, 0, 1.0]]
 
 BAD = {
     "FloatCycle: target_depth is -5 m; it must be finite and zero or positive": lambda: FloatCycle(-5.0),
-    "target_depth is 0.4 m; it must be greater than surface_depth 0.5 m": lambda: FloatCycle(0.4),
+    "target_depth is 0.005 m; it must be greater than surface_depth 0.01 m": lambda: FloatCycle(0.005),
     "start_delay is -1 s; .* zero or positive": lambda: FloatCycle(100.0, start_delay=-1.0),
     "hold_depth_time is nan s": lambda: FloatCycle(100.0, hold_depth_time=np.nan),
     "hold_surface_time is inf s": lambda: FloatCycle(100.0, hold_surface_time=np.inf),
     "surface_depth is -0.5 m": lambda: FloatCycle(100.0, surface_depth=-0.5),
     "vertical_speed is 0 m/s; .* finite and positive": lambda: FloatCycle(100.0, vertical_speed=0.0),
     "depth_gain is 0 1/s; it must be finite and positive": lambda: FloatCycle(100.0, depth_gain=0.0),
-    "arrival_tolerance is 0 m": lambda: FloatCycle(100.0, arrival_tolerance=0.0),
     "StationKeeping: depth is -1 m": lambda: StationKeeping(-1.0),
     r"ConstantTwist: twist: shape is \(3,\); it must be \(6,\)": lambda: ConstantTwist([0, 0, 1]),
     "ConstantTwist: twist: 1 of 6 values are not finite": lambda: ConstantTwist([0, 0, 0, np.inf, 0, 0]),

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from campaigns import make_campaign, write_garpos, write_obsrange, write_table
+from campaigns import make_campaign, write_garpos, write_gnatss, write_obsrange, write_table
 from refusals import refused
 
 from pymantaray.errors import LocateError
@@ -205,3 +205,66 @@ def test_swapped_coordinates_of_nodes_are_refused(tmp_path):
         refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
     pings.write_text("\n".join(["time,node,two_way_time_s,lon,lat,depth_m", *rows]) + "\n")
     refused(LocateError, "they may be exchanged", read_survey, pings, ReadOptions(nodes=nodes))
+
+
+@pytest.mark.parametrize("bad", [
+    "6306 msec. Lat: 4 52.9", "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:400:06:04:30",
+    "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 0000:114:06:04:30",
+    "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:26:04:30",
+])  # fmt: skip
+def test_unreadable_lines_of_scripps_are_listed_and_left_out(tmp_path, bad):
+    path, _ = write_obsrange(tmp_path)
+    whole = read_survey(path)
+    path.write_text(f"{path.read_text().rstrip()}\n{bad}\n")
+    survey = read_survey(path)
+    np.testing.assert_array_equal(survey.travel_time, whole.travel_time)
+    number = len(path.read_text().splitlines())
+    start = f"{path}: 1 line left out, not readable: line {number} '6306 msec. Lat: 4 52.9"
+    assert survey.notes[-1].startswith(start)
+
+
+def test_unreadable_lines_of_woods_hole_are_left_out_and_a_file_of_them_is_refused(tmp_path):
+    path = tmp_path / "S05.txt"
+    good = "2023-04-07 00:00:05,  2328,  3104, 01 35.6630 N, 091 48.5069 W, 00:00:04.00, 142.8\n"
+    for bad in (
+        good.replace("2023-04-07", "2018-13-45"),
+        good.replace("00:00:05", "99:00:05"),
+        good[:40] + "\n",
+    ):
+        path.write_text(WHOI + bad)
+        survey = read_survey(path)
+        assert len(survey) == 2
+        assert "1 line left out, not readable: line 17" in survey.notes[-1]
+    path.write_text(WHOI.replace("2023-04-", "2023-13-"))
+    refused(LocateError, "line 14: .* is not a ping; write it as", read_survey, path)
+
+
+@pytest.mark.parametrize("bad", [
+    "26-JUN-23 00:00:07.00 1", "45-JUN-23 00:00:07.00 1 2 3", "26-SOL-23 00:00:07.00 1 2 3", "26-JUN-23 25:00:07.00 1 2 3",
+    "2018-13-45 00:00:07.00 1 2 3",
+])  # fmt: skip
+def test_unreadable_lines_of_gnatss_are_listed_and_left_out(campaign, tmp_path, bad):
+    path = write_gnatss(campaign, tmp_path)
+    whole = read_survey(path)
+    times = next(file for file in tmp_path.rglob("*") if file.is_file() and "JUN-23" in file.read_text())
+    times.write_text(f"{times.read_text().rstrip()}\n{bad}\n")
+    survey = read_survey(path)
+    np.testing.assert_array_equal(survey.travel_time, whole.travel_time)
+    assert f"1 line left out, not readable: line {len(times.read_text().splitlines())}" in survey.notes[-1]
+
+
+@pytest.mark.parametrize("date", ["2018-13-45", "0000-01-01", "2263-01-01", "soon"])
+def test_an_impossible_date_of_garpos_is_refused(campaign, tmp_path, date):
+    path = write_garpos(campaign, tmp_path)
+    text = path.read_text()
+    line = next(line for line in text.splitlines() if "Date(UTC)" in line)
+    path.write_text(text.replace(line, f"{line.split('=')[0]}= {date}"))
+    refused(LocateError, f"Date.UTC. is '{date}'; it must be a date", read_survey, path)
+
+
+def test_numbers_of_any_length_and_stray_lines_are_one_line(campaign, tmp_path):
+    path, _ = write_obsrange(tmp_path)
+    path.write_text(path.read_text().replace("Lon: 132", "Lon: " + "9" * 400, 1))
+    assert "1 line left out" in read_survey(path).notes[-1]
+    path = edited(write_garpos(campaign, tmp_path), ("Date(UTC)", "key\n  Date(UTC)"))
+    refused(LocateError, "not a readable ini file", read_survey, path)

@@ -524,3 +524,56 @@ def test_headings_of_a_drifting_platform_are_accepted(campaign, medium, pings):
         heading = np.radians(90.0 + np.random.default_rng(seed).normal(0.0, 10.0, pings))
         attitude = np.column_stack([heading, np.zeros((pings, 2))])  # nothing to do with the course
         check_survey(survey.changed(transmit_attitude=attitude, receive_attitude=attitude), medium)
+
+
+def flat(depth=300.0, *, lift=0.0, bottom=400.0, draft=0.0, prior=290.0):
+    """Two-way times t = 2 r / 1500 of a circle of pings around a node, transducer 2 m deep; lift is added to heights in the file."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    place = np.column_stack([200.0 * np.cos(angle), 200.0 * np.sin(angle), np.full(60, 2.0)])
+    time = 2.0 * np.linalg.norm(place - [0.0, 0.0, depth], axis=1) / 1500.0
+    stated = place - [0.0, 0.0, lift]
+    survey = Survey(nodes=(Node("T", (0.0, 0.0, prior)),), node=np.zeros(60, int), time=10.0 * np.arange(60.0), travel_time=time,
+                    transmit_position=stated, receive_position=stated)  # fmt: skip
+    return survey, Medium.from_profile([0.0, 600.0], [1500.0, 1500.0], bottom_depth=bottom, ice_draft=draft)
+
+
+KNOWN = LocateOptions(speed_model="known", correlation="none")
+
+
+def test_a_transducer_far_above_the_surface_is_refused_and_waves_are_noted():
+    survey, medium = flat(lift=18.0)
+    refused(
+        LocateError,
+        r"up to 16.0 m above the surface in 60 of 60 pings; are these ellipsoidal heights",
+        locate,
+        survey,
+        medium,
+    )
+    located = locate(flat()[0], medium, KNOWN)
+    assert (located.positions[0, 2], located.notes) == (pytest.approx(300.0, abs=1e-3), ())
+    located = locate(flat(lift=2.5)[0], medium, KNOWN)
+    assert located.notes == (
+        "survey: the transducer is up to 0.5 m above the surface in 60 of 60 pings; its rays end there",
+    )
+    lever = LeverArm((0.0, 0.0, -5.0))
+    refused(LocateError, "up to 3.0 m above the surface .* lever arm the wrong sign", locate, survey.changed(lever=lever,
+            transmit_position=flat()[0].transmit_position, receive_position=flat()[0].receive_position), medium)  # fmt: skip
+
+
+def test_a_node_below_the_bed_or_above_the_surface_is_refused():
+    refused(
+        LocateError,
+        "node T at .* m is below the sea bed of the water at 280.0 m; give a deeper sea bed",
+        locate,
+        *flat(bottom=280.0),
+        KNOWN,
+    )
+    refused(LocateError, "its prior depth is -290 m, above the surface", locate, *flat(prior=-290.0), KNOWN)
+
+
+def test_a_transducer_in_a_hole_of_the_ice_is_noted():
+    survey, medium = flat(draft=3.0)
+    located = locate(survey, medium, KNOWN)
+    assert located.notes == (
+        "survey: the transducer is up to 1.0 m above the underside of the ice in 60 of 60 pings; its rays end there",
+    )

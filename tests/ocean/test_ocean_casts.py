@@ -98,8 +98,8 @@ def test_rows_that_cannot_be_used_are_dropped_and_counted(tmp_path):
     assert cast.dropped == 6
     assert cast.notes == (
         "2 of 9 rows dropped: with a missing value",
-        "1 of 9 rows dropped: with an impossible value",
         "1 of 9 rows dropped: above the surface",
+        "1 of 9 rows dropped: with an impossible value",
         "2 of 9 rows dropped: not deeper than an earlier row",
     )
 
@@ -147,9 +147,9 @@ REFUSED = {
     "depth,sound_speed\n0,1500\n9,1500\n": "no temperature; .*sound speed alone it is a profile for rays, not a cast",
     "depth,temperature,salinity\n0,1,30\n9,one,30\n": r"cast.csv, line 4: temperature is 'one'; it must be a number",
     "depth,temperature,salinity\n0,1,30\n": "1 usable levels; a cast needs at least 2",
-    "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is negative in most rows; depth must be positive down",
-    "depth_fathom,temperature_degF,salinity\n0,1,30\n": "no temperature; the columns are",
-    "depth,temperature [degF],salinity\n0,1,30\n": r"unit of column 'temperature \[degF\]' is unknown; write temperature in degC",
+    "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is -9 to -1 m; it must be positive down",
+    "depth,temperature_degR,salinity\n0,1,30\n": "no temperature; the columns are depth, temperature_degR",
+    "depth,temperature [degR],salinity\n0,1,30\n": r"unit of column 'temperature \[degR\]' is unknown; write temperature in degC",
     "depth,temperature,t,salinity\n0,1,1,30\n": "columns 'temperature' and 't' are both temperature; remove one",
 }  # fmt: skip
 
@@ -269,7 +269,7 @@ def speed(ocean):
 
 
 def test_the_ocean_is_the_cast_everywhere_and_at_rest():
-    ocean = cast_ocean(LINEAR, bottom_depth=300.0, half_extent=(20e3, 30e3))
+    ocean = cast_ocean(LINEAR, bathymetry=300.0, half_extent=(20e3, 30e3))
     validate_ocean(ocean)
     z = ocean["depth"].values
     assert z[-1] == 300.0
@@ -290,7 +290,7 @@ def test_the_ocean_is_the_cast_everywhere_and_at_rest():
 @pytest.mark.parametrize("lat", [0.0, -45.0, 78.0, 85.0])
 @pytest.mark.parametrize("lon", [10.0, 179.9])
 def test_the_window_holds_the_asked_rectangle_about_the_cast(lat, lon):
-    ocean = cast_ocean(replace(LINEAR, lat=lat, lon=lon), bottom_depth=300.0, half_extent=(40e3, 90e3))
+    ocean = cast_ocean(replace(LINEAR, lat=lat, lon=lon), bathymetry=300.0, half_extent=(40e3, 90e3))
     local = to_local(ocean, half_extent=(40e3, 90e3))
     assert local.attrs["centre_latitude_deg"] == pytest.approx(lat, abs=1e-9)
     assert (local.attrs["centre_longitude_deg"] - lon + 180.0) % 360.0 == pytest.approx(180.0, abs=1e-9)
@@ -303,7 +303,7 @@ def test_the_change_by_averaging_is_told_and_right(shared_data):
     cast = read_cast(shared_data / "casts" / "beaufort_axctd_20140724_74N140W.csv")
     found = {}
     for step in (2.0, 5.0, 10.0):
-        ocean = cast_ocean(cast, bottom_depth=1000.0, levels=np.arange(0.0, 1001.0, step))
+        ocean = cast_ocean(cast, bathymetry=1000.0, levels=np.arange(0.0, 1001.0, step))
         line = next(line for line in history(ocean) if "averaged onto" in line)
         rms, most = map(float, re.findall(r"by ([\d.]+) m/s rms, ([\d.]+) m/s maximum", line)[0])
         c = sound_speed(
@@ -323,7 +323,7 @@ def test_the_change_by_averaging_is_told_and_right(shared_data):
 ])  # fmt: skip
 def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data, name):
     cast = read_cast(shared_data / "casts" / f"{name}.csv")
-    ocean = cast_ocean(cast, bottom_depth=1000.0)
+    ocean = cast_ocean(cast, bathymetry=1000.0)
     z, c = ocean["depth"].values, speed(ocean)
     raw = cast.sound_speed()
     for low, high, pick in ((40.0, 65.0, np.argmax), (95.0, 160.0, np.argmin)):
@@ -338,13 +338,13 @@ def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data
 
 def test_below_the_samples_water_is_held_constant_or_another_casts():
     told = "extended from {} m down to the bottom at 1000 m at constant temperature and salinity"
-    held = cast_ocean(LINEAR, bottom_depth=1000.0, below="constant")
+    held = cast_ocean(LINEAR, bathymetry=1000.0, below="constant")
     assert told.format(300) in history(held)
     deep = held["depth"].values > 320.0
     np.testing.assert_allclose(held["water_temp"].values[deep], -1.0, rtol=0, atol=1e-12)
     assert np.all(np.diff(speed(held)[deep]) > 0.0)  # pressure alone
     other = Cast("deep", 75.0, -144.0, LINEAR.time, [0.0, 400.0, 900.0], [1.0, 0.5, -0.5], [30.0, 34.0, 34.9])
-    joined = cast_ocean(LINEAR, bottom_depth=1000.0, below=other)
+    joined = cast_ocean(LINEAR, bathymetry=1000.0, below=other)
     at_600 = float(joined["water_temp"].interp(depth=600.0)[0, 0])
     assert at_600 == pytest.approx(0.5 - 0.4, abs=1e-6)
     assert any("m from cast deep" in line for line in history(joined))
@@ -352,7 +352,7 @@ def test_below_the_samples_water_is_held_constant_or_another_casts():
 
 
 def test_the_surface_is_extended_at_constant_water_and_that_is_told():
-    ocean = cast_ocean(LINEAR, bottom_depth=300.0, levels=[0.0, 2.0, 4.0, 100.0, 200.0])
+    ocean = cast_ocean(LINEAR, bathymetry=300.0, levels=[0.0, 2.0, 4.0, 100.0, 200.0])
     np.testing.assert_allclose(ocean["water_temp"].values[:2], 1.95, rtol=0, atol=1e-12)
     assert "extended from 5 m up to the surface at constant temperature and salinity" in history(ocean)
     assert "level added at the bottom, 300 m" in history(ocean)
@@ -360,7 +360,7 @@ def test_the_surface_is_extended_at_constant_water_and_that_is_told():
 
 def test_the_casts_own_bottom_and_a_given_time_serve():
     assert cast_ocean(LINEAR, below="constant")["depth"].values[-1] == 320.0
-    dated = cast_ocean(replace(LINEAR, **NAMELESS), bottom_depth=300.0, time="2001-01-01")
+    dated = cast_ocean(replace(LINEAR, **NAMELESS), bathymetry=300.0, time="2001-01-01")
     assert dated["time"].values == np.datetime64("2001-01-01")
 
 
@@ -370,15 +370,15 @@ NO_BED = r"it must be deeper than the first sample \(5 m\)"
 
 
 @pytest.mark.parametrize(("change", "options", "message"), [
-    ({}, {"bottom_depth": 1000.0}, "sample at 300 m is above the bottom at 1000 m; give a bottom depth of 300 m, or the water below"),
-    ({}, {"bottom_depth": 1000.0, "below": SHORT}, "ends at 200 m, which is not below the end of linear at 300 m"),
-    (NAMELESS, {"bottom_depth": None}, NO_BED), (NAMELESS, {"bottom_depth": 4.0}, NO_BED),
-    (NAMELESS, {"bottom_depth": 1e9}, NO_BED), (NAMELESS, {}, "its time is unknown; give --time"),
+    ({}, {"bathymetry": 1000.0}, "sample at 300 m is above the bottom at 1000 m; give a bottom depth of 300 m, or the water below"),
+    ({}, {"bathymetry": 1000.0, "below": SHORT}, "ends at 200 m, which is not below the end of linear at 300 m"),
+    (NAMELESS, {"bathymetry": None}, NO_BED), (NAMELESS, {"bathymetry": 4.0}, NO_BED),
+    (NAMELESS, {"bathymetry": 1e9}, NO_BED), 
     (NAMELESS, {"time": "9999-01-01"}, "allowed: 1678 to 2261"), ({"lat": 89.9}, {}, "extends over the pole"),
     ({}, {"levels": [5.0, 10.0]}, "levels must strictly increase from 0 m"),
 ])  # fmt: skip
 def test_what_makes_no_ocean_is_refused_with_the_remedy(change, options, message):
-    refused(OceanError, message, cast_ocean, replace(LINEAR, **change), **{"bottom_depth": 300.0} | options)
+    refused(OceanError, message, cast_ocean, replace(LINEAR, **change), **{"bathymetry": 300.0} | options)
 
 
 @pytest.mark.parametrize("bottom", [1.0, 2.5, 3.0, 99.0, 101.0, 512.3, 3761.0, 11_000.0])
@@ -403,7 +403,20 @@ def test_every_real_cast_is_read_whole_and_makes_an_ocean_that_rays_can_be_trace
                 np.testing.assert_allclose(cast.depth, expected, rtol=0, atol=1e-9)
             assert 70.0 < cast.lat < 80.0
             assert not np.isnat(cast.time)
-        ocean = cast_ocean(cast, bottom_depth=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3))
+        ocean = cast_ocean(cast, bathymetry=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3))
         medium = Medium.from_dataset(to_local(ocean))
         np.testing.assert_allclose(medium.sound_speed[0, 0], speed(ocean), rtol=0, atol=0.01)
         assert medium.bed.depth.min() == ocean["depth"].values[-1]
+
+
+def test_a_cast_without_time_makes_an_ocean_without_time():
+    ocean = cast_ocean(replace(LINEAR, time=np.datetime64("NaT", "us")), bathymetry=300.0)
+    assert np.isnat(ocean["time"].values)
+
+
+def test_a_date_that_does_not_exist_is_a_note(tmp_path):
+    for text in ("# lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S, time="2018-13-45"),
+                 "# 2018-13-45 lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S)):  # fmt: skip
+        cast = read_cast(write(tmp_path, text))
+        assert np.isnat(cast.time)
+        assert any("'2018-13-45'" in note and "not read; time unknown" in note for note in cast.notes)

@@ -198,7 +198,7 @@ def test_the_warm_layer_that_hycom_lacks_is_put_back(shared_data, real_casts):
     point = read_cast(next((shared_data / "hycom").glob("*point_ncss.csv")))
     there = replace(point, lat=74.5, lon=-140.0, time=np.datetime64("2014-07-24"))
     levels = [z for z in HYCOM_DEPTHS if z <= 3000.0]
-    hycom = cast_ocean(there, bottom_depth=3000.0, half_extent=(120e3, 120e3), levels=levels)
+    hycom = cast_ocean(there, bathymetry=3000.0, half_extent=(120e3, 120e3), levels=levels)
     _, warm, _, cold = duct(hycom, real_casts[0])
     assert warm < 1442.5
     assert warm - cold < 1.0

@@ -230,6 +230,124 @@ def test_temperature_of_its_68_becomes_that_of_its_90(tmp_path):
     assert any("ITS-68" in note for note in cast.notes)
 
 
+def columns(
+    tmp_path, *names, rows=((10.0, 15.0, 35.0), (100.0, 14.0, 35.0), (1000.0, 8.0, 35.0)), position=True
+):
+    """Write a Sea-Bird file with columns of these names at 45 N, 30 W."""
+    place = ["* NMEA Latitude = 45 00.00 N", "* NMEA Longitude = 030 00.00 W"] if position else []
+    head = ["* Sea-Bird", *place, *(f"# name {k} = {name}" for k, name in enumerate(names)), "*END*"]
+    path = tmp_path / "names.cnv"
+    path.write_text("\n".join([*head, *(" ".join(map(str, row)) for row in rows), ""]))
+    return path
+
+
+def depth_of(pressure):
+    return -gsw.z_from_p(np.array(pressure), 45.0)
+
+
+@pytest.mark.parametrize(("name", "depth"), [
+    ("pr: pressure [db]", depth_of([10.0, 100.0, 1000.0])),
+    ("pr50M: Pressure, SBE 50 [db]", depth_of([10.0, 100.0, 1000.0])),
+    ("prdE: Pressure, Strain Gauge [psi]", depth_of(np.array([10.0, 100.0, 1000.0]) * 0.6894757)),
+    ("prE: Pressure [psi]", depth_of(np.array([10.0, 100.0, 1000.0]) * 0.6894757)),
+    ("depSF: Depth [salt water, ft]", np.array([3.048, 30.48, 304.8])),
+    ("depSM: Depth [salt water, m], lat = 45", np.array([10.0, 100.0, 1000.0])),
+    ("depSM: Depth [salt water, m], lat = 0.00", depth_of(gsw.p_from_z([-10.0, -100.0, -1000.0], 0.0))),
+    ("depFM: Depth [fresh water, m], lat = 45", depth_of(np.array([10.0, 100.0, 1000.0]) / 1.019716)),
+    ("depFF: Depth [fresh water, ft], lat = 45", depth_of(np.array([10.0, 100.0, 1000.0]) * 0.3048 / 1.019716)),
+])  # fmt: skip
+def test_every_vertical_column_of_sea_bird_gives_the_depth_in_sea_water(tmp_path, name, depth):
+    cast = read_cast(columns(tmp_path, name, "t090C: Temperature", "sal00: Salinity"))
+    np.testing.assert_allclose(cast.depth, depth, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "celsius"), [
+    ("t068: temperature, IPTS-68 [deg C]", lambda t: t / 1.00024), ("tv290C: Temperature", lambda t: t),
+    ("t190F: Temperature, 2", lambda t: (t - 32.0) / 1.8), ("t068F: T", lambda t: (t - 32.0) / 1.8 / 1.00024),
+    ("tnc90C: T", lambda t: t), ("t3890C: T", lambda t: t),
+])  # fmt: skip
+def test_every_temperature_of_sea_bird_becomes_celsius_of_its_90(tmp_path, name, celsius):
+    rows = ((10.0, 40.0, 35.0), (100.0, 38.0, 35.0), (1000.0, 36.0, 35.0))
+    cast = read_cast(columns(tmp_path, "prM: p", name, "sal00: s", rows=rows))
+    np.testing.assert_allclose(cast.temperature, celsius(np.array([40.0, 38.0, 36.0])), atol=1e-9)
+
+
+def test_conductivity_of_an_sbe_37_gives_salinity(tmp_path):
+    rows = ((10.0, 15.0, 4.29), (100.0, 14.0, 4.2), (1000.0, 8.0, 3.65))
+    cast = read_cast(columns(tmp_path, "prM: p", "t090C: t", "cond0S/m: Conductivity [S/m]", rows=rows))
+    expected = gsw.SP_from_C([42.9, 42.0, 36.5], [15.0, 14.0, 8.0], [10.0, 100.0, 1000.0])
+    np.testing.assert_allclose(cast.salinity, expected, rtol=1e-9)
+
+
+def test_measured_pressure_has_priority_over_computed_depth(tmp_path):
+    names = (
+        "depFM: Depth [fresh water, m]",
+        "prdM: Pressure",
+        "t090C: t",
+        "sal00: s",
+        "svCM: Sound Velocity",
+    )
+    rows = ((101.972, 100.0, 15.0, 35.8, 1509.3), (1019.716, 1000.0, 8.0, 35.2, 1499.0))
+    path = columns(tmp_path, *names, rows=rows)
+    for read in (read_cast, read_profile):
+        np.testing.assert_allclose(read(path).depth, depth_of([100.0, 1000.0]), rtol=1e-9)
+    path = columns(tmp_path, "depSM: Depth, lat = 0.0", *names[1:], rows=rows)
+    profile = read_profile(path)
+    np.testing.assert_allclose(profile.depth, depth_of([100.0, 1000.0]), rtol=1e-9)
+    assert any("own depth differs by up to 30.2 m" in note for note in profile.notes)
+    path = columns(tmp_path, *names, rows=rows, position=False)
+    refused(MantaRayError, "needs a position", read_profile, path)
+
+
+def test_refusals_name_the_columns_that_are_not_read(tmp_path):
+    path = columns(tmp_path, "timeS: Time, Elapsed [seconds]", "tmprtr: temperature", "sal00: s")
+    refused(
+        OceanError,
+        r"no temperature; the columns are salinity \[1\]; not read: timeS, tmprtr",
+        read_cast,
+        path,
+    )
+    refused(MantaRayError, "not read: timeS, tmprtr", read_profile, path)
+    (tmp_path / "a.csv").write_text(castaway().replace("Temperature (Celsius)", "Warmth (Celsius)"))
+    refused(
+        OceanError,
+        r"no temperature; .*not read: Warmth \(Celsius\), Specific conductance",
+        read_cast,
+        tmp_path / "a.csv",
+    )
+
+
+def test_english_units_of_sippican_become_metric(tmp_path):
+    text = sippican_mk12().split("Depth (m)")[0] + "Depth (ft) - Temperature (F) - Sound Velocity (ft/s)\n"
+    (tmp_path / "feet.edf").write_text(text + "0.0 80.0 5050.0\n100.0 70.0 5000.0\n1000.0 60.0 4950.0\n")
+    profile = read_profile(tmp_path / "feet.edf")
+    np.testing.assert_allclose(profile.depth, np.array([0.0, 100.0, 1000.0]) * 0.3048)
+    np.testing.assert_allclose(profile.sound_speed, np.array([5050.0, 5000.0, 4950.0]) * 0.3048)
+
+
+@pytest.mark.parametrize(("date", "time", "note"), [
+    ("28/04/2020", "2020-04-28T19:20:00", ""), ("04/28/2020", "2020-04-28T19:20:00", ""),
+    ("09/04/2020", "2020-09-04T19:20:00", "the month is assumed to be first"), ("04/04/2020", "2020-04-04T19:20:00", ""),
+    ("31/31/2020", "NaT", "not read"), ("30/02/2020", "NaT", "not read"), ("soon", "NaT", "not read"),
+])  # fmt: skip
+def test_dates_of_sippican_are_read_or_noted(tmp_path, date, time, note):
+    (tmp_path / "a.edf").write_text(sippican("XCTD").replace("07/24/2014", date), encoding="latin-1")
+    for one in (read_profile(tmp_path / "a.edf"), read_cast(tmp_path / "a.edf")):
+        np.testing.assert_equal(one.time, np.datetime64(time))
+        assert any(note in line for line in one.notes) if note else "month" not in str(one.notes)
+
+
+def test_rows_on_deck_do_not_hide_a_cast(tmp_path):
+    deck = [(-0.03, -0.03, 20.0, 0.0, 0.0)] * 60
+    down = [row for row in LEVELS if row[1] > 0]
+    text = aml().split("[MeasurementData]")[0] + "[MeasurementData]\n" + "".join(
+        f"2014-07-24,19:20:00.00,25,{t},{p},{z},{c},{s}\n" for p, z, t, s, c in [*deck, *down])  # fmt: skip
+    (tmp_path / "cast.aml").write_text(text)
+    for one in (read_profile(tmp_path / "cast.aml"), read_cast(tmp_path / "cast.aml")):
+        np.testing.assert_allclose(one.depth, [z for _, z, *_ in down], atol=2e-3)
+        assert "60 of 101 rows dropped: above the surface" in one.notes
+
+
 def test_salinity_comes_from_conductivity_where_there_is_none(tmp_path):
     conductivity = gsw.C_from_SP(SALINITY, TEMPERATURE, PRESSURE)  # mS/cm
     cnv = sea_bird(

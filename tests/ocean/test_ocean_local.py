@@ -86,7 +86,7 @@ def test_the_domain_of_a_study_and_what_it_says_of_itself(fram_strait):
     assert local.attrs["centre_latitude_deg"] == 78.1
     assert local.attrs["centre_longitude_deg"] == 0.5
     assert local.attrs["synthetic"] == 1
-    assert local.attrs["time"] == "2014-07-15T12:00:00"
+    assert local.attrs["time"] == "2014-07-15T00:00:00"
     frame = LocalFrame(78.1, 0.5)
     corner = float(frame.scale_factor(40e3, 50e3)) - 1.0
     assert local.attrs["scale_error_max"] == pytest.approx(corner, rel=0.05)

@@ -135,3 +135,20 @@ def test_damaged_and_misnamed_files_are_refused(tmp_path, monkeypatch):
     refused(OceanError, "rename the file", read_casts, tmp_path / "a?mode=rw.rsk")
     monkeypatch.setattr("pymantaray.ocean.rsk.MAX_BYTES", 10_000)
     refused(OceanError, "more than 10,000 bytes", read_casts, tmp_path / "a.rsk")
+
+
+def test_flipped_bytes_give_casts_or_one_line(tmp_path):
+    write_rsk(tmp_path / "a.rsk")
+    whole = (tmp_path / "a.rsk").read_bytes()
+    rng = np.random.default_rng(1)
+    names = [whole.find(b"CREATE TABLE data"), whole.find(b"channels")]  # names that are not UTF-8
+    for at in [*names, *rng.integers(0, len(whole), 60).tolist()]:
+        damaged = bytearray(whole)
+        damaged[at + 15 if at in names else at] = 0xFF
+        (tmp_path / "b.rsk").write_bytes(damaged)
+        lines = ["one"]
+        try:
+            read_casts(tmp_path / "b.rsk", lat=74.0, lon=-140.0)
+        except OceanError as error:
+            lines = str(error).splitlines()
+        assert len(lines) == 1

@@ -87,4 +87,4 @@ def test_synthetic_oceans_come_every_three_hours():
         oceans[1], open_ocean("synthetic:fram", time="2014-07-15T15:00", window=window)
     )
     assert oceans[0]["water_temp"].values[0, 0, 0] != oceans[1]["water_temp"].values[0, 0, 0]
-    assert ocean_times("synthetic:fram") == np.datetime64("2014-07-15T12:00")
+    assert ocean_times("synthetic:fram") == np.datetime64("2014-07-15T00:00")

@@ -45,6 +45,10 @@ static int fuzz(const unsigned char *bytes, size_t size, long number) {
             size_t end = below(2) && length > 88 ? 88 : length; /* the header, or any byte */
             copy[below(end)] = (unsigned char)below(256);
         }
+        if (length > 4 && below(4)) { /* most copies have the checksum of their damage, so that other checks are reached */
+            uint32_t crc = mantaray_crc32(copy, length - 4);
+            for (int k = 0; k < 4; k++) copy[length - 4 + k] = (unsigned char)(crc >> 8 * k);
+        }
         mantaray_table table;
         if (mantaray_table_open(&table, copy, length) == MANTARAY_OK) {
             mantaray_result r;

@@ -38,6 +38,19 @@ def test_the_program_of_the_page_prints_the_range_of_python(table: TravelTimeTab
     assert done.stdout == f"{found.horizontal_range[0]:.2f} m, {found.range_by_time[0]:.1f} m/s\n"
 
 
+def test_flipped_bits_are_refused_by_their_checksum(table: TravelTimeTable, tmp_path: Path) -> None:
+    program = compiled(tmp_path, "-O2")
+    path = tmp_path / "table.mtt"
+    save_table(table, path)
+    content = path.read_bytes()
+    for bit in np.random.default_rng(3).integers(8 * 88, 8 * len(content), 60):
+        wrong = bytearray(content)
+        wrong[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(wrong)
+        done = subprocess.run([program, path, "0"], input=b"", capture_output=True, check=False)
+        assert done.returncode == 10 + 5, bit  # MANTARAY_CHECKSUM
+
+
 @pytest.mark.parametrize("number", [500, pytest.param(50_000, marks=pytest.mark.slow)])
 def test_damaged_tables_and_wild_numbers_never_read_outside(
     table: TravelTimeTable, tmp_path: Path, number: int

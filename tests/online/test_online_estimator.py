@@ -1,5 +1,6 @@
 """The estimator on board against the batch solver, in any order of arrival, after a restart, and with invalid input."""
 
+import copy
 import json
 import math
 from dataclasses import replace
@@ -22,8 +23,9 @@ from pymantaray.estimation import (
 )
 from pymantaray.estimation.range_models import RangeEndpoints
 from pymantaray.geometry.se3 import se3_exp, so3_log
-from pymantaray.online import Beacon, OnlineEstimator, Outcome
+from pymantaray.online import Beacon, OnlineEstimator, Outcome, StartPose
 from pymantaray.online.range_model import TableModel
+from pymantaray.online.saved_state import read_state, write_state
 
 
 def new(**options):
@@ -254,7 +256,7 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
     file = tmp_path / "state.json"
     estimator = new()
     estimator.save(file)
-    refused(OnlineError, "cannot be read", OnlineEstimator.restore, tmp_path / "none.json", SPEED)
+    refused(OnlineError, "no such file", OnlineEstimator.restore, tmp_path / "none.json", SPEED)
     profile = MeanSlowness([0.0, 100.0], [1500.0, 1501.0])
     refused(OnlineError, "saved with the range model ConstantSpeed", OnlineEstimator.restore, file, profile)
     head, content = file.read_text().splitlines()
@@ -264,3 +266,77 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
     refused(OnlineError, "format 9; this version of pymantaray reads", OnlineEstimator.restore, file, SPEED)
     file.write_text("hello")
     refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
+
+
+def test_one_wrong_stamp_or_size_is_refused_and_what_follows_is_used():
+    estimator = new(lag=10.0)
+    for k in range(1, 6):
+        assert estimator.add_odometry(float(k), [1, 0, 0], [0, 0, 0], STEP_SIGMA).name == "USED"
+    before = estimator.pose()
+    for time in (1e9, 605.1, 1e300, math.nan):
+        with pytest.raises(OnlineError, match="odometry of vehicle: time"):
+            estimator.add_odometry(time, [1, 0, 0], [0, 0, 0], STEP_SIGMA)
+    huge = (
+        ([1e200, 0, 0], [0, 0, 0], STEP_SIGMA),
+        ([1, 0, 0], [0, 1e200, 0], STEP_SIGMA),
+        ([1, 0, 0], [0, 0, 0], 1e160),
+    )
+    for step in huge:
+        with pytest.raises(OnlineError, match=r"allowed are magnitudes up to 1e\+09"):
+            estimator.add_odometry(6.0, *step)
+    others = {
+        "depth": lambda: estimator.add_depth(5.0, 1e200, 1.0),
+        "sigma of a depth": lambda: estimator.add_depth(5.0, 1.0, 1e170),
+        "fix": lambda: estimator.add_fix(5.0, [0, -1e200, 0], 1.0),
+        "travel time": lambda: estimator.add_range(5.0, "north", 1e200, 1e-3),
+        "start": lambda: OnlineEstimator(StartPose((1e200, 0, 0)), {}, SPEED),
+        "beacon": lambda: OnlineEstimator(START, {"B": Beacon((0, 0, 0), 1e200)}, SPEED),
+    }
+    for add in others.values():
+        with pytest.raises(OnlineError, match=r"allowed are magnitudes up to 1e\+09"):
+            add()
+    assert_same_pose(estimator.pose(), before)
+    assert estimator.add_odometry(6.0, [1, 0, 0], [0, 0, 0], STEP_SIGMA).name == "USED"
+    assert np.isfinite(estimator.pose().covariance).all()
+
+
+def test_steps_may_be_as_long_as_is_said():
+    estimator = new(lag=10.0, longest_step=1e5)
+    assert estimator.add_odometry(9e4, [1, 0, 0], [0, 0, 0], STEP_SIGMA).name == "USED"
+
+
+def test_a_state_with_a_right_checksum_and_a_wrong_field_is_refused_in_one_line(tmp_path):
+    file = tmp_path / "state.json"
+    estimator = new()
+    estimator.add_odometry(1.0, [1, 0, 0], [0, 0, 0], STEP_SIGMA)
+    estimator.add_depth(1.0, 50.0, 1.0)
+    estimator.add_depth(5.0, 50.0, 1.0)
+    estimator.save(file)
+    whole = read_state(file)
+    wrong = [None, "x", -1, 1e400, [], {}, [[[]]], [None], {"a": 1}, True, 10**400]
+    paths = [(key,) for key in whole] + [("base", key) for key in whole["base"]]
+    paths += [("events", 0, k) for k in range(4)] + [("waiting", 0, k) for k in range(4)]
+    lines = []
+    for path in paths:
+        for value in [*wrong, KeyError]:
+            content = copy.deepcopy(whole)
+            node = content
+            for part in path[:-1]:
+                node = node[part]
+            if value is KeyError and isinstance(node, dict):
+                del node[path[-1]]
+            elif value is KeyError:
+                continue
+            else:
+                node[path[-1]] = value
+            write_state(content, file)
+            try:
+                again = OnlineEstimator.restore(file, SPEED)
+            except OnlineError as error:
+                lines.append(str(error))
+                continue
+            # what is accepted can be used
+            assert np.isfinite(again.pose(vehicle=again.vehicles[0]).covariance).all(), (path, value)
+            again.counts()
+    assert len(lines) > 150
+    assert not any("\n" in line for line in lines)

@@ -8,7 +8,7 @@ from refusals import refused
 from pymantaray.errors import ReplayError
 from pymantaray.replay import DetectionRule, PredictionOptions
 from pymantaray.replay.candidates import MERGED, DrawnArrivals, merge_draws
-from pymantaray.replay.mixture import coverage_table, first_detected, predict_mixture
+from pymantaray.replay.mixture import _passed, coverage_table, first_detected, predict_mixture
 
 
 def drawn(rows):
@@ -164,3 +164,14 @@ def test_words_of_the_rule_and_options_that_are_none_are_refused():
     refused(ReplayError, "persist:MINUTES with MINUTES above 0", DetectionRule.parse, "persist:0")
     refused(ReplayError, "draws is 0; allowed are whole numbers from 1 to 1000", PredictionOptions, 0)
     refused(ReplayError, "position_sigma is -1 m", PredictionOptions, 1, -1.0)
+
+
+def test_a_receiver_stays_with_its_arrival_rather_than_with_one_of_other_bounces():
+    """Two candidates at the delay of the one before: a match of other bounces has a tenth of the weight."""
+    before = 0.0, np.array([0.5]), np.array([64.0]), np.array([1.0])
+    delay, bounces = np.array([0.5, 0.5, 0.9]), np.array([64.0, 128.0, 64.0])
+    prior = np.array([0.2, 0.3, 0.5])
+    passed = _passed(before, delay, bounces, prior)
+    expected = (np.array([1.0, 0.1, 0.0]) + 1e-3 * prior) / (1.1 + 1e-3)
+    np.testing.assert_allclose(passed, expected, rtol=1e-9)
+    assert passed.sum() == pytest.approx(1.0)

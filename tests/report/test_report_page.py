@@ -41,7 +41,7 @@ FIGURES = {
 }  # fmt: skip
 TABLES = {
     "ate_difference", "ate_per_vehicle", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_vehicle",
-    "consistency_per_epoch", "cone", "costs", "coverage", "dropouts", "ping_error", "range_error", "range_error_split", "region", "solves",
+    "consistency_per_epoch", "costs", "coverage", "dropouts", "influence", "ping_error", "range_error", "range_error_split", "region", "solves",
     "noise", "timing",
 }  # fmt: skip
 LATER = ("covariances.nc", "estimates.nc", "manifest.json")  # written when realizations are solved

@@ -264,6 +264,26 @@ def test_by_first_a_hidden_link_is_ranged_over_the_surface(few):
     np.testing.assert_allclose(first.truth.travel_time[hidden], image / C0, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("detector", [None, Detector(SONAR)])
+def test_direct_or_first_adds_reflections_to_links_without_a_direct_arrival(few, detector):
+    """A link with a direct arrival has the same time as by ``direct``; a hidden one has the time by ``first``."""
+    options = {"max_surface_bounces": 1, "detector": detector}
+    either, direct, first = (
+        range_fleet(few, [HIDDEN], RIDGED, arrival=rule, **options)
+        for rule in ("direct-or-first", "direct", "first")
+    )
+    hidden = direct.status != RayStatus.OK
+    assert hidden.any()
+    assert not hidden.all()
+    expected = np.where(hidden, first.truth.travel_time, direct.truth.travel_time)
+    np.testing.assert_array_equal(either.truth.travel_time, expected)
+    np.testing.assert_array_equal(either.status, np.where(hidden, first.status, direct.status))
+    bare = range_fleet(few, [HIDDEN], RIDGED, arrival="direct-or-first")
+    np.testing.assert_array_equal(
+        bare.truth.travel_time, range_fleet(few, [HIDDEN], RIDGED).truth.travel_time
+    )
+
+
 def test_strongest_goes_by_the_loss_of_the_detector(few):
     """Water that absorbs 200 dB/km by the surface and nothing below it leaves the longer way over the sea bed."""
     upper = Absorption(lambda x, _frequency: np.where(x[:, 2] < 1500.0, 200.0, 0.0))

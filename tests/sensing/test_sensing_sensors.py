@@ -41,19 +41,31 @@ def test_gnss_fixes_exactly_while_shallow(make_truth, make_measurements):
 
 
 def test_composite_sigma_by_hand():
-    """An edge of length 3-4-12 -> 13 m with a turn of 0.2 rad in 200 s, then one at rest for 100 s."""
-    rotation = quaternion_from_matrix(so3_exp([[0.0, 0.0, 0.2], [0.0, 0.0, 0.0]]))
-    edges = rotation, [[3.0, 4.0, 12.0], [0.0, 0.0, 0.0]], [0.0, 200.0, 300.0]
-    turn = np.sqrt((1e-6 * 0.2) ** 2 + (5e-7 * 200) ** 2)
-    xy = np.sqrt((0.05 * 13) ** 2 + (0.0125 * 200) ** 2)
-    z = np.sqrt((0.001 * 13) ** 2 + (0.0125 * 200) ** 2)
-    expected = [[turn, turn, turn, xy, xy, z], [5e-5, 5e-5, 5e-5, 1.25, 1.25, 1.25]]
+    """Each component of an edge's motion has its own error: 3, -4 and 12 m, a rotation vector in 200 s, then rest for 100 s."""
+    turn = np.array([0.1, -0.2, 0.0])
+    rotation = quaternion_from_matrix(so3_exp([turn, np.zeros(3)]))
+    edges = rotation, [[3.0, -4.0, 12.0], [0.0, 0.0, 0.0]], [0.0, 200.0, 300.0]
+    first = [
+        *np.sqrt((1e-6 * turn) ** 2 + (5e-7 * 200) ** 2),
+        np.sqrt((0.05 * 3) ** 2 + (0.0125 * 200) ** 2),
+        np.sqrt((0.05 * 4) ** 2 + (0.0125 * 200) ** 2),
+        np.sqrt((0.001 * 12) ** 2 + (0.0125 * 200) ** 2),
+    ]
+    expected = [first, [5e-5, 5e-5, 5e-5, 1.25, 1.25, 1.25]]
     np.testing.assert_allclose(NoiseModel().odometry_sigma(*edges), expected, rtol=1e-12)
     shares = NoiseModel(
         odometry_rotation_fraction=0.1, odometry_rotation_drift=0.0, odometry_translation_drift=0.0
     )
-    expected = [[0.02, 0.02, 0.02, 0.65, 0.65, 0.013], [0.0] * 6]
-    np.testing.assert_allclose(shares.odometry_sigma(*edges), expected, rtol=1e-12)
+    expected = [[0.01, 0.02, 0.0, 0.15, 0.2, 0.012], [0.0] * 6]
+    np.testing.assert_allclose(shares.odometry_sigma(*edges), expected, rtol=1e-12, atol=1e-17)
+
+
+def test_a_dive_gives_no_horizontal_error_by_its_fraction():
+    """A float that descends 100 m in 200 s: 2.5 m on each axis, as at rest, except 0.1 m more in quadrature downward."""
+    edge = [[1.0, 0.0, 0.0, 0.0]], [[0.0, 0.0, 100.0]], [0.0, 200.0]
+    np.testing.assert_allclose(
+        NoiseModel().odometry_sigma(*edge)[0, 3:], [2.5, 2.5, np.hypot(2.5, 0.1)], rtol=1e-12
+    )
 
 
 def test_defaults_are_those_of_a_configuration():

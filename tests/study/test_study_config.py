@@ -11,10 +11,11 @@ import tomli_w
 from refusals import refused
 
 from pymantaray.config import checks
-from pymantaray.config.fleet import FloatVehicle, StationVehicle
-from pymantaray.config.mission import keys_of_schedule
+from pymantaray.config.fleet import FloatSection, FloatVehicle, StationVehicle
+from pymantaray.config.mission import MissionSection, keys_of_schedule
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
+from pymantaray.fleet import FloatCycle
 from pymantaray.sensing import PingSchedule
 from pymantaray.study import (
     list_presets,
@@ -403,7 +404,7 @@ def test_unknown_preset_lists_those_there_are():
 
 
 @pytest.mark.parametrize(("content", "expected"), [
-    (None, "cannot be read: No such file"),
+    (None, "no such file"),
     (b"\xff", "cannot be read: not UTF-8 text"),
     (b"[study\n", "not valid TOML: Expected"),
     (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: a number is too long, or tables are nested"),
@@ -424,8 +425,8 @@ def test_files_that_are_no_configuration_are_named_in_short_lines(tmp_path, cont
 
 
 def test_names_that_no_file_can_have_and_files_without_an_end_are_refused():
-    refused(StudyError, r"'a\\x00\.toml': cannot be read: embedded null", load_study, "a\0.toml")
-    refused(StudyError, "/dev/zero: cannot be read: more than", load_study, "/dev/zero")
+    refused(StudyError, r"a\\x00\.toml: cannot be read: embedded null", load_study, "a\0.toml")
+    refused(StudyError, "/dev/zero: not a regular file", load_study, "/dev/zero")
 
 
 def test_configuration_prints_as_one_short_line():
@@ -511,3 +512,39 @@ def test_the_first_ping_may_be_at_the_start(tiny):
     for start, refusal in ((0.01, "ping_start_h is 36 s; it must be a whole multiple"), (-1.0, "0 or more")):
         with pytest.raises(StudyError, match=refusal):
             tiny(mission={"ping_start_h": start})
+
+
+def test_gtsam_replaces_the_batch_solver_of_conditions_with_straight_range_factors():
+    config = load_study("quick", solver="gtsam")
+    assert (config.solver.kind, config.solver.converged) == ("gtsam", True)
+    kinds = {c.name: config.solver_of(c).kind for c in config.conditions}
+    assert kinds == {"odometry": "dead-reckoning", "straight": "gtsam", "refracted": "gtsam"}
+    assert not load_study("quick", solver={"kind": "gtsam", "converged": False}).solver.converged
+    assert load_study("quick").solver.kind == "batch"
+    rays = {"name": "rays", "range_model": {"kind": "eigenray", "belief": "exact"}}
+    for more, why in (
+        (rays, "range_model is eigenray"),
+        ({"name": "biased", "bias_sigma": 50.0}, "biases"),
+        ({"name": "graduated", "loss": "gnc"}, "loss gnc"),
+    ):
+        changes = {"solver": "gtsam", "conditions": ["straight", more]}
+        refused(StudyError, f"condition {more['name']} cannot use it.*{why}", load_study, "quick", **changes)
+
+
+@pytest.mark.parametrize("name", ["beaufort", "fram", "quick"])
+def test_presets_have_the_choices_of_the_authors_program(name):
+    """Where the paper is silent; these are also the defaults of a study of one's own."""
+    config = load_study(name)
+    assert config.ocean.time.isoformat() == "2014-07-15T00:00:00"
+    floats, mission = config.fleet.floats, config.mission
+    assert (floats.surface_depth, floats.depth_gain, mission.gnss_depth) == (0.01, 10.0, 0.1)
+    (station,) = (v for v in config.fleet.vehicles if isinstance(v, StationVehicle))
+    assert station.depth == 0.01
+    assert (floats.surface_depth, floats.depth_gain) == (
+        FloatSection().surface_depth,
+        FloatSection().depth_gain,
+    )
+    assert mission.gnss_depth == MissionSection().gnss_depth
+    cycle = config.fleet.build()[1].behaviour
+    assert (cycle.surface_depth, cycle.depth_gain) == (0.01, 10.0)
+    assert (FloatCycle(99.0).surface_depth, FloatCycle(99.0).depth_gain) == (0.01, 10.0)

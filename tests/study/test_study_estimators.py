@@ -485,7 +485,7 @@ def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_p
     cast = replace(read_cast(tmp_path / "cast.csv"), lat=lat, lon=lon)
     for name, half in (("wide", (20e3, 20e3)), ("narrow", (10e3, 20e3)), ("small", (3e3, 3e3))):
         ocean = cast_ocean(
-            cast, bottom_depth=2600.0, below="constant", half_extent=half, time=np.datetime64("2014-01-01")
+            cast, bathymetry=2600.0, below="constant", half_extent=half, time=np.datetime64("2014-01-01")
         )
         write_netcdf(ocean, tmp_path / f"{name}.nc")
     wide, narrow = (beliefs.believed(file_belief(tmp_path / f"{name}.nc"), 0) for name in ("wide", "narrow"))
@@ -504,7 +504,7 @@ def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_p
 
 def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp_path):
     (tmp_path / "cast.csv").write_text(CAST)
-    far = cast_ocean(read_cast(tmp_path / "cast.csv"), bottom_depth=500.0, time=np.datetime64("2014-01-01"))
+    far = cast_ocean(read_cast(tmp_path / "cast.csv"), bathymetry=500.0, time=np.datetime64("2014-01-01"))
     write_netcdf(far, tmp_path / "far.nc")
     (tmp_path / "page.nc").write_text("<html>")
     for message, name, options in (

@@ -397,7 +397,7 @@ def test_a_run_without_estimates_is_refused(run, tmp_path, tiny_run_folder):
     (copy / "estimates.nc").unlink()
     refused(
         RecordError,
-        r"estimates\.nc: not a readable NetCDF file: No such file",
+        r"estimates\.nc: no such file",
         export_run,
         copy,
         "tum",

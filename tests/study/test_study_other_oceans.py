@@ -44,7 +44,7 @@ def write_gebco(file, lat, lon, elevation):
 @pytest.mark.parametrize("path", casts())
 def test_a_mission_runs_in_a_uniform_ocean_from_a_cast(path, tmp_path):
     """The quick preset in water from a cast, dead reckoned: water, fleet and rays are what is tested."""
-    write_netcdf(cast_ocean(read_cast(path), bottom_depth=3000.0, below="constant"), tmp_path / "ocean.nc")
+    write_netcdf(cast_ocean(read_cast(path), bathymetry=3000.0, below="constant"), tmp_path / "ocean.nc")
     config = load_study("quick", ocean=[tmp_path / "ocean.nc"])
     config = config.with_(conditions=["odometry"], **{"study.realizations": 1})
     run = run_study(config, tmp_path / "run", workers=1)
@@ -88,7 +88,7 @@ def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny, tiny
 def test_profiles_are_of_the_domain_that_was_asked_for_and_no_further(tiny, tiny_run):
     """No grid point beyond those that enclose 15 km about the centre."""
     section = tiny().ocean
-    whole = open_ocean("synthetic:beaufort", time="2014-07-15T12:00")
+    whole = open_ocean("synthetic:beaufort", time="2014-07-15T00:00")
     part = crop_around(whole, section.centre, section.half_extent)
     frame = LocalFrame(*section.centre)
     north, east = frame.to_local(part["lat"].values[:, None], part["lon"].values)

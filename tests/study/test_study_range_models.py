@@ -123,9 +123,19 @@ def test_what_the_ocean_does_not_allow_is_not_possible():
     assert np.isnan(found.travel_time[[0, 2, 3]]).all()
 
 
+def test_an_end_that_is_estimated_above_the_surface_counts_as_at_the_surface(medium):
+    a, b = np.array([[0.0, 0.0, -0.03]]), np.array([[900.0, 300.0, 700.0]])
+    at_surface = find_eigenrays(medium, [[0.0, 0.0, 0.0]], b).first().travel_time
+    model = EigenrayModel(medium)
+    for links in (between(a, b), between(b, a)):
+        found = model.predict(links)
+        assert found.possible.all()
+        np.testing.assert_allclose(found.travel_time, at_surface, rtol=0, atol=1e-9)
+
+
 def brute_force(model, covariance, links):
     """The double integral by its definition, point by point."""
-    pairs = pairs_of(links)
+    pairs = pairs_of(links, model.medium)
     paths, _ = model.paths(pairs)
     points = quadrature(paths)
     weight = points.weight * np.sum(points.slowness**2, axis=1)

@@ -158,7 +158,7 @@ def test_of_a_file_that_is_no_study_nothing_is_rewritten(tmp_path):
         assert "centre_lat = 1.0" in convert_study(sound)
     sound.write_text('[ocean]\nsource = "sea.nc"\nsauce = 3\n')
     refused(StudyError, r"sound.toml: `ocean.sauce`: unknown key", convert_study, sound)
-    refused(StudyError, "nowhere.toml: cannot be read", convert_study, "nowhere.toml")
+    refused(StudyError, "nowhere.toml: no such file", convert_study, "nowhere.toml")
 
 
 def test_an_old_name_beside_the_new_one_is_one_line(tiny):

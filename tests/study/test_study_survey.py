@@ -82,7 +82,7 @@ def every_estimator():
         "other-day": {"kind": "other-day", "days_earlier": 5.0},
         "perturbed": errors,
     }
-    losses = ("none", "huber", "cauchy", "geman-mcclure", "gnc")
+    losses = ("none", "huber", "cauchy", "geman-mcclure", "tukey", "welsch", "gnc")
     sections = {
         "constant": {"range_model": {"kind": "constant", "sound_speed": 1500.0}},
         "mean-slowness": {"range_model": {"kind": "mean-slowness", "belief": "mean"}},
@@ -110,7 +110,7 @@ def test_every_estimator_solves_the_survey(tmp_path):
     estimators = every_estimator()
     config = short_survey(["odometry", "no-ranges", "straight", "refracted", *estimators])
     for field, kinds in (
-        ("loss", {"none", "huber", "cauchy", "geman-mcclure", "gnc"}),
+        ("loss", {"none", "huber", "cauchy", "geman-mcclure", "tukey", "welsch", "gnc"}),
         ("start", {None, "dead-reckoning"}),
         ("ranges", {"none", "straight", "refracted"}),
     ):

@@ -132,7 +132,7 @@ def test_equal_snapshots_are_the_study_in_still_water(run_tiny, tmp_path):
 
 def test_files_that_end_before_the_mission_are_refused(tiny, tmp_path):
     config = tiny(ocean={"source": written(tmp_path, hours(0, 3)), "time_varying": True})
-    with pytest.raises(OceanError, match=r"does not cover 2014-07-15T12:00 to 2014-07-15T16:00"):
+    with pytest.raises(OceanError, match=r"does not cover 2014-07-15T00:00 to 2014-07-15T04:00"):
         run_study(config, tmp_path / "run", workers=1)
     assert not (tmp_path / "run").exists()
 

@@ -214,7 +214,7 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
         ("seeds = [1]", "s.toml: base: missing; give a preset or a study file"),
         (
             'base = "quik"',
-            "s.toml: base: found 'quik'; allowed: a file that ends in .toml, beaufort, .*, survey",
+            "s.toml: base: found 'quik'; allowed: a file that ends in .toml or .json, beaufort, .*, survey",
         ),
         (
             'base = "quick"\ncrossed = 1',
@@ -254,7 +254,7 @@ def test_a_file_that_is_no_sweep_is_told_in_one_line(tmp_path, monkeypatch, text
 
 
 def test_a_file_that_is_not_there_is_told_in_one_line():
-    with pytest.raises(SweepError, match=r"^nowhere.toml: cannot be read: No such file or directory$"):
+    with pytest.raises(SweepError, match=r"^nowhere.toml: no such file; name an existing file$"):
         load_sweep("nowhere.toml")
 
 

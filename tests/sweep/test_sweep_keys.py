@@ -59,6 +59,7 @@ OTHER = {  # another allowed value of each field; numbers not listed are doubled
     "ranging.mistaken": "first-detected",
     "ranging.below_strongest_db": 6.0,
     "detection": MODEM,
+    "solver.kind": "gtsam",
     "estimator.start": "dead-reckoning",
     "conditions": [{"name": "e", "range_model": "constant", "ranges": "refracted"}],
     "landmarks": [{"name": "L9", "north": 1.0, "east": 2.0, "depth": 3.0}],
@@ -233,3 +234,18 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
             assert one.dtype == two.dtype
         assert (one is None) == (two is None)
     np.testing.assert_array_equal(np.stack(rays.attempts), np.stack(again[RAYS].attempts))
+
+
+def test_the_turn_around_time_changes_the_rays_of_replies_and_their_key(config):
+    """A vehicle moves while a reply waits, so its range differs; a shared stage would be stale."""
+    tree = config.model_dump(exclude_none=True)
+    configs = [
+        parse_study({**tree, "ranging": {**tree["ranging"], "timing": "two-way", "turn_around_s": seconds}})
+        for seconds in (0.0, 30.0)
+    ]
+    keys = [task_keys(one, {}) for one in configs]
+    assert keys[0][FLEET] == keys[1][FLEET]
+    assert keys[0][RAYS] != keys[1][RAYS]
+    truths = [stages_of(one)[2].truth for one in configs]
+    unequal = [f.name for f in fields(truths[0]) if not np.array_equal(*(getattr(t, f.name) for t in truths))]
+    assert unequal

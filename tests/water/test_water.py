@@ -61,7 +61,7 @@ def test_a_local_ocean_is_taken_as_it_is(fram):
     water = open_water(local, max_surface_bounces=2)
     np.testing.assert_array_equal(water.medium.field, Medium.from_dataset(local).field)
     assert water.reception.max_surface_bounces == 2
-    refused(WaterError, "ocean.ice: this option does not apply to a local ocean", open_water, local, ice=1.0)
+    assert open_water(local, ice=1.0).medium.surface.depth.max() == 1.0
 
 
 def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Medium
+from pymantaray.acoustics.near_ends import separated, with_direct_rays
 from pymantaray.acoustics.rough import Ends, realized, with_rough_rays
 from pymantaray.acoustics.solving import as_positions, solve_on_cuda, solve_on_processor
 from pymantaray.arrays import Array
@@ -57,7 +58,8 @@ def find_eigenrays(
         Maximum numbers of reflections of an arrival, up to 15 each. The surface is flat or the underside of ice. Ice and sea
         bed are bilinear between grid points. All boundaries reflect without loss.
     spreading_cutoff_db : float or None
-        Eigenrays weaker than spherical spreading by more than this are discarded. None keeps every ray. [dB]
+        Eigenrays weaker than spherical spreading over the straight distance by more than this are discarded. None keeps every ray, as
+        echoes between equal positions need. [dB]
     tolerance : float
         Allowed error of the integration at the end of a ray. [m]
     canonical : bool
@@ -74,9 +76,10 @@ def find_eigenrays(
     Returns
     -------
     Arrivals
-        One row per eigenray, by link and travel time, and the outcome of each link. Equal positions have
-        travel time 0 and slowness NaN. ``complete`` is False for a link if intervals of launch angles that may contain
-        more rays could not be resolved from either end; without an arrival, its status is then UNRESOLVED.
+        One row per eigenray, by link and travel time, and the outcome of each link. The direct ray
+        between equal positions has travel time 0 and slowness NaN; its echoes are rays as others.
+        ``complete`` is False for a link if intervals of launch angles that may contain more rays
+        could not be resolved from either end; without an arrival, its status is then UNRESOLVED.
 
     Raises
     ------
@@ -115,25 +118,40 @@ def find_eigenrays(
         if number not in range(MAX_BOUNCES + 1):
             raise AcousticsError(f"{name} is {number!r}; it must be a whole number from 0 to {MAX_BOUNCES}")
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
-    if medium.surface.roughness is not None:
-        rough = Ends(a, b, (max_surface_bounces, max_bottom_bounces), cutoff)
-        options: dict[str, Any] = {"tolerance": tolerance, "canonical": canonical, "device": device}
-        return _under_rough_surface(medium, rough, threads=threads, progress=progress, **options)
-    most = (int(max_surface_bounces), int(max_bottom_bounces))
+    apart, near = separated(medium, a, b)
+    ends = Ends(a, apart, (int(max_surface_bounces), int(max_bottom_bounces)), cutoff)
+    options: dict[str, Any] = {"tolerance": float(tolerance), "canonical": canonical, "device": device}
+    find = _solved if medium.surface.roughness is None else _under_rough_surface
+    arrivals = find(medium, ends, threads=threads, progress=progress, **options)
+    return with_direct_rays(arrivals, a, b, near)
+
+
+def _solved(
+    medium: Medium,
+    links: Ends,
+    *,
+    tolerance: float,
+    canonical: bool,
+    threads: int | None,
+    device: Device,
+    progress: CountProgress | None,
+) -> Arrivals:
+    """Solve links whose ends differ under a smooth surface, block by block."""
     from pymantaray.acoustics._kernels.layout import Settings
     from pymantaray.acoustics.both_ends import merged, unresolved_links, without_certificate
 
+    a, b, most, cutoff = links
     bounces = most if any(most) else None
-    settings = Settings(cutoff, float(tolerance), canonical, shallower=False)
+    settings = Settings(cutoff, tolerance, canonical, shallower=False)
     solve = solve_on_cuda if _on_cuda(device) else partial(solve_on_processor, threads=threads)
     domain = medium.domain()
     ends = (a, b) if medium.earth is None else medium.earth.flattened_ends(a, b)
     results = _collected(solve(domain, bounces, settings, *ends), len(a), progress)
-    links = unresolved_links(results)
-    if canonical and links.size:
+    unresolved = unresolved_links(results)
+    if canonical and unresolved.size:
         other = settings._replace(shallower=True)
-        again = solve(domain, None, other, ends[0][links], ends[1][links])
-        results = merged(results, links, _collected(again, links.size, None))
+        again = solve(domain, None, other, ends[0][unresolved], ends[1][unresolved])
+        results = merged(results, unresolved, _collected(again, unresolved.size, None))
     arrivals = _arrivals(without_certificate(results))
     return arrivals if medium.earth is None else _on_sphere(arrivals, medium.earth, a[:, 2], b[:, 2])
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
+from pymantaray.acoustics.near_ends import NEAR, nearly_coincident
 from pymantaray.acoustics.paths import quadrature, trace_paths
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
@@ -189,7 +190,7 @@ def loss_under_rough_surface(
 
 def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals) -> Array:
     r"""
-    Return the spreading of each arrival relative to 1 m from the source; minus infinity between equal positions. [dB]
+    Return the spreading of each arrival relative to 1 m from the source; minus infinity for direct rays between equal positions. [dB]
 
     `Arrivals` has :math:`10 \lg (c_s A / c_r \Omega d^2)` with the ray tube's cross-section A at the
     receiver, its solid angle :math:`\Omega` at the source, the speeds at both ends and the straight distance d. Adding
@@ -203,6 +204,8 @@ def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals
             f"source has shape {a.shape}, receiver {b.shape}; for arrivals of {n} links, both must have shape ({n}, 3)"
         )
     distance = np.linalg.norm(b - a, axis=-1)[arrivals.link]
+    reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
+    distance[reflected & nearly_coincident(a, b)[arrivals.link]] = NEAR
     with np.errstate(divide="ignore"):
         spherical = 20.0 * np.log10(distance)
     return np.asarray(np.where(distance > 0.0, spherical + arrivals.spreading_db, spherical))

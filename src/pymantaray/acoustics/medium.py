@@ -29,6 +29,7 @@ _SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; other values have a wrong unit
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
 _MAX_ADDED_LEVELS = 100  # above the first level
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
+_LEAST_STEP = 1e-9  # m; between values of an axis; derivatives across smaller steps overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +240,8 @@ class Medium:
         ----------
         ocean : xarray.Dataset
             Geographic ocean from `pymantaray.ocean.open_ocean`, which is regridded around the middle of its window, or local ocean
-            from `pymantaray.ocean.to_local`. A variable ``sea_ice_draft`` replaces the surface.
+            from `pymantaray.ocean.to_local`, or in metres; without a sea floor its levels end there. A variable ``sea_ice_draft``
+            replaces the surface.
         interpolation : {"smooth", "linear"}
             Interpolation of the sound speed between the grid points.
         earth : {"flat", "sphere"}
@@ -258,6 +260,10 @@ class Medium:
             from pymantaray.ocean.local import local_grid
 
             return cls.from_local_grid(local_grid(ocean), interpolation=interpolation, earth=earth)
+        from pymantaray.ocean.metres import is_in_metres, ocean_in_metres
+
+        if is_in_metres(ocean) and "sea_floor_depth" not in ocean:
+            ocean = ocean_in_metres(ocean)
         require_local(ocean, "sound_speed", "sea_floor_depth", "north", "east", "depth")
         latitude = ocean.attrs.get("centre_latitude_deg")
         return cls.from_grid(
@@ -427,7 +433,7 @@ class Medium:
 
         points = as_positions("position", position)
         ends = (points, points) if self.earth is None else self.earth.flattened_ends(points, points)
-        blocks = solve_on_processor(self.domain(), None, Settings(math.inf, 1e-3, True), *ends)
+        blocks = solve_on_processor(self.domain(), None, Settings(math.inf, 1e-3, True, False), *ends)
         speed: Array = np.concatenate([block.info[:, SOURCE_SPEED] for block in blocks])
         return speed if self.earth is None else speed / self.earth.stretch(points[:, 2])
 
@@ -523,7 +529,14 @@ def _check_speed(speed: Array) -> None:
 
 
 def _axis(name: str, values: ArrayLike) -> Array:
-    return checked_array(AcousticsError, name, values, (None,), rising=True)
+    axis = checked_array(AcousticsError, name, values, (None,), rising=True)
+    step = np.diff(axis)
+    if step.size and step.min() < _LEAST_STEP:
+        at = axis[int(np.argmin(step))]
+        raise AcousticsError(
+            f"{name}: two values at {at:g} m are {step.min():g} m apart; allowed are {_LEAST_STEP:g} m or more: remove one"
+        )
+    return axis
 
 
 def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:

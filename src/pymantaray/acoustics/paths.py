@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.eigenrays import find_eigenrays, solved_backwards
 from pymantaray.acoustics.medium import Medium
+from pymantaray.acoustics.near_ends import separated
 from pymantaray.acoustics.solving import as_positions, in_blocks
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
@@ -76,13 +77,17 @@ def trace_paths(
             " ice_slope_deg)"
         )
     domain = medium.domain()
-    backwards = solved_backwards(a, b)[arrivals.link, None]
-    flat = (a, b) if medium.earth is None else medium.earth.flattened_ends(a, b)
+    apart, near = separated(medium, a, b)
+    backwards = solved_backwards(a, apart)[arrivals.link, None]
+    flat = (a, apart) if medium.earth is None else medium.earth.flattened_ends(a, apart)
     ends = np.stack(flat, axis=1)[arrivals.link]
+    without_length = near[arrivals.link] & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
+    ends[without_length, 1] = ends[without_length, 0]
     slowness = np.where(backwards, -arrivals.receiver_slowness, arrivals.source_slowness)
     if medium.earth is not None:
         start = np.where(backwards[:, 0], b[arrivals.link, 2], a[arrivals.link, 2])
         slowness[:, 2] /= medium.earth.stretch(start)
+    slowness[without_length] = np.nan
     launch = np.concatenate([slowness, backwards], axis=1)
     manner = np.stack(
         [arrivals.ray_axis, arrivals.surface_bounces, arrivals.bottom_bounces], axis=-1, dtype=np.int64

@@ -108,7 +108,8 @@ def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
 
 def _profile_position(path: str | Path, profile: Profile) -> tuple[float, float]:
     if profile.place is None:
+        reason = next((f" ({note})" for note in profile.notes if note.startswith("position ")), "")
         raise AcousticsError(
-            f"{path}: the position of {profile.name} is unknown; give latitude and longitude"
+            f"{path}: the position of {profile.name} is unknown{reason}; give latitude and longitude"
         )
     return profile.place

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeVar
@@ -139,23 +140,36 @@ def read_profiles(
     list of Profile
         Profiles with name and, if the file contains it, time.
     """
-    from pymantaray.ocean.casts import cast_tables, holds_argo, read_casts
+    from pymantaray.ocean.cast_folders import is_cast_folder, read_each
+    from pymantaray.ocean.casts import cast_tables, each_usable, holds_argo, read_casts
+    from pymantaray.ocean.positions import is_position
 
+    if place is not None and not is_position(*place):
+        raise AcousticsError(
+            f"{path}: position {place[0]:g} {place[1]:g}; latitude must be -90 to 90 and longitude -360 to 360 degrees"
+        )
     try:
-        if holds_argo(path):
+        if is_cast_folder(path):
+            read = partial(read_profiles, place=place, repair_freezing=repair_freezing)
+            profiles, notes = read_each(Path(path), read, AcousticsError)
+        elif holds_argo(path):
             return [_of_cast(cast) for cast in read_casts(path, repair_freezing=repair_freezing)]
-        tables = cast_tables(Path(path))
-        return [
-            _profile(table, name or Path(path).stem, place, repair_freezing) for name, table in tables.items()
-        ]
+        else:
+
+            def make(name: str, table: CastTable) -> Profile:
+                return _profile(table, name or Path(path).stem, place, repair_freezing)
+
+            profiles, notes = each_usable(Path(path), cast_tables(Path(path)), make)
     except OceanError as error:
         raise AcousticsError(str(error)) from None
+    return [profile._replace(notes=(*profile.notes, *notes)) for profile in profiles]
 
 
 def _profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:
     import gsw
 
-    from pymantaray.ocean.casts import cast_place, cast_time
+    from pymantaray.ocean.casts import cast_place, cast_position, cast_time
+    from pymantaray.ocean.convert import DEEPEST
     from pymantaray.ocean.seawater import freezing_notes, repair_salinity, sound_speed
 
     if table.instrument:
@@ -166,7 +180,7 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
     if not all(there.values()):
         lacks = ", ".join(name for name, present in there.items() if not present)
         raise AcousticsError(
-            f"{table.path}: no column {lacks}; the columns are {', '.join(table.header)}; pressure can replace depth, and temperature with"
+            f"{table.path}: no column {lacks}; {table.listing}; pressure can replace depth, and temperature with"
             " salinity can replace sound_speed"
         )
     used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
@@ -182,6 +196,10 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
         raise AcousticsError(
             f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
         )
+    if level[-1] > DEEPEST:
+        raise AcousticsError(
+            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most {DEEPEST:g}"
+        )
     computed = not has_speed or vertical == "pressure"
     lat, lon = (
         _cast_position(table, position) if computed else position or cast_place(table) or (np.nan, np.nan)
@@ -196,11 +214,9 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
         water = (values[0], values[1])
     speed = values[0] if has_speed else sound_speed(values[0], values[1], depth, lat, lon)
     notes = repairs or (() if water is None else freezing_notes(*water, depth, lat, lon))
-    try:
-        time, _ = cast_time(table)
-    except OceanError:  # matters only where casts are chosen by it
-        time = np.datetime64("NaT", "ns")
+    time, time_notes = cast_time(table)
     place = (lat, lon) if np.isfinite(lat) else None
+    notes = (*cast_position(table)[1], *(note for note in time_notes if "not read" in note), *notes)
     return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
 
 
@@ -212,27 +228,23 @@ def _of_cast(cast: Cast) -> Profile:
 
 def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:
     """Profile of an instrument's file or a data set: complete, plausible rows of the downcast, with its own sound speed if it has one."""
-    import gsw
-
     from pymantaray.ocean.cast import usable_rows
-    from pymantaray.ocean.casts import cast_of_table, cast_place, cast_time
+    from pymantaray.ocean.casts import cast_depth, cast_of_table, cast_place, cast_time
 
     if not table.has("sound_speed"):
         cast = cast_of_table(table, name, _cast_position(table, position), None)
         return _of_cast(cast.with_repaired_salinity() if repair else cast)
-    has_depth = table.has("depth")
-    place = (position or cast_place(table)) if has_depth else _cast_position(table, position)
-    depth = table.values("depth" if has_depth else "pressure")
-    if not has_depth and place is not None:
-        depth = np.asarray(-gsw.z_from_p(depth, place[0]), dtype=float)
+    place = (position or cast_place(table)) if table.has("depth") else _cast_position(table, position)
+    depth, depth_notes = cast_depth(table, None if place is None else place[0])
+    notes = [*table.notes, *depth_notes]
     speed = table.values("sound_speed")
-    rows, notes, _ = usable_rows(depth, [(speed, _POSSIBLE_SPEEDS)], notes=table.notes, where=str(table.path))
+    rows, notes, _ = usable_rows(depth, [(speed, _POSSIBLE_SPEEDS)], notes=notes, where=str(table.path))
     water = None
     if table.has("temperature", "salinity"):
         t, s = (table.values(quantity)[rows] for quantity in ("temperature", "salinity"))
         water = (t, s) if np.isfinite(t).all() and np.isfinite(s).all() else None
     time, _ = cast_time(table)
-    computed = None if has_depth else place
+    computed = place if depth_notes else None
     return Profile(depth[rows], speed[rows], computed, name, time, water, tuple(notes), place)
 
 
@@ -348,16 +360,13 @@ def smooth_profile(
 
 
 def _cast_position(table: CastTable, position: tuple[float, float] | None) -> tuple[float, float]:
-    from pymantaray.ocean.casts import cast_place
+    from pymantaray.ocean.casts import cast_place, unread_position
 
     place = position or cast_place(table)
     if place is None:
         raise AcousticsError(
-            f"{table.path}: computing sound speed or depth needs a position; give --position LAT LON (in Python: place)"
-        )
-    if not (-90.0 <= place[0] <= 90.0 and -360.0 <= place[1] <= 360.0):
-        raise AcousticsError(
-            f"{table.path}: position {place[0]:g} {place[1]:g}; latitude must be -90 to 90 and longitude -360 to 360 degrees"
+            f"{table.path}: computing sound speed or depth needs a position{unread_position(table)}; give --position LAT LON"
+            " (in Python: place)"
         )
     return place
 

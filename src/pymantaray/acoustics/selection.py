@@ -1,4 +1,4 @@
-"""Selection of the arrival of a link for its range: the direct, the first or the strongest arrival."""
+"""Selection of the arrival of a link for its range: the direct, the first or the strongest arrival, or the first if none is direct."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
-ArrivalRule = Literal["direct", "first", "strongest"]
-"""Rule that selects an arrival: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
+ArrivalRule = Literal["direct", "first", "strongest", "direct-or-first"]
+"""
+Rule that selects an arrival: the earliest without a reflection, the earliest of all, the one with the
+smallest loss, or the earliest of all only where each has a reflection.
+"""
 NEAR_DB = 1.0
 """Change of the cut-off by which a selection is tested; selections that it changes are marked. [dB]"""
 
@@ -41,9 +44,10 @@ def choose_arrivals(
     ----------
     arrivals : Arrivals
         From `find_eigenrays`.
-    rule : {"direct", "first", "strongest"}
+    rule : {"direct", "first", "strongest", "direct-or-first"}
         ``direct``: the earliest arrival without a reflection. ``first``: the earliest of all. ``strongest``: the one with the
-        smallest loss, or the earliest of equal ones.
+        smallest loss, or the earliest of equal ones. ``direct-or-first``: as ``direct``, and as ``first`` on links without a
+        direct arrival.
     loss_db : array_like, shape (n_arrivals,), optional
         Loss for ``strongest``; NaN counts as infinite. Default: ``spreading_db``, which lacks reflection, absorption and
         distance. [dB]
@@ -61,9 +65,12 @@ def choose_arrivals(
         raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(ArrivalRule))}")
     time = _delayed(arrivals, delay)
     allowed = np.ones(time.size, dtype=bool) if detected is None else detected
+    reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
     if rule == "direct":
-        allowed = allowed & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
+        allowed = allowed & ~reflected
     keys = [time]
+    if rule == "direct-or-first":
+        keys.insert(0, reflected.astype(float))
     if rule == "strongest":
         keys.insert(0, arrivals.spreading_db if loss_db is None else _one_each("loss_db", loss_db, time.size))
     return first_rows(arrivals.link, keys, allowed)

@@ -137,16 +137,19 @@ def in_blocks(
             yield done
             start = stop
         return
-    with ThreadPoolExecutor(workers) as pool:
-        waiting: deque[Future[tuple[T, float]]] = deque()
-        try:
-            while start < n_rows or waiting:
-                while start < n_rows and len(waiting) < _BLOCKS_AHEAD * workers:
-                    stop = after(start)
-                    waiting.append(pool.submit(timed, start, stop))
-                    start = stop
-                done, pace = waiting.popleft().result()
-                yield done
-        finally:
-            for future in waiting:
-                future.cancel()
+    pool = ThreadPoolExecutor(workers)
+    waiting: deque[Future[tuple[T, float]]] = deque()
+    joined = True
+    try:
+        while start < n_rows or waiting:
+            while start < n_rows and len(waiting) < _BLOCKS_AHEAD * workers:
+                stop = after(start)
+                waiting.append(pool.submit(timed, start, stop))
+                start = stop
+            done, pace = waiting.popleft().result()
+            yield done
+    except (KeyboardInterrupt, SystemExit):  # a block may be one long link
+        joined = False
+        raise
+    finally:
+        pool.shutdown(wait=joined, cancel_futures=True)

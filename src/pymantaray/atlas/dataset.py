@@ -16,6 +16,7 @@ from pymantaray.atlas.plan import Atlas
 from pymantaray.errors import AtlasError
 from pymantaray.records import NETCDF_LOCK, RayStatus, whole_file
 from pymantaray.records.writing import check_room
+from pymantaray.user_files import check_regular
 
 FORMAT = "pymantaray atlas 1"
 LocatedBlock = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
@@ -242,6 +243,7 @@ def open_atlas(path: str | Path) -> xr.Dataset:
     AtlasError
         If the file is not an atlas.
     """
+    check_regular(path, AtlasError, what="an atlas")
     try:
         dataset = xr.open_dataset(path, engine="netcdf4")
     except (OSError, ValueError, RuntimeError) as error:

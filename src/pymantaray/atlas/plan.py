@@ -31,6 +31,7 @@ from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
 from pymantaray.records.digits import counted
 from pymantaray.water import Source
+from pymantaray.water.metres import section_in_metres
 from pymantaray.water.ocean import is_profile
 from pymantaray.water.uniform import one_profile
 from pymantaray.water.water import configuration_of
@@ -240,6 +241,10 @@ def _water_config(source: Source, options: dict[str, Any]) -> SoundConfig:
             )
         source = str(stored_ocean(source))
     config = configuration_of(source, options)
+    if section_in_metres(config.ocean):
+        raise AtlasError(
+            f"{config.ocean.source[0]}: water in metres has no latitude and longitude, which an atlas needs; give an ocean"
+        )
     for key in ("time_varying", "internal_tide"):
         if getattr(config.ocean, key):
             raise AtlasError(
@@ -261,7 +266,8 @@ def _links_of(config: SoundConfig) -> AtlasLinks:
 def _index_of(section: OceanSection) -> OceanIndex:
     """Columns and instants of an ocean; one column and one instant for a profile."""
     if not is_profile(section):
-        return ocean_index(section.source, section.standard_names)
+        index = ocean_index(section.source, section.standard_names)
+        return index._replace(times=np.where(np.isnat(index.times), np.datetime64(EPOCH, "ns"), index.times))
     profile = one_profile(section)
     lat, lon = section.centre or profile.position or (0.0, 0.0)
     time = np.datetime64(EPOCH, "ns") if np.isnat(profile.time) else profile.time

@@ -1,20 +1,48 @@
-"""Command `mantaray export`: export a run to formats of other programs."""
+"""Command `mantaray export`: export a run to formats of other programs, or a study to the paper's authors' program."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+AUTHORS = "authors"
+_UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
+
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    context: typer.Context,
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run; or the word authors.")],
+    study: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[STUDY FOLDER]",
+            help="After authors: a run, preset or study file, and a new or empty folder for sim.json, environment.json and"
+            " its arrays, which the paper's authors' program reads.",
+            show_default=False,
+        ),
+    ] = None,
     to: Annotated[
-        str, typer.Option("--to", help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag.")
-    ],
-    out: Annotated[Path, typer.Option("--out", help="A new or empty folder; for rrd and mcap a new file.")],
+        str | None,
+        typer.Option("--to", help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="A new or empty folder; for rrd and mcap a new file.")
+    ] = None,
     realization: Annotated[int, typer.Option("--realization", help="Index of the realization, from 0.")] = 0,
 ) -> None:
-    """Export one realization of a run to evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2."""
+    """Export one realization of a run to evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2, or a study to its authors' program."""
+    words = study or []
+    if str(run) == AUTHORS and words:
+        if len(words) != 2 or to is not None or out is not None:
+            raise _UsageError("Usage: mantaray export authors STUDY FOLDER", context)
+        from pymantaray.authors import export_authors
+
+        typer.echo(str(export_authors(words[0], words[1])))
+        return
+    if words:
+        raise _UsageError(f"Got unexpected extra argument ({words[0]})", context)
+    if to is None or out is None:
+        raise _UsageError(f"Missing option '--{'to' if to is None else 'out'}'.", context)
     from pymantaray.study import export_run
 
     typer.echo(str(export_run(run, to, out, realization=realization)))

@@ -10,6 +10,7 @@ import typer
 
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import Commands, Force, Json, TableOptions
+from pymantaray.cli.output import EXIT_UNUSABLE
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
@@ -44,12 +45,27 @@ class GraphReadOptions:
             help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
         ),
     ] = False
+    isam: Annotated[
+        bool,
+        typer.Option(
+            "--isam",
+            help="Matrices of EDGE2 are those of iSAM, the upper triangular root of the information by rows.",
+        ),
+    ] = False
     indefinite: Annotated[
         Literal["refuse", "drop", "repair"],
         typer.Option(
             help="Treatment of lines whose matrix is not positive definite; the number dropped or repaired is reported."
         ),
     ] = "refuse"
+
+    covariances: Annotated[
+        Literal["full", "isotropic"],
+        typer.Option(
+            help="Covariances of the file, or isotropic ones as PyFactorGraph reads them: the mean variance of each translation"
+            " and of each rotation, and no depths."
+        ),
+    ] = "full"
 
     def open(self, file: Path) -> "GraphFile":
         """Open a graph's file."""
@@ -85,8 +101,8 @@ class GraphSolveOptions:
     estimator: Annotated[
         str,
         typer.Option(
-            help="batch (least squares), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
-            " geman-mcclure, gnc."
+            help="batch (least squares), gtsam (the same by GTSAM), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
+            " geman-mcclure, tukey, welsch, gnc."
         ),
     ] = "batch"
     anchor: Annotated[
@@ -150,6 +166,14 @@ def solve(
     reading: GraphReadOptions,
     solving: GraphSolveOptions,
     printing: TableOptions,
+    worst: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="List the N factors with the largest whitened residual, leverage and Cook's distance, except odometry.",
+        ),
+    ] = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")] = None,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
@@ -157,6 +181,7 @@ def solve(
     from pymantaray.errors import EstimationError
     from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
+    from pymantaray.records import SolveStatus
 
     content = reading.open(file)
     with ExitStack() as stack:
@@ -164,6 +189,8 @@ def solve(
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
         with step_line(quiet=printing.quiet) as report:
             result = solving.solve(file, content, report)
+        if result.solution.status is SolveStatus.FAILED:  # there is nothing to write
+            raise EstimationError(f"{file}: {result.diagnosis}")
         errors = _errors(result)
         if folder is not None:
             result.save(folder, more=errors)
@@ -171,10 +198,13 @@ def solve(
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)
     with printing.printer() as printed:
         _print_result(printed, result, errors)
+        if worst:
+            _print_worst(printed, result, worst)
         if out is not None:
             printed.paths(folder=out)
-    if result.diagnosis is not None:
-        raise EstimationError(f"{file}: {result.diagnosis}")
+        if result.diagnosis is not None:
+            LOG.error("%s: %s", file, result.diagnosis)
+            raise typer.Exit(EXIT_UNUSABLE)
 
 
 @app.command()
@@ -193,6 +223,13 @@ def convert(
         bool,
         typer.Option("--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."),
     ] = False,
+    depths: Annotated[
+        Literal["priors", "ranges"],
+        typer.Option(
+            help="PyFactorGraph out: depths as pose priors, which PyFactorGraph loses, or as ranges to a landmark 5e8 m above, which"
+            " it keeps."
+        ),
+    ] = "priors",
     force: Force = False,
 ) -> None:
     """Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold."""
@@ -224,7 +261,7 @@ def convert(
         check_output(out, endings, inputs=[file], beside=files, force=force)
         write_graph_tum(out, content.graph, content.values)
     else:
-        write_pyfg(content.graph, out, initial=content.values)
+        write_pyfg(content.graph, out, initial=content.values, depths=depths)
         files += [path for path in beside if path.exists()]
     for what, count in lost.items():
         LOG.warning("left out: %d %s", count, what)
@@ -238,8 +275,6 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     """Name and text of each line on the contents of a graph; adds the numbers for --json."""
     import numpy as np
 
-    from pymantaray.estimation.graph import KINDS
-
     g = file.graph
     vehicle, number = g.pose_vehicle, g.pose_number.astype(int)
     a, b = g["edge"].variables.T
@@ -248,7 +283,7 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
     time = g.pose_time
     vehicles = (f"{name} ({np.count_nonzero(vehicle == k)} poses)" for k, name in enumerate(g.vehicle_name))
-    unary = {kind.plural: len(g[name]) for name, kind in KINDS.items() if len(kind.ends) == 1}
+    unary = {t.kind.plural: len(t) for t in g.tables.values() if len(t.kind.ends) == 1}
     priors = [f"{plural} {count}" for plural, count in unary.items() if count]
     counts = [np.count_nonzero(landmarks == k) for k in range(3)]
     lines = [
@@ -302,15 +337,31 @@ def _print_starts(out: Printer, result: "GraphResult") -> None:
     out.add(alternative_start=None if result.alternative is None else result.alternative.name)
 
 
+def _print_worst(out: Printer, result: "GraphResult", count: int) -> None:
+    """Print the factors with the largest influence on a solution, by each measure."""
+    from pymantaray.estimation import LOSSES
+    from pymantaray.estimation.influence import MEASURES, factor_influence, worst_factors
+    from pymantaray.records.result_table import ResultTable
+
+    if not result.solution.usable:
+        return
+    influence = factor_influence(result.graph, result.values, LOSSES.get(result.estimator))
+    for measure, caption in MEASURES.items():
+        table = worst_factors(influence, measure, count).drop(columns="successive")
+        out.table(ResultTable(f"largest_{measure}", table, f"Factors with the largest {caption}"))
+
+
 def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
     """Trajectory errors of the solution and of its start; least squares have standard errors."""
     from pymantaray.evaluation import graph_degrees_of_freedom, graph_errors
 
-    freedom = None
+    freedom, s = None, result.solution
     if result.truth is not None and result.solution.usable and result.estimator in ("batch", "incremental"):
         freedom = graph_degrees_of_freedom(result.graph, result.values)
     return {
-        "trajectory_error": graph_errors(result.graph, result.values, result.truth, freedom),
+        "trajectory_error": graph_errors(
+            result.graph, replace(s, last_point=None).values, result.truth, freedom
+        ),
         "trajectory_error_of_start": graph_errors(result.graph, result.initial, result.truth),
     }
 

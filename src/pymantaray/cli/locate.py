@@ -17,7 +17,8 @@ from pymantaray.cli.options import (
     WaterOptions,
     format_names,
 )
-from pymantaray.cli.printing import Printer
+from pymantaray.cli.output import EXIT_UNUSABLE
+from pymantaray.cli.printing import LOG, Printer
 from pymantaray.errors import LocateError
 from pymantaray.locate.options import LocateOptions, PlanOptions
 from pymantaray.locate.read_options import ReadOptions
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _MAX_LISTED = 10  # unused pings
 _MAX_CANDIDATES = 8
+_NOT_CONVERGED = "check the initial positions, the profile and the pings, or give --sound-speed known"
 
 
 class _SurveyGroup(TyperGroup):
@@ -143,8 +145,11 @@ def survey(
     import pymantaray
     from pymantaray.cli.output import progress_bars
     from pymantaray.locate import locate, read_survey
+    from pymantaray.locate.write import check_names_to_write
 
     measured = read_survey(file, values.read_options())
+    if folder.out is not None:
+        check_names_to_write(measured)
     measured, water, record, notes = _water(source, options, measured)
     with progress_bars(quiet=printing.quiet or not bootstrap) as report:
         located = locate(
@@ -155,6 +160,7 @@ def survey(
             seed=seed,
             progress=None if report is None else lambda done, total: report("bootstrap", done, total),
         )
+    notes += located.notes
     page = None
     if folder.out is not None:
         from pymantaray.report import write_location_page
@@ -167,6 +173,9 @@ def survey(
         _print_result(printed, located, notes)
         if page is not None:
             printed.paths(page=page)
+        if not located.solution.settled:
+            LOG.error("%s: not converged; %s", file, _NOT_CONVERGED)
+            raise typer.Exit(EXIT_UNUSABLE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,14 +345,14 @@ def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float)
         raise LocateError("no water; give --profile, --ocean or --run")
     first = Path(source.words[0]) if source.words else None
     if (
-        options.sea_floor is None
+        options.bathymetry is None
         and first is not None
         and first.is_file()
         and first.suffix != ".toml"
         and holds_casts(first)
     ):
         last = float(read_profiles(first, options.centre or options.position)[0].depth[-1])
-        options = replace(options, sea_floor=str(max(last, _BED_FACTOR * deepest)))
+        options = replace(options, bathymetry=str(max(last, _BED_FACTOR * deepest)))
     return load_water(source, options, default="linear")
 
 

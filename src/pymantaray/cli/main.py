@@ -5,9 +5,7 @@ import os
 import pkgutil
 import re
 import resource
-import signal
 import sys
-import threading
 from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
@@ -17,10 +15,14 @@ import pymantaray
 from pymantaray import cli
 from pymantaray.cli.options import Commands
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
+from pymantaray.cli.stopping import answered_stops
 from pymantaray.errors import MantaRayError
-from pymantaray.messages import without_secrets
+from pymantaray.messages import printable, without_secrets
+from pymantaray.user_files import shown
 
 _UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
+
+_LONGEST_LINE = 2000  # characters
 
 app = Commands(
     name="mantaray",
@@ -60,18 +62,16 @@ def _root(
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; exit with 0, 2 for wrong usage or a known error, 130 for Ctrl-C, 141 for a closed pipe."""
-    if threading.current_thread() is threading.main_thread():  # other threads cannot set signal handlers
-        signal.signal(signal.SIGTERM, _stop)
-    with standard_streams():
+    with standard_streams(), answered_stops():
         try:
             _check_environment()
             words = sys.argv[1:] if arguments is None else arguments
             sys.exit(app(args=words, prog_name="mantaray", standalone_mode=False) or 0)
         except _UsageError as error:
             _refuse(error)
-        except (MantaRayError, FileNotFoundError, PermissionError) as error:
-            for line in without_secrets(error).splitlines():
-                typer.echo(f"error: {line}", err=True)
+        except MantaRayError as error:
+            for line in str(error).split("\n"):
+                _print_error(line)
             raise SystemExit(EXIT_KNOWN_ERROR) from None
         except KeyboardInterrupt:
             raise SystemExit(130) from None
@@ -79,19 +79,33 @@ def main(arguments: list[str] | None = None) -> None:
             stop = _stop_behind(error)
             if stop is not None:
                 raise SystemExit(stop) from None
-            if not _lacks_memory(error):
+            if _lacks_memory(error):
+                _print_error(_memory_line())
+            elif isinstance(error, OSError) and error.filename is not None:  # a name that the user gave
+                _print_error(f"{shown(os.fsdecode(error.filename))}: {error.strerror}; use another name")
+            else:
                 raise
-            typer.echo(f"error: {_memory_line()}", err=True)
             raise SystemExit(EXIT_KNOWN_ERROR) from None
+
+
+def _print_error(line: str) -> None:
+    """Print an error of one line on standard error, without characters that a terminal acts on, shortened if it is very long."""
+    text = printable(without_secrets(line))
+    typer.echo(f"error: {text if len(text) <= _LONGEST_LINE else text[:_LONGEST_LINE] + '...'}", err=True)
 
 
 def _check_environment() -> None:
     """Raise an error for an environment variable that makes libraries fail."""
-    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
-    if not re.fullmatch(r"\s*[+-]?\d+\s*", epoch):
-        raise MantaRayError(
-            f"environment: SOURCE_DATE_EPOCH is {epoch[:40]!r}; it must be whole seconds since 1970; correct or unset it"
-        )
+    allowed = {  # meaning, and a pattern
+        "SOURCE_DATE_EPOCH": ("whole seconds since 1970, at most 11 digits", r"\s*[+-]?\d{1,11}\s*"),
+        "NUMBA_NUM_THREADS": ("a number of threads, 1 or more", r"\s*(\+?0*[1-9]\d{0,3}\s*)?"),
+    }
+    for name, (meaning, pattern) in allowed.items():
+        value = os.environ.get(name)
+        if value is not None and not re.fullmatch(pattern, value, re.ASCII):
+            raise MantaRayError(
+                f"environment: {name} is {value[:40]!r}; it must be {meaning}; correct or unset it"
+            )
 
 
 def _lacks_memory(error: BaseException) -> bool:
@@ -115,7 +129,7 @@ def _refuse(error: Any) -> NoReturn:
     fault = without_secrets(message)
     if fault:  # without arguments there is no message, and the help is printed already
         command = error.ctx.command_path if error.ctx else "mantaray"
-        typer.echo(f"error: {command}: {fault}; see {command} --help", err=True)
+        _print_error(f"{command}: {fault}; see {command} --help")
     raise SystemExit(EXIT_KNOWN_ERROR) from None
 
 
@@ -129,8 +143,3 @@ def _stop_behind(error: BaseException) -> int | None:
             return cause.code
         cause = cause.__cause__ or cause.__context__
     return None
-
-
-def _stop(number: int, _frame: object) -> None:
-    """Raise an exception for a stop request, so that unfinished files are removed."""
-    raise SystemExit(128 + number)

@@ -19,13 +19,17 @@ from pymantaray.cli.options import (
     To,
     WaterOptions,
     changes_of,
+    metres_of,
     parse_duration,
 )
 from pymantaray.cli.output import check_output, progress_bars
-from pymantaray.cli.printing import printer
+from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import MantaRayError, OceanError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
     import xarray as xr
 
     from pymantaray.acoustics.profiles import Profile
@@ -113,8 +117,14 @@ def check(
 
     if study is None and not files:
         raise OceanError("no ocean; name one, or give a study with --study")
+    note = ""
     if study is None:
-        findings = _checked(_configured(files or [], water))
+        config = _configured(files or [], water)
+        times = _times(config.ocean)
+        if config.ocean.time is None and len(times) > 1:
+            note = f"times       {_first_of(times)}"
+            config = _at(config, times[0])
+        findings = _checked(config)
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
@@ -130,10 +140,10 @@ def check(
         moved = bool(config.fleet.trajectories)
         findings = _checked(config, fleet=fleet_plan(config), existing_trajectories=moved)
         if findings.ok and not moved:
-            from pymantaray.water.ocean import open_geographic
-
-            findings = Findings([*fleet_findings(config, *open_geographic(config.ocean)), *findings])
+            findings = Findings([*fleet_findings(config), *findings])
     with printer(as_json=as_json) as out:
+        if note:
+            out.line(note)
         for finding in findings:
             out.line(str(finding))
         out.line(
@@ -170,9 +180,16 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
     from pymantaray.ocean import check_ocean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
-    from pymantaray.water.ocean import build_sea_floor, is_profile, open_start
+    from pymantaray.water.metres import section_in_metres
+    from pymantaray.water.ocean import build_ocean, build_sea_floor, is_profile, open_start
 
     section = config.ocean
+    if section_in_metres(section):
+        try:
+            build_ocean(section, 0.0)
+        except OceanError as error:
+            return Findings([Finding("wrong", "water in metres", str(error))])
+        return Findings([])
     options: dict[str, Any] = {"equation": section.equation, "currents": section.currents, **fleet}
     options |= {"centre": section.centre, "half_extent": section.half_extent}
     if not (is_profile(section) or section.standard_names) and section.bathymetry is None:
@@ -188,22 +205,27 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
 @app.command()
 @with_options
 def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text") -> None:
-    """Print extent, levels, time, ranges of each variable and history of an ocean."""
-    from pymantaray.ocean import ocean_times
+    """Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of profiles."""
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.ocean import is_profile
+    from pymantaray.water.metres import section_in_metres
+    from pymantaray.water.ocean import build_ocean, is_profile
 
     config = _configured(files, water)
     section = config.ocean
     with printer(as_json=as_json, to=to) as out:
-        if not is_profile(section):
-            times = ocean_times(section.source, section.standard_names)
-            out.add(times=[str(t)[:16] for t in times])
-            if section.time is None and len(times) > 1:
-                listed = " ".join(str(t)[:16] for t in times)
-                out.line(f"times       {len(times)}; this is the first, --time selects another\n{listed}\n")
-                section = config.with_(**{"ocean.time": times[0].astype("datetime64[us]").item()}).ocean
+        if section_in_metres(section):
+            table = build_ocean(section, 0.0).region.reset_index()
+            out.table(ResultTable("region", table, by_row=True))
+            return
+        if is_profile(section) and section.bathymetry is None:
+            _show_profiles(section, out)
+            return
+        times = _times(section)
+        out.add(times=[str(t)[:16] for t in times])
+        if section.time is None and len(times) > 1:
+            out.line(f"times       {_first_of(times)}\n")
+            section = _at(config, times[0]).ocean
         ocean, floor = _domain(section)
         facts = ocean_facts(ocean, floor)
         for name, text in facts.items():
@@ -218,6 +240,76 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         if history:
             out.line(f"\nhistory\n{history}")
         out.add(history=history.splitlines())
+
+
+def _times(section: "OceanSection") -> "Sequence[np.datetime64]":
+    """Known instants of an ocean; none for a profile."""
+    import numpy as np
+
+    from pymantaray.ocean import ocean_times
+    from pymantaray.water.ocean import is_profile
+
+    if is_profile(section):
+        return []
+    try:
+        return [t for t in ocean_times(section.source, section.standard_names) if not np.isnat(t)]
+    except OceanError:
+        return []  # the command itself reports it
+
+
+def _first_of(times: "Sequence[np.datetime64]") -> str:
+    """Line about the choice of the first of several instants."""
+    listed = " ".join(str(t)[:16] for t in times)
+    return f"{len(times)}; this is the first, --time selects another\n{listed}"
+
+
+def _at(config: "SoundConfig", time: "np.datetime64") -> "SoundConfig":
+    """Configuration of an ocean at one of its instants."""
+    changed: SoundConfig = config.with_(**{"ocean.time": time.astype("datetime64[us]").item()})
+    return changed
+
+
+def _show_profiles(section: "OceanSection", out: "Printer") -> None:
+    """Print the levels of profiles, which need no sea bed here."""
+    import pandas as pd
+
+    from pymantaray.ocean.schema import place_text
+    from pymantaray.records.result_table import ResultTable
+    from pymantaray.water.uniform import read_section_profiles
+
+    profiles = read_section_profiles(section)
+    shown = []
+    for profile in profiles:
+        columns = {"depth [m]": profile.depth, "sound speed [m/s]": profile.sound_speed}
+        if profile.water is not None:
+            columns |= {"temperature [degC]": profile.water[0], "salinity [1]": profile.water[1]}
+        facts = {
+            "profile": profile.name,
+            "time": f"{str(profile.time)[:16].replace('T', ' ')} UTC"
+            if str(profile.time) != "NaT"
+            else "unknown",
+            "position": "unknown" if profile.place is None else place_text(*profile.place),
+            "levels": f"{profile.depth.size}, {profile.depth[0]:.6g} to {profile.depth[-1]:.6g} m",
+        }
+        lists = {
+            name.partition(" [")[0].replace(" ", "_"): values.tolist() for name, values in columns.items()
+        }
+        shown.append({**facts, **lists, "notes": list(profile.notes)})
+        if len(profiles) == 1:
+            for name, text in facts.items():
+                out.line(f"{name:<11} {text}")
+            out.line(
+                f"{'sea bed':<11} not part of a profile; --bathymetry gives it to commands that need one"
+            )
+            ranges = [(name, values.min(), values.max()) for name, values in columns.items()]
+            frame = pd.DataFrame(ranges, columns=["variable", "min", "max"])
+            out.table(ResultTable("variables", frame, by_row=True))
+    if len(profiles) > 1:
+        few = [{name: one[name] for name in ("profile", "time", "position", "levels")} for one in shown]
+        out.table(ResultTable("profiles", pd.DataFrame(few)))
+    for note in dict.fromkeys(note for profile in profiles for note in profile.notes):
+        out.line(f"note: {note}")
+    out.add(levels=shown)
 
 
 @app.command()
@@ -257,14 +349,19 @@ def plot(
 class UniformOptions:
     """Domain of a horizontally uniform ocean, and its water below a cast."""
 
-    bottom: Annotated[
+    bathymetry: Annotated[
         float | None,
-        typer.Option(parser=quantity("m"), help="Depth of the sea bed, in m. Default: from the file."),
+        typer.Option(
+            "--bathymetry",
+            "--bottom",
+            parser=quantity("m"),
+            help="Depth of the sea bed, in m. Default: from the file.",
+        ),
     ] = None
-    half_extent: Annotated[tuple[float, float], typer.Option(help="Half sides north and east, in km.")] = (
-        60.0,
-        60.0,
-    )
+    half_extent: Annotated[
+        tuple[str, str],
+        typer.Option(metavar="NORTH EAST", help="Half sides of the domain in m, or text such as '60 km'."),
+    ] = ("60 km", "60 km")
     below: Annotated[
         Literal["refuse", "constant"],
         typer.Option(help="Water below the deepest sample: refuse (an error), or constant (its values)."),
@@ -288,11 +385,11 @@ def from_cast(
 
     if uniform.below_cast is not None and uniform.below != "refuse":
         raise OceanError("--below and --below-cast cannot be combined; give one of them")
-    north, east = uniform.half_extent
+    north, east = (metres_of("--half-extent", side) for side in uniform.half_extent)
     ocean = cast_ocean(
         read_cast(cast, **asdict(which)),
-        bottom_depth=uniform.bottom,
-        half_extent=(north * _M_PER_KM, east * _M_PER_KM),
+        bathymetry=uniform.bathymetry,
+        half_extent=(north, east),
         below=uniform.below
         if uniform.below_cast is None
         else read_cast(uniform.below_cast, repair_freezing=which.repair_freezing),
@@ -501,7 +598,7 @@ def _fields(section: "OceanSection") -> "xr.Dataset":
 
     if section.bathymetry is not None and not is_profile(section):
         raise OceanError(
-            "--sea-floor applies to a profile here: the water of an ocean ends where its levels end; remove it, and use it"
+            "--bathymetry applies to a profile here: the water of an ocean ends where its levels end; remove it, and use it"
             " with the commands that trace rays"
         )
     ocean, _ = _domain(section)

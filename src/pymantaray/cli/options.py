@@ -227,7 +227,7 @@ class OceanOptions:
         typer.Option(
             metavar="FILE",
             help="A profile or cast: a table with depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
-            " (degC) and salinity, an instrument's file, Argo or CF profiles; needs --sea-floor.",
+            " (degC) and salinity, an instrument's file, Argo or CF profiles; needs --bathymetry.",
         ),
     ] = None
 
@@ -279,10 +279,10 @@ class SourceOptions(AnySourceOptions):
 class GridOptions:
     """Sea floor, currents, domain, time and names of water on a grid, without options of rays."""
 
-    sea_floor: Annotated[
+    bathymetry: Annotated[
         str | None,
         typer.Option(
-            "--sea-floor",
+            "--bathymetry",
             "--bottom",
             metavar="M|FILE",
             help="Depth of the sea floor in metres, or a NetCDF file of it; required for a profile. Default: the deepest levels"
@@ -317,7 +317,8 @@ class GridOptions:
         tuple[str, str] | None,
         typer.Option(
             metavar="NORTH EAST",
-            help="Half sides of the domain in km. Default: the largest domain in the data; a profile has no sides.",
+            help="Half sides of the domain in m, or text such as '20 km'. Default: the largest domain in the data; a profile has"
+            " no sides.",
         ),
     ] = None
     time: Annotated[
@@ -349,11 +350,13 @@ class GridOptions:
             raise WaterError(f"--time is given {len(self.time)} times; only one instant is allowed; give one")
         time = _instant(self.time[0]) if self.time else None
         half = (
-            None if self.half_extent is None else tuple(1e3 * _kilometres(side) for side in self.half_extent)
+            None
+            if self.half_extent is None
+            else tuple(metres_of("--half-extent", side) for side in self.half_extent)
         )
         names = dict(_named(text) for text in self.name or [])
         keys = {
-            "bathymetry": _metres_or_file("--sea-floor", self.sea_floor),
+            "bathymetry": _metres_or_file("--bathymetry", self.bathymetry),
             "bathymetry_crs": self.crs,
             "currents": self.currents,
             "equation": self.equation,
@@ -432,7 +435,7 @@ class WaterOptions(GridOptions):
     @property
     def files(self) -> list[Path]:
         """Files that no output may overwrite."""
-        given = (_metres_or_file("--sea-floor", self.sea_floor), _metres_or_file("--ice", self.ice))
+        given = (_metres_or_file("--bathymetry", self.bathymetry), _metres_or_file("--ice", self.ice))
         return [Path(value) for value in given if isinstance(value, str)]
 
 
@@ -443,12 +446,12 @@ def _instant(text: str) -> Any:
     return parse_instant(text).astype("datetime64[us]").item()
 
 
-def _kilometres(text: str) -> float:
-    """Parse a half side of the domain. [km]"""
+def metres_of(option: str, text: str) -> float:
+    """Parse a length of an option. [m]"""
     try:
-        return number_in(text, "km")
+        return number_in(text, "m")
     except ValueError as error:
-        raise WaterError(f"--half-extent: {error}") from None
+        raise WaterError(f"{option}: {error}") from None
 
 
 def _decibels(text: str) -> float | str:

@@ -19,6 +19,7 @@ from pymantaray.installation import peak_memory_mib
 from pymantaray.jobs.progress import TaskProgress
 
 EXIT_KNOWN_ERROR = 2
+EXIT_UNUSABLE = 1  # of a command that finished with a result that cannot be used
 
 
 class Report(Protocol):

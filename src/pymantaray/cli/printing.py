@@ -13,7 +13,7 @@ import typer
 
 from pymantaray.cli.text_tables import print_table
 from pymantaray.installation import peak_memory_mib
-from pymantaray.messages import without_secrets
+from pymantaray.messages import printable, without_secrets
 
 if TYPE_CHECKING:
     from pymantaray.records.result_table import ResultTable
@@ -37,7 +37,7 @@ class Printer:
     def line(self, text: str = "", **values: Any) -> None:
         """Print a line of text; JSON has its values."""
         if not self._quiet:
-            typer.echo(without_secrets(text))
+            typer.echo(printable(without_secrets(text)))
         self.add(**values)
 
     def add(self, **values: Any) -> None:
@@ -149,7 +149,5 @@ def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
 class _Formatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         if record.name == "py.warnings":  # the text has file, line, class and message
-            return (
-                f"warning: {without_secrets(record.getMessage().partition('Warning: ')[2].splitlines()[0])}"
-            )
-        return _PREFIX.get(record.levelname, "") + without_secrets(super().format(record))
+            return f"warning: {printable(without_secrets(record.getMessage().partition('Warning: ')[2].splitlines()[0]))}"
+        return _PREFIX.get(record.levelname, "") + printable(without_secrets(super().format(record)))

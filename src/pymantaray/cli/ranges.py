@@ -50,9 +50,14 @@ class MissionOptions:
     enu: Annotated[
         bool,
         typer.Option(
-            "--enu", help="TUM files use ROS's axes: world east, north, up; body forward, left, up."
+            "--enu",
+            help="TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left, up.",
         ),
     ] = False
+    vehicles: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,...", help="Vehicles of the files to use. Default: all."),
+    ] = None
 
     @property
     def keys(self) -> dict[str, Any]:
@@ -95,12 +100,22 @@ def ranges(
     from pymantaray.cli.study import run_and_report
     from pymantaray.exchange.read import files_of
     from pymantaray.study.ranges import ranges_config
+    from pymantaray.study.tracks import read_fleet
 
     files = files_of(trajectories)
     if not source.words:
         raise SensingError("no ocean; give --ocean or --profile")
+    names = [name.strip() for name in (mission.vehicles or "").split(",") if name.strip()]
     config = ranges_config(
-        files, source.words, mission=mission.keys, enu=mission.enu, **water.keys, **arrivals.keys
+        files,
+        source.words,
+        mission=mission.keys,
+        enu=mission.enu,
+        names=names,
+        **water.keys,
+        **arrivals.keys,
     ).with_(**changes_of(changes))
     with printing.printer() as printed:
+        for note in () if printing.quiet else read_fleet(config.fleet).notes:
+            typer.echo(note, err=True)
         run_and_report(config, folder.out, printed, workers=1, formats=folder.formats, quiet=printing.quiet)

@@ -10,6 +10,7 @@ import typer
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import ArrivalOptions, Set, WaterOptions, changes_of, parse_duration
 from pymantaray.cli.printing import LOG
+from pymantaray.records.stops import handled
 
 if TYPE_CHECKING:
     from pymantaray.service import RangingService
@@ -78,6 +79,7 @@ def _run(server: Any) -> int:
 
     def stop(number: int, _frame: FrameType | None) -> None:
         stopped_by.append(number)
+        handled.set()
         raise KeyboardInterrupt
 
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -112,6 +112,30 @@ def convert(
         _write_new(new, text)
 
 
+@app.command("import")
+def import_command(
+    simulation: Annotated[
+        Path, typer.Argument(metavar="SIM.json", help="Configuration of the paper's authors' program.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="STUDY.toml", help="File to write. Default: print the text.")
+    ] = None,
+) -> None:
+    """Convert a configuration of the paper's authors' program to a study, and list what has no meaning here."""
+    from pymantaray.config.load import import_study
+    from pymantaray.config.text import commented_toml
+
+    config, lines = import_study(simulation)
+    text = commented_toml(config)
+    for line in lines:
+        LOG.warning("%s: %s", simulation, line)
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        _write_new(out, "".join(f"# {line}\n" for line in lines) + "\n" + text)
+        typer.echo(f"{out}: written from {simulation}; edit it, then: mantaray study run {out}")
+
+
 def _write_new(file: Path, text: str) -> None:
     """Write a text to a new file."""
     from pymantaray.errors import StudyError
@@ -341,6 +365,12 @@ def _print_summary(out: Printer, run: "Run") -> None:
         out.table(table)
         if table.name == "dropouts":
             _print_causes(out, table.frame, run.config.acoustics.cutoff_db)
+    apart = {name: max(values) for name, values in run.manifest.get("from_batch_m", {}).items()}
+    for name, distance in apart.items():
+        out.line(
+            f"{name}: GTSAM's positions differ from those of the batch solver by at most {distance:.2g} m"
+        )
+    out.add(from_batch_m=apart)
     out.warn(_warnings(run))
 
 

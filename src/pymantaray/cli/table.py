@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from pymantaray.cli.groups import quantities, quantity, with_options
+from pymantaray.cli.groups import number_in, quantities, quantity, with_options
 from pymantaray.cli.options import ArrivalOptions, Force, PrintOptions, WaterOptions
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import LOG
@@ -14,10 +14,13 @@ from pymantaray.cli.printing import LOG
 
 def _axis(text: Any) -> Any:
     """Parse START:STOP or START:STOP:STEP."""
-    numbers = [quantity("m")(word) for word in str(text).split(":")]
+    try:
+        numbers = tuple(number_in(word, "m") for word in str(text).split(":"))
+    except ValueError:
+        numbers = ()
     if len(numbers) not in (2, 3):
-        raise typer.BadParameter(f"{text}; it must be START:STOP or START:STOP:STEP, such as 0:200:5")
-    return tuple(numbers)
+        raise typer.BadParameter(f"found {text!r}; it must be START:STOP[:STEP] in metres, such as 0:200:5")
+    return numbers
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class TableWaterOptions:
     """Arrival, place of the source, and other possible oceans."""
 
     arrival: Annotated[
-        Literal["direct", "first", "strongest"] | None,
+        Literal["direct", "first", "strongest", "direct-or-first"] | None,
         typer.Option(help="Selected arrival. Default: that of the configuration, else direct."),
     ] = None
     node: Annotated[
@@ -167,6 +170,6 @@ def _sea_floor(ocean: list[str], keys: dict[str, Any], deepest: float) -> dict[s
         return {}
     depth = max(deepest, float(one_profile(section).depth[-1]))
     LOG.info(
-        "sea floor at %g m, the deepest level of the profile or of the table; --sea-floor changes it", depth
+        "sea floor at %g m, the deepest level of the profile or of the table; --bathymetry changes it", depth
     )
     return {"bathymetry": depth}

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 OF_THE_SOURCE = {
-    "bathymetry": "--sea-floor",
+    "bathymetry": "--bathymetry",
     "thin": "--thin",
     "smooth": "--smooth",
     "names": "--name",

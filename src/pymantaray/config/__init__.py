@@ -6,6 +6,7 @@ from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from pymantaray.config.load import convert_study as convert_study
+    from pymantaray.config.load import import_study as import_study
     from pymantaray.config.load import list_presets as list_presets
     from pymantaray.config.load import load_sound as load_sound
     from pymantaray.config.load import load_study as load_study

@@ -16,6 +16,7 @@ NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
 NAMED = r"^\s*\w[\w.-]*\s*=\s*\w+\s*(\[.*\])?\s*$"
 """A variable and its CF standard name, with a unit in brackets if the variable lacks one."""
+_MAX_FINDINGS = 50  # in a message
 _MAX_KEY_LENGTH = 100  # characters; a message shortens longer keys
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = 100
@@ -61,12 +62,14 @@ def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """One line per finding of a model: the key, its value and the allowed values."""
     findings = [dict(finding) for finding in error.errors(include_url=False)]
     lines: dict[str, str] = {}
-    for finding in findings:
+    for finding in findings[: 2 * _MAX_FINDINGS]:
         if not _follows(finding, findings):
             fault, ends, allowed = _describe(finding, model).partition("; allowed: ")
             before = f"{lines[fault]} or " if fault in lines else ends  # a value with several allowed types
             lines[fault] = before + allowed
-    return [fault + allowed for fault, allowed in lines.items()]
+    shown = [fault + allowed for fault, allowed in lines.items()][:_MAX_FINDINGS]
+    more = len(findings) - _MAX_FINDINGS
+    return [*shown, f"and {more:,} more findings"] if more > 0 else shown
 
 
 def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:

@@ -367,6 +367,15 @@ class BatchSolver(Section):
     """Batch estimation."""
 
 
+class GtsamSolver(Section):
+    """Batch estimation by GTSAM's Levenberg-Marquardt optimizer, as in the paper."""
+
+    kind: Literal["gtsam"]
+    """Batch estimation by GTSAM."""
+    converged: bool = True
+    """True to continue until the cost does not fall; False for GTSAM's default parameters, as in the authors' program."""
+
+
 class IncrementalSolver(Section):
     """Incremental estimation."""
 
@@ -401,10 +410,11 @@ class DeadReckoning(Section):
 
 AnyVariance = Annotated[FixedVariance | RayVariance, Field(discriminator="kind"), KindAlone]
 AnySolver = Annotated[
-    BatchSolver | IncrementalSolver | FixedLagSolver | KalmanFilter | DeadReckoning,
+    BatchSolver | GtsamSolver | IncrementalSolver | FixedLagSolver | KalmanFilter | DeadReckoning,
     Field(discriminator="kind"),
     KindAlone,
 ]
+AnyBatchSolver = Annotated[BatchSolver | GtsamSolver, Field(discriminator="kind"), KindAlone]
 STANDARD: dict[str, dict[str, str]] = {
     "odometry": {"ranges": "none", "solver": "dead-reckoning"},
     "no-ranges": {"ranges": "none"},
@@ -435,7 +445,7 @@ class ConditionSection(Section):
     """Prediction of travel times, by its ``kind``; text is the kind alone."""
     variance: AnyVariance = FixedVariance(kind="fixed")
     """Variance of a range, by its ``kind``; text is the kind alone."""
-    loss: Literal["none", "huber", "cauchy", "geman-mcclure", "gnc"] = "none"
+    loss: Literal["none", "huber", "cauchy", "geman-mcclure", "tukey", "welsch", "gnc"] = "none"
     """Robust loss of ranges; ``"none"`` is least squares."""
     solver: AnySolver = BatchSolver(kind="batch")
     """Solver, by its ``kind``; text is the kind alone."""
@@ -543,11 +553,11 @@ class ConditionSection(Section):
         if self.range_sigma == "fitted" and (
             self.loss != "none"
             or self.variance.kind != "fixed"
-            or self.solver.kind not in {"batch", "kalman-filter"}
+            or self.solver.kind not in {"batch", "gtsam", "kalman-filter"}
         ):
             raise ValueError(
-                'range_sigma "fitted" needs a cost with an expected value: no loss, variance "fixed", and solver "batch" or'
-                ' "kalman-filter"'
+                'range_sigma "fitted" needs a cost with an expected value: no loss, variance "fixed", and solver "batch",'
+                ' "gtsam" or "kalman-filter"'
             )
         return self
 
@@ -606,10 +616,8 @@ class ConditionSection(Section):
                 f'range_model is {self.range_model.kind}, but solver "{self.solver.kind}" uses ranges as distances; remove'
                 " range_model"
             )
-        if self.solver.kind == "incremental" and self.loss == "gnc":
-            raise ValueError(
-                'solver "incremental" cannot use loss gnc, which needs all ranges at once; set another loss'
-            )
+        if self.solver.kind in {"incremental", "gtsam"} and self.loss == "gnc":
+            raise ValueError(f'solver "{self.solver.kind}" cannot use loss gnc; set another loss')
         if self.solver.kind in {"fixed-lag", "kalman-filter"} and self.loss != "none":
             raise ValueError(f'solver "{self.solver.kind}" has no robust loss; set loss = "none"')
         if self.solver.kind == "kalman-filter" and self.variance.kind != "fixed":

@@ -37,12 +37,10 @@ class FloatSection(Section):
     """Time at the surface. [h]"""
     vertical_speed: MetresPerSecond[PositiveFloat] = 0.5
     """Limit of the vertical speed, up and down. [m/s]"""
-    surface_depth: Depth = 0.5
-    """Depth above which a float is at the surface. Not in the paper, record 0001. [m]"""
-    depth_gain: PositiveFloat = 0.1
+    surface_depth: Depth = 0.01
+    """Depth of the hold at the surface. Not in the paper, record 0001. [m]"""
+    depth_gain: PositiveFloat = 10.0
     """Commanded vertical speed per metre of depth error. Not in the paper, record 0001. [1/s]"""
-    arrival_tolerance: Metres[PositiveFloat] = 0.1
-    """Depth error at which a vehicle begins to hold its depth. Not in the paper, record 0001. [m]"""
 
 
 class _Placed(Section):
@@ -73,6 +71,8 @@ class FloatVehicle(_Placed):
     """An Argo-style float."""
     target_depth: Depth
     """Depth of the lower hold; it must exceed the surface depth. [m]"""
+    depth: Depth | None = None
+    """Depth at the start, until its first descent. Default: the surface depth. [m]"""
     start_delay_h: Hours[NonNegativeFloat] = 0.0
     """Time of its first descent. [h]"""
     hold_depth_h: Hours[NonNegativeFloat] | None = None
@@ -85,11 +85,11 @@ class FloatVehicle(_Placed):
     """Value of this float instead of that of ``[fleet.floats]``. [m]"""
     depth_gain: PositiveFloat | None = None
     """Value of this float instead of that of ``[fleet.floats]``. [1/s]"""
-    arrival_tolerance: Metres[PositiveFloat] | None = None
-    """Value of this float instead of that of ``[fleet.floats]``. [m]"""
 
     def start_depth(self, floats: FloatSection) -> float:
-        """Depth at the surface. [m]"""
+        """Depth at the start. [m]"""
+        if self.depth is not None:
+            return self.depth
         return floats.surface_depth if self.surface_depth is None else self.surface_depth
 
     def behaviour(self, floats: FloatSection) -> "Behaviour":
@@ -106,7 +106,6 @@ class FloatVehicle(_Placed):
             vertical_speed=merged.vertical_speed,
             surface_depth=merged.surface_depth,
             depth_gain=merged.depth_gain,
-            arrival_tolerance=merged.arrival_tolerance,
         )
 
     def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
@@ -119,7 +118,7 @@ class StationVehicle(_Placed):
 
     kind: Literal["station"]
     """A vehicle that keeps its position."""
-    depth: Depth = 0.5
+    depth: Depth = 0.01
     """Depth that it keeps. [m]"""
 
     def behaviour(self, _floats: FloatSection) -> "Behaviour":
@@ -134,7 +133,7 @@ class DriftingVehicle(_Placed):
 
     kind: Literal["drifting"]
     """A buoy."""
-    depth: Depth = 0.5
+    depth: Depth = 0.01
     """Depth that it keeps. [m]"""
     drogue_depth: Depth | None = None
     """Depth of the current that moves it. Default: its own depth. [m]"""
@@ -230,7 +229,9 @@ class FleetSection(Section):
     trajectories: InputFiles = ()
     """Files with existing trajectories, instead of ``vehicles``; relative to this file."""
     enu: bool = False
-    """True if TUM files use ROS's axes: world east, north, up; body forward, left, up."""
+    """True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left, up."""
+    names: tuple[str, ...] = Field(default=(), strict=False)
+    """Vehicles of the files to use, such as one of two topics of a robot in a bag. Default: all."""
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:

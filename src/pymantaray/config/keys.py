@@ -1,6 +1,5 @@
 """Dotted keys of a configuration, such as ``noise.range_sigma`` and ``fleet.vehicles.B.depth``: change a key, or merge trees."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 from pymantaray.config.common import NONE, located
 from pymantaray.config.renamed import new_key
 from pymantaray.errors import StudyError
+from pymantaray.user_files import parse_toml
 
 Tree = dict[str, Any]
 
@@ -115,8 +115,8 @@ def _shown(value: Any) -> str:
 
 def _value(text: str) -> Any:
     try:
-        tree = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        tree = parse_toml(f"value = {text}", text, StudyError)
+    except StudyError:
         return text
     return tree["value"] if len(tree) == 1 else text
 

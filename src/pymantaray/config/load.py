@@ -1,8 +1,8 @@
 """Reading of presets and TOML files, with their bases, to validated configurations."""
 
 import difflib
+import logging
 import re
-import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -19,16 +19,22 @@ from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
+from pymantaray.user_files import exists, parse_toml, read_text
 
 if TYPE_CHECKING:
     import xarray as xr
 
+LOG = logging.getLogger(__name__)
+SIMULATION = ".json"
+"""Ending of a configuration of the paper's authors' program."""
+STUDY_FILES = (".toml", SIMULATION)
+"""Endings of study files."""
 BASE = "base"
 """Key at the top of a file for the preset or file that it changes."""
 PLAN = "plan"
 """Section of a file for `mantaray plan`; a study is the same without it."""
 _PRESETS = files("pymantaray.config") / "presets"
-_MAX_CHARACTERS = 10_000_000
+_MAX_BYTES = 10_000_000
 
 
 def list_presets() -> dict[str, str]:
@@ -103,8 +109,8 @@ def load_study(
     Parameters
     ----------
     name_or_file : str or pathlib.Path
-        Name of a preset, or a TOML file. Names of files in it are relative to its folder. Its key ``base`` is a preset or another
-        file, whose keys apply unless the file has them.
+        Name of a preset, a TOML file, or a ``sim.json`` of the paper's authors' program. Names of files in it are relative to its
+        folder. The key ``base`` of a TOML file is a preset or another file, whose keys apply unless the file has them.
     realizations : int, optional
         Number of realizations, which replaces the configured one.
     ocean : str, path, sequence of them, or xarray.Dataset, optional
@@ -222,6 +228,32 @@ def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[st
     return [str(stored_ocean(ocean))]
 
 
+def import_study(file: str | Path) -> tuple[StudyConfig, tuple[str, ...]]:
+    """
+    Read a ``sim.json`` of the paper's authors' program as a study.
+
+    Parameters
+    ----------
+    file : str or pathlib.Path
+
+    Returns
+    -------
+    config : StudyConfig
+        As from `load_study`.
+    lines : tuple of str
+        Keys without meaning in a study, and differences from the program, one line each.
+
+    Raises
+    ------
+    MantaRayError
+        If the file cannot be read, a key is unknown, or a value is not allowed.
+    """
+    from pymantaray.config.authors import read_simulation
+
+    found = read_simulation(Path(file))
+    return parse_study(dict(located(found.tree, Path(file).parent)), str(file)), found.lines
+
+
 def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     """
     Read the sections of a configuration that ranging needs; a file may have only these.
@@ -275,8 +307,10 @@ def plan_tree(file: Path) -> Tree | None:
 def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool = True) -> Tree:
     """Tree of a preset or a file, merged into that of its base; its texts have the folder of their file."""
     path, name = Path(name_or_file), str(name_or_file)
+    if path.suffix == SIMULATION:
+        return _simulation(path, warn=warn)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
-    if not is_file and name not in preset_names() and path.exists():
+    if not is_file and name not in preset_names() and exists(path):
         raise _no_study(path)
     if not is_file:
         _check_preset(name)
@@ -290,27 +324,34 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
     return whole
 
 
+def _simulation(path: Path, *, warn: bool) -> Tree:
+    """Tree of a ``sim.json`` of the paper's authors' program; logs its keys without meaning and differences from the program."""
+    from pymantaray.config.authors import read_simulation
+
+    imported = read_simulation(path)
+    for line in imported.lines if warn else ():
+        LOG.warning("%s: %s", path, line)
+    return dict(located(imported.tree, path.parent))
+
+
 def _parsed(text: str, label: str, folder: Path) -> Tree:
     """Nested dictionaries of a TOML text, whose texts have a folder."""
+    tree = parse_toml(text, label, StudyError)
     try:
-        return {key: located(value, folder) for key, value in tomllib.loads(text).items()}
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{label}: not valid TOML: {error}") from None
-    except (ValueError, RecursionError):
-        raise StudyError(
-            f"{label}: not valid TOML: a number is too long, or tables are nested too deeply"
-        ) from None
+        return {key: located(value, folder) for key, value in tree.items()}
+    except RecursionError:
+        raise StudyError(f"{label}: not valid TOML: tables are nested too deeply") from None
 
 
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
     """Tree merged into that of its base; file names are relative to a folder, and ``chain`` has the files on the way to this base."""
     base, rest = tree[BASE], {key: value for key, value in tree.items() if key != BASE}
-    if not isinstance(base, str) or not (base in preset_names() or base.endswith(".toml")):
+    if not isinstance(base, str) or not (base in preset_names() or base.endswith(STUDY_FILES)):
         hint = "".join(
             f"did you mean {name}? " for name in difflib.get_close_matches(str(base), preset_names(), n=1)
         )
         raise StudyError(
-            f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in .toml, {', '.join(preset_names())}"
+            f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
         )
     source = str(base) if base in preset_names() else folder / base
     reached = source if isinstance(source, str) else str(source.resolve())
@@ -372,23 +413,15 @@ def _no_study(path: Path) -> StudyError:
     """Error about a file or folder that is no study; a run folder contains one."""
     inside = path / "config.toml"
     remedy = f"use {inside}" if inside.is_file() else "correct the name"
-    return StudyError(f"{path}: not a preset, and not a study file, whose name ends in .toml; {remedy}")
+    return StudyError(
+        f"{path}: not a preset, and not a study file, whose name ends in .toml or {SIMULATION}; {remedy}"
+    )
 
 
 def _read(path: Path) -> str:
-    if path.is_dir():
+    if exists(path) and path.is_dir():
         raise _no_study(path)
-    try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MAX_CHARACTERS + 1)
-    except UnicodeDecodeError:
-        raise StudyError(f"{path}: cannot be read: not UTF-8 text") from None
-    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
-        shown = repr(str(path)) if "\0" in str(path) else str(path)
-        raise StudyError(f"{shown}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
-    if len(text) > _MAX_CHARACTERS:
-        raise StudyError(f"{path}: cannot be read: more than {_MAX_CHARACTERS:,} characters")
-    return text
+    return read_text(path, StudyError, what="a study file", limit=_MAX_BYTES)
 
 
 def preset_names() -> list[str]:

@@ -77,7 +77,7 @@ class MissionSection(Section):
     """Time of the first ping. Default: ``ping_interval_h``. [h]"""
     schedule: AnySchedule | None = None
     """Schedule of pings, instead of ``ping_interval_h``."""
-    gnss_depth: Metres[PositiveFloat] = 1.0
+    gnss_depth: Metres[PositiveFloat] = 0.1
     """Depth above which vehicles have GNSS fixes. Not in the paper, record 0001. [m]"""
 
     def pings(self, start: np.datetime64 | None = None) -> "Schedule":

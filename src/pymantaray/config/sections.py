@@ -5,9 +5,10 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, create_model, model_validator
 
 from pymantaray.acoustics.reflection import Sediment
+from pymantaray.acoustics.selection import ArrivalRule
 from pymantaray.config.checks import NAME, NAMED
 from pymantaray.config.common import (
     Degrees,
@@ -28,7 +29,15 @@ from pymantaray.config.common import (
     require_unique,
 )
 from pymantaray.config.conditions import DEFAULT
-from pymantaray.config.estimators import ConditionSection, InternalTideSection, Start, follows_ocean
+from pymantaray.config.estimators import (
+    AnyBatchSolver,
+    AnySolver,
+    BatchSolver,
+    ConditionSection,
+    InternalTideSection,
+    Start,
+    follows_ocean,
+)
 from pymantaray.config.fleet import FleetSection, LandmarkSection
 from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
@@ -64,12 +73,12 @@ class AcousticsSection(Section):
     """Maximum number of reflections at the sea bed."""
     sediment: Sediment = "none"
     """Sediment of the sea bed, for the loss of reflections; ``"none"`` has no loss; needs ``[detection]``."""
-    arrival: Literal["direct", "first", "strongest"] = "direct"
-    """Arrival that is the range: the earliest without a reflection, the earliest of all, or the one with the smallest loss."""
+    arrival: ArrivalRule = "direct"
+    """Arrival that is the range: the earliest without a reflection, the earliest of all, the one with the smallest loss, or the earliest of all only if each has a reflection."""
     currents: bool = False
     """True if currents change travel times along the rays."""
     cone_deg: Degrees[Annotated[float, Field(gt=0.0, le=180.0)]] | None = None
-    """Width of the transmitter's fan about the chord, half of it on either side; rays launched outside are lost. None without a limit. [degrees]"""
+    """Half-angle of the transmitter's fan about the chord, as ``beam_spread_deg`` of the authors' program; rays launched outside are lost. None without a limit. [degrees]"""
     earth: Earth = "flat"
     """Shape of the Earth for rays and straight distances: a plane, as in the paper, or a sphere."""
 
@@ -368,8 +377,10 @@ class OceanSection(Section):
     @property
     def files(self) -> tuple[str, ...]:
         """Input files, those of the sea floor and ice last; a synthetic ocean has no files for water."""
+        from pymantaray.ocean.environment import files_of
+
         return (
-            *own_files(self.source),
+            *(file for name in own_files(self.source) for file in files_of(name)),
             *(file for file in (self.bathymetry, self.ice) if isinstance(file, str)),
         )
 
@@ -604,6 +615,8 @@ class StudyConfig(SoundConfig):
     """The vehicles."""
     landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
     """Fixed points; a table ``[[landmarks]]`` for each."""
+    solver: AnyBatchSolver = BatchSolver(kind="batch")
+    """Solver of the conditions whose own is ``"batch"``: that, or ``"gtsam"``. Text is the kind alone."""
     estimator: EstimatorSection = EstimatorSection()
     """The optimizer."""
     conditions: tuple[ConditionSection, ...] = Field(
@@ -670,6 +683,33 @@ class StudyConfig(SoundConfig):
                     f"condition {c.name} estimates clocks, but their priors are 0; give noise.clock_offset_sigma or"
                     " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
                 )
+        return self
+
+    def solver_of(self, condition: ConditionSection) -> AnySolver:
+        """
+        Return the solver of a condition; that of the study replaces a batch.
+
+        Parameters
+        ----------
+        condition : ConditionSection
+
+        Returns
+        -------
+        BatchSolver, GtsamSolver, IncrementalSolver, FixedLagSolver, KalmanFilter or DeadReckoning
+        """
+        return self.solver if condition.solver.kind == "batch" else condition.solver
+
+    @model_validator(mode="after")
+    def _solver_fits(self) -> Self:
+        for c in self.conditions if self.solver.kind != "batch" else ():
+            if c.solver.kind == "batch":
+                try:
+                    ConditionSection.model_validate(
+                        {**dict(c), "name": f"{c.name}-{self.solver.kind}", "solver": self.solver}
+                    )
+                except ValidationError as error:
+                    problem = error.errors()[0]["msg"].removeprefix("Value error, ")
+                    raise ValueError(f"solver: condition {c.name} cannot use it: {problem}") from None
         return self
 
     @property

@@ -148,7 +148,12 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
         name: _columns(measurements, chain, kind) for name, kind in KINDS.items() if kind.source is not None
     }
     graph = bare.with_factors(**{name: _table(bare, name, *columns) for name, columns in tables.items()})
-    return graph.with_factors(attitude=_in_body(graph["attitude"]))
+    rotations = [
+        name
+        for name, kind in KINDS.items()
+        if kind.source is not None and set(kind.columns_at) == {"quaternion"}
+    ]
+    return graph.with_factors(**{name: _in_body(graph[name]) for name in rotations})
 
 
 def _columns(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymantaray.estimation.chordal_problem import ChordalProblem
+from pymantaray.estimation.chordal_problem import ChordalProblem, not_quadratic
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.staircase import can_relax, descend, gap, least_eigenpair, lower_bound, relax
 
@@ -74,7 +74,7 @@ def certify(graph: FactorGraph, values: GraphValues) -> Certificate:
     Parameters
     ----------
     graph : FactorGraph
-        A graph of two or three dimensions without depth factors.
+        A graph of two or three dimensions; with factors of a coordinate alone, such as depths, there is no certificate.
     values : GraphValues
         The estimate.
 
@@ -82,8 +82,8 @@ def certify(graph: FactorGraph, values: GraphValues) -> Certificate:
     -------
     Certificate
     """
-    if len(graph["depth"]):
-        return Certificate(False, reason="depth factors are not quadratic in the relaxation")
+    if others := not_quadratic(graph):
+        return Certificate(False, reason=f"{', '.join(others)} are not quadratic in the relaxation")
     problem = ChordalProblem(graph)
     start = problem.matrix(values)
     point, decrement = descend(problem, start)

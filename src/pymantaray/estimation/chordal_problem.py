@@ -32,9 +32,15 @@ from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
 from pymantaray.arrays import Array, Indices
-from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.graph import FactorGraph, GraphValues, Residual
 from pymantaray.estimation.range_models import chord
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
+
+
+def not_quadratic(graph: FactorGraph) -> list[str]:
+    """Plurals of the kinds of factors in a graph that this problem cannot hold: those of a coordinate alone."""
+    return [t.kind.plural for t in graph.tables.values() if "depth" in t.kind.columns_at and len(t)]
 
 
 class _Differences(NamedTuple):
@@ -56,6 +62,8 @@ class ChordalProblem:
     """
 
     def __init__(self, graph: FactorGraph) -> None:
+        if lost := not_quadratic(graph):
+            raise EstimationError(f"a chordal problem cannot hold {', '.join(lost)}; leave them out")
         self.graph, self.d = graph, 2 if graph.planar else 3
         d, n = self.d, graph.n_poses
         node = np.arange(graph.n_variables)
@@ -150,8 +158,9 @@ class ChordalProblem:
     def _differences(self) -> list[_Differences]:
         """All factors but ranges as relative measurements, priors from the world."""
         out, turns = [], [2] if self.d == 2 else [0, 1, 2]
-        for name in ("prior", "fix", "survey", "edge", "attitude", "dvl", "sighting"):
-            table = self.graph[name]
+        for table in self.graph.of_residual(Residual.POSE, Residual.SIGHTING, Residual.POSITION):
+            if "depth" in table.kind.columns_at:
+                continue
             ends = table.variables.astype(np.intp)
             first = ends[:, 0] if ends.shape[1] == 2 else np.full(len(table), -1)
             columns, variance = table.kind.columns_at, np.diagonal(table.covariance, axis1=1, axis2=2)

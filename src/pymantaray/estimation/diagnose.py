@@ -7,7 +7,7 @@ from scipy.sparse import diags_array, eye_array
 from scipy.sparse.linalg import splu
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
+from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.problems import GraphState, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
@@ -103,7 +103,7 @@ def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
                     :, factors.kind.rows_in(unit, planar=graph.planar)
                 ],
             )
-            for factors in (graph[name] for name in KINDS)
+            for factors in graph.tables.values()
         ]
         tables = [(factors, variance.min(axis=1)) for factors, variance in tables if variance.size]
         if not tables:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.certificate import Certificate, certify
+from pymantaray.estimation.chordal_problem import not_quadratic
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
-from pymantaray.estimation.g2o import TORO, load_g2o
+from pymantaray.estimation.g2o import ISAM, TORO, load_g2o
 from pymantaray.estimation.graph import (
-    KINDS,
     FactorGraph,
     GraphValues,
     check_anchored,
@@ -23,7 +23,7 @@ from pymantaray.estimation.graph import (
     check_values,
     connected_parts,
 )
-from pymantaray.estimation.graph_text import Indefinite
+from pymantaray.estimation.graph_text import MAX_GRAPH_BYTES, Indefinite
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.minima import (
     StartOutcome,
@@ -32,6 +32,7 @@ from pymantaray.estimation.minima import (
     plausible_alternative,
     search_minima,
 )
+from pymantaray.estimation.pyfactorgraph import isotropic
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import GraphSolution, SolveOptions
 from pymantaray.estimation.solve import METHODS, GraphSolver
@@ -39,7 +40,10 @@ from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_recko
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.csv_text import is_number
 from pymantaray.records.status import SOLVE_STATUS_WORDS
+from pymantaray.user_files import open_text
 
+Covariances = Literal["full", "isotropic"]
+"""Treatment of a file's covariances."""
 Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], GraphSolution]
@@ -49,6 +53,7 @@ MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: abo
 G2O = ".g2o"
 PYFG = ".pyfg"
 _TORO_WORDS = {word for words in TORO.values() for word in words}
+_FIRST_WORDS = ("VERTEX", "EDGE", *ISAM.values())
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
 
 
@@ -84,7 +89,7 @@ class GraphResult:
 
     @property
     def values(self) -> GraphValues:
-        """Estimated values; NaN unless the solution is usable."""
+        """Estimated values; the last point of a descent that did not converge; NaN if the solve failed."""
         return self.solution.values
 
     @property
@@ -101,10 +106,11 @@ class GraphResult:
 
     @property
     def trajectories(self) -> dict[str, GraphValues]:
-        """Values by name: ``start``, ``estimate`` if usable, ``alternative`` and ``truth`` if known."""
+        """Values by name: ``start``, ``estimate`` or an unconverged ``last``, ``alternative`` and ``truth`` if known."""
         tables = {
             "start": self.initial,
             "estimate": self.values if self.solution.usable else None,
+            "last": self.solution.last_point,
             "alternative": None if self.alternative is None else self.alternative.solution.values,
             "truth": self.truth,
         }
@@ -161,7 +167,8 @@ class GraphResult:
         Write graph, start, estimate and truth as NetCDF, and the summary as JSON.
 
         ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc``, ``alternative.nc`` and ``truth.nc`` are `GraphValues` with
-        vehicle, number and time of each pose. There is no estimate without a usable solution.
+        vehicle, number and time of each pose. There is no estimate without a usable solution; ``last.nc`` is then the last point
+        of a descent that did not converge.
 
         Parameters
         ----------
@@ -186,10 +193,12 @@ def open_graph(
     leave_out: Collection[str] = (),
     skip_unknown: bool = False,
     half_angles: bool = False,
+    isam: bool = False,
     indefinite: Indefinite = "refuse",
+    covariances: Covariances = "full",
 ) -> GraphFile:
     """
-    Read a graph file, in three dimensions or two: PyFactorGraph text, g2o or TORO, by its name and its first vertex or edge.
+    Read a graph file, in three dimensions or two: PyFactorGraph text, g2o, TORO or iSAM, by its name and its first vertex or edge.
 
     Parameters
     ----------
@@ -200,9 +209,15 @@ def open_graph(
         Skip and count lines of unknown words instead of refusing them.
     half_angles : bool
         Read the rotation part of a g2o file's information as that of half the angle, as g2o defines it.
+    isam : bool
+        Read the matrices of ``EDGE2`` as iSAM does, the upper triangular root of the information by rows. Those of ``ODOMETRY`` and
+        ``LANDMARK`` always are.
     indefinite : {"refuse", "drop", "repair"}
         Treatment of lines whose information or covariance matrix is not positive definite: refuse the file, drop the lines, or
         raise their eigenvalues. ``left_out`` and ``repaired`` of the result count the lines.
+    covariances : {"full", "isotropic"}
+        Covariances of the file, or one variance of each translation and rotation, as PyFactorGraph reads them; ``left_out`` of
+        the result counts the depths, which it reads as priors without effect.
 
     Returns
     -------
@@ -213,15 +228,22 @@ def open_graph(
     EstimationError
         If the file cannot be read or a line is not in the grammar; the message names the line.
     """
+    if covariances not in get_args(Covariances):
+        raise EstimationError(f"covariances {covariances!r}; allowed: {', '.join(get_args(Covariances))}")
+    options: dict[str, Any] = {
+        "leave_out": leave_out,
+        "skip_unknown": skip_unknown,
+        "indefinite": indefinite,
+    }
     if is_pose_graph(Path(path)):
-        return load_g2o(
-            path,
-            leave_out=leave_out,
-            skip_unknown=skip_unknown,
-            half_angles=half_angles,
-            indefinite=indefinite,
-        )
-    return load_pyfg(path, leave_out=leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
+        file = load_g2o(path, half_angles=half_angles, isam=isam, **options)
+    else:
+        file = load_pyfg(path, **options)
+    if covariances == "full":
+        return file
+    graph, lost = isotropic(file.graph)
+    left_out = file.left_out | ({"depth priors (PyFactorGraph reads precision 0)": lost} if lost else {})
+    return file._replace(graph=graph, left_out=left_out)
 
 
 def is_pose_graph(path: Path) -> bool:
@@ -233,13 +255,10 @@ def is_pose_graph(path: Path) -> bool:
     """
     if path.suffix == G2O:
         return True
-    try:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            lines = (line.split(None, 3) for line in file)
-            first = next((line for line in lines if line and line[0].startswith(("VERTEX", "EDGE"))), [""])
-    except OSError:
-        return False  # the reader reports the cause
-    if first[0] in _TORO_WORDS:
+    with open_text(path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES) as file:
+        lines = (line.split(None, 3) for line in file)
+        first = next((line for line in lines if line and line[0].startswith(_FIRST_WORDS)), [""])
+    if first[0] in _TORO_WORDS or first[0] in ISAM.values():
         return True
     return path.suffix != PYFG and len(first) > 2 and all(is_number(field) for field in first[1:3])
 
@@ -355,8 +374,8 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
         raise EstimationError(
             f"certificate of {result.estimator}: only least squares can be certified; use estimator 'batch'"
         )
-    graph, size = result.graph, sum(len(result.graph[name]) for name in KINDS)
-    small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not len(graph["depth"])
+    graph, size = result.graph, result.graph.n_factors
+    small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not not_quadratic(graph)
     if wanted is False or not (wanted or small) or not result.solution.usable:
         return result
     return replace(result, certificate=certify(graph, result.values))
@@ -378,7 +397,7 @@ def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_
 
 def is_cheap(graph: FactorGraph) -> bool:
     """True if a graph is small enough to be solved from several starts by default."""
-    return sum(len(graph[name]) for name in KINDS) <= MAX_CHEAP_FACTORS
+    return graph.n_factors <= MAX_CHEAP_FACTORS
 
 
 def _default_start(graph: FactorGraph, estimator: str | EstimatorFunction, random_starts: int) -> Start:

@@ -19,6 +19,7 @@ from pymantaray.estimation.graph import (
     EDGE,
     KINDS,
     SMALLEST_EIGENVALUE,
+    VARIANCES,
     FactorGraph,
     Factors,
     GraphValues,
@@ -35,11 +36,12 @@ from pymantaray.estimation.graph_columns import (
 )
 from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
 from pymantaray.estimation.pyfg import POSE, GraphFile
-from pymantaray.estimation.starts import chordal
-from pymantaray.geometry.se3 import matrix_from_quaternion
+from pymantaray.estimation.starts import ANCHOR_SIGMA, chordal
+from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import whole_file
 
 LANDMARK, SIGHTING, OFFSET = "VERTEX_TRACKXYZ", "EDGE_SE3_TRACKXYZ", "PARAMS_SE3OFFSET"
+PRIOR, FIX = "EDGE_SE3_PRIOR", "FIX"
 
 
 _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
@@ -56,14 +58,27 @@ _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
     "EDGE2": columns("edge").flat,
     "VERTEX3": Word(False, 1, 6),
     "EDGE3": Word(False, 2, 6, 6),
+    PRIOR: columns("pose prior", more_names=1),
+    "EDGE_PRIOR_SE2": columns("pose prior").flat,
+    FIX: Word(False, 1, 0, planar=None),
+    "ODOMETRY": columns("edge").flat,
+    "LANDMARK": columns("sighting").flat,
 }
 TORO = {POSE: ("VERTEX3", "VERTEX2"), EDGE: ("EDGE3", "EDGE2")}
 """Words of TORO, which g2o succeeded, in three dimensions and in two."""
+ISAM = {EDGE: "ODOMETRY", SIGHTING: "LANDMARK"}
+"""Words of iSAM, in two dimensions; their matrix is the upper triangular root of the information, by rows."""
 _TORO_TRIANGLE = [0, 1, 4, 2, 5, 3]  # of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
-_FLAT = {POSE: "VERTEX_SE2", LANDMARK: "VERTEX_XY", EDGE: "EDGE_SE2", SIGHTING: "EDGE_SE2_XY"}
+_FLAT = {
+    POSE: "VERTEX_SE2",
+    LANDMARK: "VERTEX_XY",
+    EDGE: "EDGE_SE2",
+    SIGHTING: "EDGE_SE2_XY",
+    PRIOR: "EDGE_PRIOR_SE2",
+}
 
-_KIND_OF = {kind.plural: name for name, kind in KINDS.items() if name not in {"edge", "sighting"}}
-LEFT_OUT = ("landmarks", *_KIND_OF)
+_HELD = ("edge", "sighting")  # kinds that a file can hold
+LEFT_OUT = ("landmarks", *(kind.plural for name, kind in KINDS.items() if name not in _HELD))
 """Contents that a file cannot hold; landmarks are those without a sighting."""
 
 _TREATMENTS = "; or drop or repair these lines with --indefinite (in Python: indefinite)"
@@ -99,13 +114,16 @@ def write_g2o(
     .. [2] g2o issue 699, https://github.com/RainerKuemmerle/g2o/issues/699
     """
     path = Path(path)
-    if not set(leave_out) <= set(LEFT_OUT):
-        raise EstimationError(f"{path}: leave out {sorted(leave_out)}; allowed: {', '.join(LEFT_OUT)}")
+    others = {table.kind.plural: len(table) for name, table in graph.tables.items() if name not in _HELD}
+    if not set(leave_out) <= {"landmarks", *others}:
+        raise EstimationError(
+            f"{path}: leave out {sorted(leave_out)}; allowed: landmarks, {', '.join(others)}"
+        )
     check_graph(graph)
     check_values(graph, initial)
     sighted = np.unique(graph["sighting"].variables[:, 1])
     sizes = {"landmarks": graph.landmark_name.size - sighted.size}
-    sizes |= {what: len(graph[kind]) for what, kind in _KIND_OF.items()}
+    sizes |= others
     lost = {what: int(n) for what, n in sizes.items() if n}
     refused = [f"{n} {what}" for what, n in lost.items() if what not in leave_out]
     if refused:
@@ -125,20 +143,24 @@ def load_g2o(
     leave_out: Collection[str] = (),
     skip_unknown: bool = False,
     half_angles: bool = False,
+    isam: bool = False,
     indefinite: Indefinite = "refuse",
 ) -> GraphFile:
     """
-    Read a pose graph from g2o or TORO text in three dimensions or two.
+    Read a pose graph from g2o, TORO or iSAM text in three dimensions or two.
 
     Lines of the words in ``leave_out`` are skipped and counted, with ``skip_unknown`` those of unknown words, too; others
     are refused. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. A pose's
-    number is used as its time [s]. Sensor offsets are applied to sightings. A file without vertices has the poses and
+    number is used as its time [s]. Sensor offsets are applied to sightings and priors. Vertices of ``FIX`` get a prior of 1 mm
+    and 1 mrad at their values. With ``isam``, or in a file with words of iSAM, lines of ``EDGE2`` have the matrix of iSAM. A file without vertices has the poses and
     landmarks of its edges, with values by chordal initialization.
     """
     path = Path(path)
     lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
     tables, planar = read_tables(lines, _GRAMMAR, one_space=False)
-    graph, values, valueless = _Reader(lines, tables, planar=planar, half_angles=half_angles).graph()
+    graph, values, valueless = _Reader(
+        lines, tables, planar=planar, half_angles=half_angles, isam=isam
+    ).graph()
     try:
         check_graph(graph)
     except EstimationError as error:
@@ -185,19 +207,22 @@ class _Reader:
     """Converts the tables of a file to a graph."""
 
     def __init__(
-        self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool
+        self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool, isam: bool
     ) -> None:
         self._lines, self._planar, self._half_angles = lines, planar, half_angles
-        self._of = {word: self._table_of(word, tables) for word in (*_FLAT, OFFSET)}
-        self._grammar = {
-            word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in (*_FLAT, OFFSET)
-        }
+        self._isam = isam or any(tables[word].line for word in ISAM.values())
+        words = (*_FLAT, OFFSET, FIX)
+        self._of = {word: self._table_of(word, tables) for word in words}
+        self._grammar = {word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in words}
         self._keep: dict[str, Mask] = {}  # lines whose matrix can be used, by word
         self._known: dict[str, int] = {}  # ids by their spellings
         self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
         self._values = {
-            word: _in_g2o(table, table.numbers(lines, quaternion=table.grammar.measured == 7))
+            word: _in_g2o(
+                table, table.numbers(lines, quaternion=table.grammar.measured == 7), isam=self._isam
+            )
             for word, table in self._of.items()
+            if word != FIX
         }
 
     def graph(self) -> tuple[FactorGraph, GraphValues, bool]:
@@ -222,7 +247,8 @@ class _Reader:
         else:
             pose, landmark = self._columns(POSE)[0], self._columns(LANDMARK)[0]
             values = GraphValues(pose[:, :3], pose[:, 3:], landmark)
-        return graph.with_factors(edge=self._edges(), sighting=self._sightings()), values, valueless
+        factors = {"edge": self._edges(), "sighting": self._sightings(), **self._priors(values)}
+        return graph.with_factors(**factors), values, valueless
 
     def _vertices(self) -> tuple[list[int], list[int], bool]:
         """Ids of poses and landmarks, taken from edges if there are no vertices; and whether that is so."""
@@ -253,14 +279,10 @@ class _Reader:
 
     def _sightings(self) -> Factors:
         """Sightings in the body frames, with sensor offsets applied."""
-        table, (place, covariance) = self._of[SIGHTING], self._columns(SIGHTING)
+        place, covariance = self._columns(SIGHTING)
         place, covariance = place.copy(), covariance.copy()
         if not self._planar:
-            offsets = dict(zip(self._id[OFFSET][0], self._values[OFFSET], strict=True))
-            for i, parameter in enumerate(self._id[SIGHTING][2]):
-                if parameter not in offsets:
-                    self._lines.refuse(f"parameter {parameter}", f"ids of the file's {OFFSET}", table.line[i])
-                offset = offsets[parameter]
+            for i, offset in enumerate(self._offsets(SIGHTING, 2)):
                 if np.any(offset != _NO_OFFSET):
                     turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
                     place[i], covariance[i] = offset[:3] + turn @ place[i], turn @ covariance[i] @ turn.T
@@ -268,9 +290,63 @@ class _Reader:
         sightings = KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
         return sightings[self._keep[SIGHTING]]
 
+    def _priors(self, values: GraphValues) -> dict[str, Factors]:
+        """Priors of poses, with sensor offsets applied, and of fixed vertices at their values."""
+        table, (measured, covariance) = self._of[PRIOR], self._columns(PRIOR)
+        measured, covariance = measured.copy(), covariance.copy()
+        if not self._planar:
+            for i, offset in enumerate(self._offsets(PRIOR, 1)):
+                if np.any(offset != _NO_OFFSET):  # the pose times the offset is measured
+                    turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
+                    whole = matrix_from_quaternion(measured[i, 3:]) @ turn.T
+                    measured[i, :3] -= whole @ offset[:3]
+                    measured[i, 3:] = quaternion_from_matrix(whole[None])[0]
+                    adjoint = np.zeros((6, 6))
+                    adjoint[:3, :3] = adjoint[3:, 3:] = turn
+                    adjoint[3:, :3] = hat(offset[None, :3])[0] @ turn
+                    covariance[i] = adjoint @ covariance[i] @ adjoint.T
+                    covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
+        poses = self._known_variables(table, self._id[PRIOR][0], self._pose)
+        parts = [measured[:, :3], measured[:, 3:]]
+        prior = KINDS["prior"].table(poses[:, None], parts, covariance)[self._keep[PRIOR]]
+        ids, n = np.array(self._id[FIX][0], dtype=object), len(self._pose)
+        known = {**self._landmark, **self._pose}  # a landmark may have the id of a pose
+        fixed = np.unique(self._known_variables(self._of[FIX], ids.tolist(), known))
+        poses, landmarks = fixed[fixed < n], fixed[fixed >= n]
+        unit = np.tile(ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1))
+        at = [values.position[poses], values.quaternion[poses]]
+        place = [values.landmark_position[landmarks - n]]
+        return {
+            "prior": prior.joined(KINDS["prior"].table(poses[:, None], at, unit)),
+            "survey": KINDS["survey"].table(
+                landmarks[:, None], place, np.tile(ANCHOR_SIGMA**2 * np.eye(3), (landmarks.size, 1, 1))
+            ),
+        }
+
+    def _known_variables(self, table: Table, ids: list[int], known: dict[int, int]) -> NDArray[np.int32]:
+        """Variables with some ids; an unknown one is refused."""
+        for row, k in enumerate(ids):
+            if k not in known:
+                self._lines.refuse(f"id {k}", "ids of the file's vertices", table.line[row])
+        return np.array([known[k] for k in ids], dtype=np.int32)
+
+    def _offsets(self, word: str, end: int) -> list[Array]:
+        """Sensor offset of each line of a word."""
+        offsets = dict(zip(self._id[OFFSET][0], self._values[OFFSET], strict=True))
+        for i, parameter in enumerate(self._id[word][end]):
+            if parameter not in offsets:
+                line = self._of[word].line[i]
+                self._lines.refuse(f"parameter {parameter}", f"ids of the file's {OFFSET}", line)
+        return [offsets[parameter] for parameter in self._id[word][end]]
+
     def _table_of(self, word: str, tables: dict[str, Table]) -> Table:
-        """Lines of a word in this graph's dimensions, by g2o's name or TORO's."""
+        """Lines of a word in this graph's dimensions, by g2o's name, TORO's or iSAM's."""
         own = tables[_FLAT.get(word, word) if self._planar else word]
+        if self._planar and word in ISAM and (isam := tables[ISAM[word]]).line:
+            if own.line:
+                what = f"{own.word} and {isam.word} in one file"
+                self._lines.refuse(what, "words of g2o, or of iSAM", max(own.line[0], isam.line[0]))
+            return isam.with_lines(tables["EDGE2"]) if word == EDGE else isam
         if word not in TORO or not (toro := tables[TORO[word][self._planar]]).line:
             return own
         if own.line:
@@ -328,8 +404,13 @@ class _Reader:
         return ends
 
 
-def _in_g2o(table: Table, values: Array) -> Array:
-    """Convert TORO numbers to those of g2o: roll, pitch, yaw to a quaternion, and the planar triangle to rows."""
+def _in_g2o(table: Table, values: Array, *, isam: bool) -> Array:
+    """Convert numbers to those of g2o: of TORO roll, pitch, yaw and the planar triangle, of iSAM the root of the information."""
+    if table.word in ISAM.values() or (isam and table.word == "EDGE2"):
+        size = table.grammar.matrix
+        root = np.triu(from_triangle(values[:, table.grammar.measured :], size))
+        information = np.swapaxes(root, 1, 2) @ root
+        return np.concatenate([values[:, : table.grammar.measured], triangle(information)], axis=1)
     if table.word == "EDGE2":
         return np.concatenate([values[:, :3], values[:, 3:][:, _TORO_TRIANGLE]], axis=1)
     if table.word not in {"VERTEX3", "EDGE3"}:
@@ -343,14 +424,13 @@ def _in_g2o(table: Table, values: Array) -> Array:
 def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int]) -> Array:
     """Invert positive definite matrices (n, k, k) of lines of a word, scaled to unit diagonals."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
-    fine = (diagonal > 0.0).all(axis=1)
+    low, high = 1.0 / VARIANCES[1], 1.0 / VARIANCES[0]
+    fine = (diagonal >= low) & (diagonal <= high)
     if not fine.all():
-        row = int(np.argmin(fine))
-        lines.refuse(
-            f"{word} with information {diagonal[row].min():g}",
-            f"a positive diagonal{_TREATMENTS}",
-            numbers[row],
-        )
+        row = int(np.argmin(fine.all(axis=1)))
+        wrong = float(diagonal[row][~fine[row]][0])
+        allowed = f"{low:g} to {high:g}" if wrong > 0.0 else "a positive diagonal"
+        lines.refuse(f"{word} with information {wrong:g}", allowed + _TREATMENTS, numbers[row])
     scale = 1.0 / np.sqrt(diagonal)
     scales = scale[:, :, None] * scale[:, None, :]
     correlation = matrices * scales

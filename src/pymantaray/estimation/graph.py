@@ -2,8 +2,8 @@
 Solver-free factor graph: its variables, and for each kind of factor one table.
 
 One entry of `KINDS` adds a kind of factor: its columns and ends determine its `Residual`, and thereby batch and incremental
-solves, checks, NetCDF and PyFactorGraph files, degrees of freedom, covariances and diagnoses. A kind without a fitting residual
-is refused. `build.build_graph` makes a graph from measurements.
+solves, checks, NetCDF and PyFactorGraph files, degrees of freedom, covariances and diagnoses. `check_kinds` refuses a kind without a
+fitting residual, and kinds that files cannot tell apart. `build.build_graph` makes a graph from measurements.
 """
 
 from collections.abc import Mapping, Sequence
@@ -91,7 +91,7 @@ class FactorKind:
     plural: str
     ends: tuple[str, ...]  # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
     columns: tuple[tuple[str, int, str], ...]  # measured columns: name, width and unit
-    word: str  # that begins its lines in PyFactorGraph text
+    word: str | None  # that begins its lines in PyFactorGraph text; None if this text cannot hold it
     axes: tuple[
         int, ...
     ] = ()  # of a pose prior or an edge there, those of rx ry rz x y z that are measured; others are free
@@ -155,6 +155,14 @@ class FactorKind:
 
 POSE_PRIOR, LANDMARK_PRIOR = "VERTEX_SE3:QUAT:PRIOR", "VERTEX_XYZ:PRIOR"
 EDGE, SIGHTING, RANGE = "EDGE_SE3:QUAT", "EDGE_SE3_XYZ", "EDGE_RANGE"
+_ENDS = {  # of the lines of each word
+    POSE_PRIOR: ("pose",),
+    LANDMARK_PRIOR: ("landmark",),
+    EDGE: ("pose", "pose"),
+    SIGHTING: ("pose", "landmark"),
+    RANGE: ("any", "any"),
+}
+_ALL_AXES = ("rx", "ry", "rz", "x", "y", "z")  # of a pose prior and of an edge
 
 KINDS: Mapping[str, FactorKind] = MappingProxyType(
     {
@@ -314,6 +322,16 @@ class FactorGraph(Record):
         kind = KINDS[name]
         return self.factors.get(name) or kind.table([], [[]] * len(kind.columns), [])
 
+    @property
+    def tables(self) -> dict[str, Factors]:
+        """Tables of all kinds of factors by the names of `KINDS`, in this order; a reader of factors handles or refuses each."""
+        return {name: self[name] for name in KINDS}
+
+    @property
+    def n_factors(self) -> int:
+        """Number of factors of all kinds."""
+        return sum(map(len, self.tables.values()))
+
     def of_residual(self, *residuals: Residual) -> list[Factors]:
         """
         Tables of all kinds of factors with one of these residuals, in the order of `KINDS`.
@@ -327,7 +345,22 @@ class FactorGraph(Record):
         -------
         list of Factors
         """
-        return [self[name] for name, kind in KINDS.items() if kind.residual in residuals]
+        return [table for table in self.tables.values() if table.kind.residual in residuals]
+
+    def of_ends(self, *ends: tuple[str, ...]) -> list[Factors]:
+        """
+        Tables of all kinds of factors between variables of these types, in the order of `KINDS`.
+
+        Parameters
+        ----------
+        *ends : tuple of str
+            Types of the variables, as in `FactorKind.ends`.
+
+        Returns
+        -------
+        list of Factors
+        """
+        return [table for table in self.tables.values() if table.kind.ends in ends]
 
     def with_factors(self, **tables: Factors) -> "FactorGraph":
         """
@@ -422,8 +455,45 @@ class FactorGraph(Record):
             for name, kind in KINDS.items()
             if f"{name}_variables" in dataset
         }
+        tables = {
+            str(name).removesuffix("_variables") for name in dataset if str(name).endswith("_variables")
+        }
+        if unknown := sorted(tables - set(KINDS)):
+            raise EstimationError(
+                f"{cls.kind}: factors of a kind {unknown[0]!r}; this version has {', '.join(KINDS)}"
+            )
         planar = bool(dataset.attrs.get("planar", 0))
         return replace(super().from_dataset(dataset), factors=factors, planar=planar)
+
+
+def check_kinds() -> None:
+    """
+    Refuse kinds of factors that a solver or a file cannot represent, or that a file or a list of counts cannot tell apart.
+
+    Distances are ranges alone. A word fits the kind's ends, and its axes are the rows of the residual.
+    """
+    distances = [name for name, kind in KINDS.items() if kind.residual is Residual.DISTANCE]
+    if distances != ["range"]:
+        raise EstimationError(f"kinds that measure distances: {', '.join(distances)}; allowed: range alone")
+    lines: dict[Any, str] = {}
+    for name, kind in KINDS.items():
+        for key in ((kind.word, kind.axes), kind.what, kind.plural):
+            other = lines.setdefault(key, name)
+            if other != name and key != (None, kind.axes):
+                raise EstimationError(
+                    f"kinds {other} and {name} have the same "
+                    + (f"name {key}" if isinstance(key, str) else f"word {kind.word} and axes in files")
+                    + "; give them different ones, or the new kind the word None"
+                )
+        if kind.word is None:
+            continue
+        with_axes = kind.axes or tuple(range(6) if kind.word in (POSE_PRIOR, EDGE) else ())
+        fitting = not with_axes or tuple(_ALL_AXES[axis] for axis in with_axes) == kind.row_names
+        if _ENDS.get(kind.word) != kind.ends or not fitting:
+            raise EstimationError(
+                f"kind {name}: lines of {kind.word} with axes {kind.axes} cannot hold"
+                f" {', '.join(kind.row_names)} of {' and '.join(kind.ends)}; allowed: a fitting word, or None"
+            )
 
 
 def check_graph(graph: FactorGraph) -> None:
@@ -433,13 +503,11 @@ def check_graph(graph: FactorGraph) -> None:
     GTSAM treats a zero sigma as a hard constraint, ignores one triangle of an asymmetric matrix, accepts a scaled
     rotation, and raises during a solve for a singular or overflowing covariance.
     """
+    check_kinds()
     _check_names(graph)
     unknown = [name for name in graph.factors if name not in KINDS]
     if unknown:
         raise EstimationError(f"factors of a kind {unknown[0]!r}; allowed: {', '.join(KINDS)}")
-    distances = [name for name, kind in KINDS.items() if kind.residual is Residual.DISTANCE]
-    if distances != ["range"]:
-        raise EstimationError(f"kinds that measure distances: {', '.join(distances)}; allowed: range alone")
     for name in KINDS:
         factors = graph[name]
         if len(factors):

@@ -16,7 +16,10 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import LARGEST, QUATERNION_TOLERANCE, SMALLEST_EIGENVALUE, VARIANCES
+from pymantaray.user_files import open_text
 
+MAX_GRAPH_BYTES = 2_000_000_000
+_LIST = "FIX"  # whose line lists ids of vertices
 _MAX_WORDS_NAMED = 5  # unknown words listed in a message
 
 
@@ -61,7 +64,7 @@ def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, Ma
     that is not positive becomes 1e-6 of the median of its axis. With "drop" others become the identity, to be left out.
     """
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
-    positive = diagonal > 0.0
+    positive = diagonal >= VARIANCES[0]
     scale = np.sqrt(np.where(positive, diagonal, 1.0))
     correlation = matrices / scale[:, :, None] / scale[:, None, :]
     fine = positive.all(axis=1) & (np.linalg.eigvalsh(correlation)[:, 0] >= SMALLEST_EIGENVALUE)
@@ -71,7 +74,9 @@ def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, Ma
     if treatment == "drop":
         out[~fine] = eye
         return out, fine
-    typical = [float(np.median(d[d > 0.0])) if (d > 0.0).any() else 1.0 for d in diagonal.T]
+    typical = [
+        float(np.median(d[p])) if p.any() else 1.0 for d, p in zip(diagonal.T, positive.T, strict=True)
+    ]
     scale = np.sqrt(np.where(positive, diagonal, _REPAIRED * np.array(typical)))[~fine]
     unit = matrices[~fine] / scale[:, :, None] / scale[:, None, :]
     unit[:, np.arange(len(eye)), np.arange(len(eye))] = 1.0
@@ -107,24 +112,23 @@ class TextLines:
 
     def __iter__(self) -> Iterator[str]:
         """Each line that begins with a known word; ``number`` is its number, from 1."""
-        try:
-            with self._path.open(encoding="utf-8-sig") as file:
-                for self.number, raw in enumerate(file, start=1):
-                    line = raw.rstrip("\r\n")
-                    word = next(iter(line.split(None, 1)), "#")
-                    if word.startswith("#"):
-                        continue
-                    if word in self._leave_out or word not in self._words:
-                        self._left_out[word] += 1
-                        if word not in self._leave_out:
-                            self._unknown.setdefault(word, self.number)
-                        continue
-                    if not line.isascii():
-                        self.refuse(f"{word} with a character that is not ASCII", "ASCII")
-                    yield line
-        except (OSError, UnicodeDecodeError) as error:
-            cause = getattr(error, "strerror", None) or error
-            raise EstimationError(f"{self._path}: not a readable text file: {cause}") from None
+        with open_text(self._path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES) as file:
+            for self.number, raw in enumerate(file, start=1):
+                line = raw.rstrip("\r\n")
+                word = next(iter(line.split(None, 1)), "#")
+                if word.startswith("#"):
+                    continue
+                if word in self._leave_out or word not in self._words:
+                    self._left_out[word] += 1
+                    if word not in self._leave_out:
+                        self._unknown.setdefault(word, self.number)
+                    continue
+                if not line.isascii():
+                    self.refuse(f"{word} with a character that is not ASCII", "ASCII")
+                if word == _LIST:
+                    yield from (f"{word} {one}" for one in line.split()[1:])
+                    continue
+                yield line
         never = [w for w in self._leave_out if w not in self._words and w not in self._left_out]
         if never:
             self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)
@@ -174,6 +178,12 @@ class Table:
         self.word, self.grammar = word, grammar
         self.line = array("q")
         self.fields: list[str] = []
+
+    def with_lines(self, other: "Table") -> "Table":
+        """Lines of two words with the same fields, under the word of this table."""
+        out = Table(self.word, self.grammar)
+        out.line, out.fields = self.line + other.line, self.fields + other.fields
+        return out
 
     def names(self, end: int) -> list[str]:
         """Name or id of one end of each line."""

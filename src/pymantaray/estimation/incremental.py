@@ -53,7 +53,7 @@ def solve_incrementally(
     check_times(graph, initial, options.incremental.every)
     if loss is not None and loss.graduated:
         raise EstimationError(
-            "a graduated loss needs all ranges at once, so an incremental solve cannot use it; choose huber, cauchy or geman-mcclure"
+            "a graduated loss needs all ranges at once, so an incremental solve cannot use it; choose another loss"
         )
     factors, start = graph_factors(graph, loss), values_of(initial)
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])

@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpotrf
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
-from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph
+from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues, check_graph
 from pymantaray.estimation.range_models import ModelRanges, chord
 from pymantaray.estimation.solution import GraphSolution, SolveProgress, make_solution
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
@@ -106,9 +106,13 @@ class _Timeline(NamedTuple):
             raise EstimationError(
                 f"{name}: a Kalman filter needs one prior on the first pose of each vehicle, and none on later poses"
             )
-        if len(graph["sighting"]) or np.unique(graph["survey"].subject).size < graph.landmark_name.size:
+        taken = {"range", "survey"}
+        for name, table in graph.tables.items():
+            if len(table) and not (name in taken or set(table.kind.ends) == {"pose"}):
+                raise EstimationError(f"a Kalman filter takes no {table.kind.plural}; choose another solver")
+        if sorted(graph["survey"].subject.tolist()) != list(range(graph.n_poses, graph.n_variables)):
             raise EstimationError(
-                "a Kalman filter needs landmarks with priors, and takes no sightings; choose another solver"
+                "a Kalman filter needs landmarks with one prior each; choose another solver"
             )
         return cls(pose, sample)
 
@@ -134,13 +138,28 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
     edge = graph["edge"]
     rotation = matrix_from_quaternion(edge.column("quaternion"))[at]
     translation, covariance = edge.column("position")[at].copy(), edge.covariance[at].copy()
-    cost = np.zeros(shape)
-    velocity = graph["dvl"]
-    for i, (k, a) in enumerate(zip(*_rows_of_steps(graph, "dvl", timeline), strict=True)):
-        by = np.concatenate([np.zeros((3, 3)), rotation[k, a]], axis=1)
-        innovation = velocity.column("position")[i] - translation[k, a]
+    steps = _Steps(rotation, translation, covariance, np.zeros(shape))
+    for name, table in graph.tables.items():
+        if table.kind.ends == ("pose", "pose") and name != "edge":
+            _combine(steps, table, _rows_of_steps(graph, name, timeline))
+    return steps
+
+
+def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
+    """Update steps by other measurements of the same steps: of their translations, or of both parts."""
+    rotation, translation, covariance, cost = steps
+    place, whole = table.column("position"), "quaternion" in table.kind.columns_at
+    turn = matrix_from_quaternion(table.column("quaternion")) if whole else np.empty((0, 3, 3))
+    for i, (k, a) in enumerate(zip(*rows, strict=True)):
+        innovation = place[i] - translation[k, a]
+        if whole:  # in the tangent of the second body
+            by = np.eye(SIZE)
+            own = np.swapaxes(rotation[k, a], 0, 1)
+            innovation = np.concatenate([so3_log((own @ turn[i])[None])[0], own @ innovation])
+        else:
+            by = np.concatenate([np.zeros((3, 3)), rotation[k, a]], axis=1)
         weight = covariance[k, a] @ by.T
-        variance = by @ weight + velocity.covariance[i]
+        variance = by @ weight + table.covariance[i]
         gain = np.linalg.solve(variance, weight.T).T
         error = gain @ innovation
         cost[k, a] += 0.5 * innovation @ np.linalg.solve(variance, innovation)
@@ -148,7 +167,6 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
         rotation[k, a] = rotation[k, a] @ so3_exp(error[:3])
         reduced = covariance[k, a] - gain @ weight.T
         covariance[k, a] = 0.5 * (reduced + reduced.T)
-    return _Steps(rotation, translation, covariance, cost)
 
 
 def _rows_of_steps(graph: FactorGraph, kind: str, timeline: _Timeline) -> tuple[Any, Any]:
@@ -287,59 +305,80 @@ def _first_state(graph: FactorGraph, timeline: _Timeline) -> _State:
 
 
 class _Updates:
-    """Fixes, depths and attitudes by time."""
+    """Measurements of single poses by time, of all kinds but the priors of the first poses."""
 
     def __init__(self, graph: FactorGraph, timeline: _Timeline) -> None:
-        self._tables = [graph[name] for name in ("fix", "depth", "attitude")]
-        self._rows = [_by_time(timeline.sample[t.subject], len(timeline.pose)) for t in self._tables]
-        self._vehicle = [graph.pose_vehicle[t.subject] for t in self._tables]
-        fix, depth, attitude = self._tables
-        self._fixed, self._depth = fix.column("position"), depth.column("depth")
-        self._depth_variance = depth.variance
-        self._turn = matrix_from_quaternion(attitude.column("quaternion"))
+        tables = [t for name, t in graph.tables.items() if t.kind.ends == ("pose",) and name != "prior"]
+        self._parts = [_OfPoses(graph, table) for table in tables if len(table)]
+        n_times = len(timeline.pose)
+        self._rows = [_by_time(timeline.sample[part.table.subject], n_times) for part in self._parts]
         self._columns: dict[tuple[bytes, ...], Indices] = {}
 
-    def at(self, state: _State, k: int) -> tuple[Array, Indices, Array]:
+    def at(self, state: _State, k: int) -> tuple[Array, Array | Indices, Array]:
         """Residuals of a time, columns of the measured errors, and the covariance of the residuals."""
-        some = [rows[k] for rows in self._rows]
-        if not (some[0].size or some[2].size):  # the usual case, many times
-            vehicle = self._vehicle[1][some[1]]
-            residual = state.position[vehicle, 2] - self._depth[some[1]]
-            columns = self._measured([some[0], vehicle, some[2]])
-            return residual, columns, np.diag(self._depth_variance[some[1]])
-        of = [vehicle[rows] for vehicle, rows in zip(self._vehicle, some, strict=True)]
-        residual = np.concatenate(
-            [
-                (state.position[of[0]] - self._fixed[some[0]]).ravel(),
-                state.position[of[1], 2] - self._depth[some[1]],
-                _rotation_error(self._turn[some[2]], state.rotation[of[2]]),
-            ]
-        )
+        some = [(part, rows[k]) for part, rows in zip(self._parts, self._rows, strict=True)]
+        if not any(rows.size for _, rows in some):
+            return _NOTHING
+        residual = np.concatenate([part.residual(state, rows) for part, rows in some])
+        columns = self._measured([(part, part.vehicle[rows]) for part, rows in some])
+        if all(part.table.kind.rows == 1 for part, rows in some if rows.size):  # the usual case
+            return (
+                residual,
+                columns,
+                np.diag(np.concatenate([part.variance[rows] for part, rows in some if rows.size])),
+            )
         variance = np.zeros((residual.size, residual.size))
         start = 0
-        for table, rows in zip(self._tables, some, strict=True):
-            if rows.size and table.kind.rows == 1:
-                own = np.arange(start, start + rows.size)
-                variance[own, own] = table.covariance[rows, 0, 0]
-                start += rows.size
-                continue
-            for block in table.covariance[rows]:
+        for part, rows in some:
+            for block in part.covariance[rows]:
                 end = start + len(block)
                 variance[start:end, start:end] = block
                 start = end
-        return residual, self._measured(of), variance
+        return residual, columns, variance
 
-    def _measured(self, of: list[Indices]) -> Indices:
+    def _measured(self, of: list[tuple["_OfPoses", Indices]]) -> Indices:
         """Columns of the errors that are measured; the same vehicles measure at most times."""
-        key = tuple(vehicles.tobytes() for vehicles in of)
+        key = tuple(vehicles.tobytes() for _, vehicles in of)
         if key not in self._columns:
-            column = [
-                (SIZE * of[0][:, None] + [3, 4, 5]).ravel(),
-                SIZE * of[1] + 5,
-                (SIZE * of[2][:, None] + [0, 1, 2]).ravel(),
-            ]
-            self._columns[key] = np.concatenate(column)
+            columns = [(SIZE * vehicles[:, None] + part.errors).ravel() for part, vehicles in of]
+            self._columns[key] = np.concatenate(columns)
         return self._columns[key]
+
+
+class _OfPoses:
+    """
+    Factors of one kind of single poses: their vehicles, the errors of a pose that they measure, and covariances of these.
+
+    Rotations are measured in the body's axes, positions in the world's.
+    """
+
+    def __init__(self, graph: FactorGraph, table: Factors) -> None:
+        self.table, self.vehicle = table, graph.pose_vehicle[table.subject]
+        columns = table.kind.columns_at
+        self._turn = matrix_from_quaternion(table.column("quaternion")) if "quaternion" in columns else None
+        self._place = next((table.column(name) for name in ("position", "depth") if name in columns), None)
+        errors = [0, 1, 2] if self._turn is not None else []
+        if self._place is not None:
+            errors += [5] if self._place.ndim == 1 else [3, 4, 5]
+        self.errors = np.array(errors)
+        self.covariance, self.variance = table.covariance, table.variance
+        if self._turn is not None and self._place is not None:  # a prior is in the body's tangent
+            to_world = np.tile(np.eye(SIZE), (len(table), 1, 1))
+            to_world[:, 3:, 3:] = self._turn
+            self.covariance = to_world @ table.covariance @ np.swapaxes(to_world, 1, 2)
+
+    def residual(self, state: _State, rows: Indices) -> Array:
+        """Estimated minus measured, factor by factor."""
+        if not rows.size:
+            return np.empty(0)
+        vehicle, parts = self.vehicle[rows], []
+        if self._turn is not None:
+            turned = np.swapaxes(self._turn[rows], 1, 2) @ state.rotation[vehicle]
+            parts.append(np.asarray(so3_log(turned)))
+        if self._place is not None:
+            at = state.position[vehicle][:, self.errors[-1:] - 3 if self._place.ndim == 1 else slice(None)]
+            parts.append(at - self._place[rows].reshape(at.shape))
+        return np.concatenate(parts, axis=1).ravel()
 
 
 class _Ranges:
@@ -395,13 +434,6 @@ class _Ranges:
             by_errors.reshape(rows.size, SIZE * len(state.position)),
             np.diag(self._variance[rows]),
         )
-
-
-def _rotation_error(measured: Array, rotation: Array) -> Array:
-    """Rotation vectors from measured to estimated rotations, one after the other."""
-    if not len(measured):  # the usual case, many times
-        return np.empty(0)
-    return np.asarray(so3_log(np.swapaxes(measured, 1, 2) @ rotation)).ravel()
 
 
 def _by_time(sample: Indices, n_times: int) -> list[Indices]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +15,16 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.range_models import chord
 
-LossKind = Literal["huber", "cauchy", "geman-mcclure"]
+LossKind = Literal["huber", "cauchy", "geman-mcclure", "tukey", "welsch"]
 # scales that are 95 % as efficient as least squares under normal noise
 _EFFICIENT: Mapping[str, float] = MappingProxyType(
-    {"huber": 1.344998, "cauchy": 2.384947, "geman-mcclure": 3.787419}
+    {
+        "huber": 1.344998,
+        "cauchy": 2.384947,
+        "geman-mcclure": 3.787419,
+        "tukey": 4.685065,
+        "welsch": 2.984637,
+    }
 )
 
 
@@ -29,7 +35,7 @@ class Loss:
 
     Parameters
     ----------
-    kind : {"huber", "cauchy", "geman-mcclure"}
+    kind : {"huber", "cauchy", "geman-mcclure", "tukey", "welsch"}
     scale : float
         Residual above which a range loses weight, in its standard deviations. [-]
     graduated : bool
@@ -48,6 +54,8 @@ class Loss:
     - ``huber``: :math:`u^2/2` up to :math:`k`, :math:`k(|u| - k/2)` beyond; convex
     - ``cauchy``: :math:`(k^2/2) \log(1 + u^2/k^2)`; the weight falls without limit
     - ``geman-mcclure``: :math:`(k^2/2)\, u^2/(k^2 + u^2)`; at most :math:`k^2/2` for any residual
+    - ``tukey``: :math:`(k^2/6) (1 - (1 - u^2/k^2)^3)` up to :math:`k`, :math:`k^2/6` beyond, where a range has no weight
+    - ``welsch``: :math:`(k^2/2) (1 - e^{-u^2/k^2})`
 
     The surrogates of graduated non-convexity [1]_ for Geman-McClure with control parameter :math:`\mu` are
     the same loss with the scale :math:`k\sqrt{\mu}`.
@@ -92,6 +100,10 @@ class Loss:
             return np.asarray(np.where(u <= k, 0.5 * u**2, k * (u - 0.5 * k)))
         if self.kind == "cauchy":
             return np.asarray(0.5 * k**2 * np.log1p((u / k) ** 2))
+        if self.kind == "tukey":
+            return np.asarray(k**2 / 6.0 * (1.0 - np.maximum(1.0 - (u / k) ** 2, 0.0) ** 3))
+        if self.kind == "welsch":
+            return np.asarray(-0.5 * k**2 * np.expm1(-((u / k) ** 2)))
         return np.asarray(0.5 * u**2 / (1.0 + (u / k) ** 2))
 
     def weight(self, residual: ArrayLike) -> Array:
@@ -113,12 +125,16 @@ class Loss:
             return np.asarray(k / np.maximum(u, k))
         if self.kind == "cauchy":
             return np.asarray(1.0 / (1.0 + (u / k) ** 2))
+        if self.kind == "tukey":
+            return np.asarray(np.maximum(1.0 - (u / k) ** 2, 0.0) ** 2)
+        if self.kind == "welsch":
+            return np.asarray(np.exp(-((u / k) ** 2)))
         return np.asarray(1.0 / (1.0 + (u / k) ** 2) ** 2)
 
 
 LOSSES: Mapping[str, Loss] = MappingProxyType(
     {
-        **{kind: Loss(kind, _EFFICIENT[kind]) for kind in ("huber", "cauchy", "geman-mcclure")},
+        **{kind: Loss(kind, _EFFICIENT[kind]) for kind in get_args(LossKind)},
         "gnc": Loss("geman-mcclure", _EFFICIENT["geman-mcclure"], graduated=True),
     }
 )

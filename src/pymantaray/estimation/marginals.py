@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.covariance import EpochCovariances
-from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
+from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.normal_equations import SIZE
 from pymantaray.estimation.optimize import LastStep, check_convergence
 from pymantaray.estimation.problems import GraphState, LinearTerm, Problem, distance_problem
@@ -20,7 +20,7 @@ _MIN_VARIANCE = (
 
 def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
     """Check that each pose occurs once and has a prior or odometry."""
-    used = [graph[name].variables.ravel() for name, kind in KINDS.items() if set(kind.ends) == {"pose"}]
+    used = [t.variables.ravel() for t in graph.tables.values() if set(t.kind.ends) == {"pose"}]
     if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
         raise EstimationError("covariances: each pose must have a prior or odometry, and must be given once")
     return poses.astype(np.intp)

@@ -22,6 +22,7 @@ SAME_COST = 1e-6  # relative; smaller differences of the cost are of one minimum
 _SAME_POSITION = 1e-3  # of the extent of all positions; smaller differences are of one minimum
 _PLAUSIBLE = 0.95  # quantile of chi-square within which a second minimum is plausible, too
 _MAX_MIRRORED = 64  # solves from mirrored landmarks
+_MAX_CONTINUED = 8  # further solves from the end of the lowest descent, if it has not converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,9 @@ class StartOutcome:
 
     @property
     def cost(self) -> float:
-        """Final cost; infinite unless the solution is usable."""
-        return self.solution.final_cost if self.solution.usable else np.inf
+        """Final cost, also of a descent that did not converge; infinite if the solve failed."""
+        found = self.solution.usable or self.solution.last_point is not None
+        return self.solution.final_cost if found and np.isfinite(self.solution.final_cost) else np.inf
 
 
 def search_minima(
@@ -57,19 +59,42 @@ def search_minima(
 
     The starts are the given values (``first`` is their name), composed edges, chordal initialization, trilateration of range-only
     landmarks, random starts, the relaxation from the lowest of these unless that is certified, and then the lowest of all with one
-    landmark after the other at its mirrored positions.
+    landmark after the other at its mirrored positions. The descent of the lowest one is continued if it has not converged.
     """
     outcomes = []
     for name, start in _starts(graph, values, random_starts, seed, first=first):
         outcomes.append(StartOutcome(name, start.values, start.unchanged, solve(start.values)))
+    _finish(outcomes, solve)
     outcomes += _relaxed(graph, lowest(outcomes), solve)
-    return outcomes + _mirrored(graph, lowest(outcomes), solve)
+    _finish(outcomes, solve)
+    outcomes += _mirrored(graph, lowest(outcomes), solve)
+    _finish(outcomes, solve)
+    return outcomes
 
 
 def lowest(outcomes: Sequence[StartOutcome]) -> StartOutcome:
-    """Outcome of the lowest cost, the first among equal costs."""
+    """Outcome of the lowest cost whatever its status; among equal costs a usable one, then the first."""
     least = min(outcome.cost for outcome in outcomes)
-    return next(o for o in outcomes if o.cost <= least + SAME_COST * (1.0 + least) or least == np.inf)
+    equal = [o for o in outcomes if o.cost <= least + SAME_COST * (1.0 + least) or least == np.inf]
+    return next((o for o in equal if o.solution.usable), equal[0])
+
+
+def _finish(outcomes: list[StartOutcome], solve: SolveFrom) -> None:
+    """Continue the descent of the lowest outcome until it converges or its cost does not fall, in place."""
+    for _ in range(_MAX_CONTINUED):
+        best = lowest(outcomes)
+        if best.solution.usable or best.cost == np.inf:
+            return
+        again = solve(best.solution.values)
+        longer = replace(
+            again,
+            iterations=best.solution.iterations + again.iterations,
+            initial_cost=best.solution.initial_cost,
+        )
+        further = replace(best, solution=longer)
+        if not further.cost <= best.cost:
+            return
+        outcomes[outcomes.index(best)] = further
 
 
 def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) -> StartOutcome | None:
@@ -81,7 +106,7 @@ def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) 
     """
     best = lowest(outcomes)
     limit = best.cost + 0.5 * chdtri(2 if graph.planar else 3, 1.0 - _PLAUSIBLE)
-    others = [o for o in outcomes if o.cost <= limit and not same_minimum(best, o)]
+    others = [o for o in outcomes if o.solution.usable and o.cost <= limit and not same_minimum(best, o)]
     return min(others, key=lambda o: o.cost) if others else None
 
 
@@ -176,7 +201,7 @@ def _relaxed(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[S
     """Outcome from the minimum of the relaxation; none if it is the minimum already found, or the graph has no relaxation."""
     if not can_relax(graph):
         return []
-    values, problem = best.solution.values if best.solution.usable else best.initial, ChordalProblem(graph)
+    values, problem = best.solution.values if best.cost < np.inf else best.initial, ChordalProblem(graph)
     relaxation = relax(problem, problem.matrix(values))
     if relaxation.tight and best.solution.usable:
         return []
@@ -187,7 +212,7 @@ def _relaxed(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[S
 def _mirrored(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[StartOutcome]:
     """Outcomes with one landmark after the other at its other solutions, each from the lowest minimum so far."""
     outcomes: list[StartOutcome] = []
-    landmarks = range_only_landmarks(graph).tolist() if best.solution.usable else []
+    landmarks = range_only_landmarks(graph).tolist() if best.cost < np.inf else []
     lower = True
     while lower:
         lower = False

@@ -165,10 +165,25 @@ class Factor:
         rows = np.zeros(s.row.size, dtype=np.bool_)
         for group in groups:
             rows[s.row[group]] = True
+        diagonal, above = self._inverse_blocks(rows)
+        return [self._joint(group, diagonal, above) for group in groups]
+
+    def inverse_of_pairs(self, pairs: Indices) -> tuple[Array, Array]:
+        """Blocks of the inverse of all variables, (n_variables, 6, 6), and between connected pairs (n, 2) of them, (n, 6, 6)."""
+        s = self._structure
+        diagonal, above = self._inverse_blocks(np.ones(s.row.size, dtype=np.bool_))
+        block, turned = s.blocks(pairs)
+        between = above[block]
+        between[turned] = np.swapaxes(between[turned], 1, 2)
+        return diagonal[s.row], between
+
+    def _inverse_blocks(self, rows: Mask) -> tuple[Array, Array]:
+        """Blocks of the inverse in some rows, on and above the diagonal."""
+        s = self._structure
         diagonal, above = np.empty_like(self._diagonal), np.empty_like(self._above)
         work = np.empty((1, SIZE, SIZE))
         cholesky.invert(s.start, s.column, self._diagonal, self._above, rows, diagonal, above, work)
-        return [self._joint(group, diagonal, above) for group in groups]
+        return diagonal, above
 
     def _joint(self, group: Indices, diagonal: Array, above: Array) -> Array:
         s, n = self._structure, len(group)

@@ -16,6 +16,9 @@ _COST_ROUNDING = 1e-9  # relative; smaller increases of the cost are rounding
 _MAX_RISES = 2
 _CURVATURE_GAIN = 100.0  # factor by which a step with curvature shortens the next step
 _HIGHEST_ORDER = 3  # of the matrices of undamped steps
+_SLOW = 0.5  # ratio of successive steps with curvature; with large residuals it approaches 1
+_MAX_SLOW = 3  # such steps before the curvature is given up
+_MAX_STALLED = 10  # such steps without curvature before damped steps take over
 _MAX_INDEFINITE = 2  # indefinite matrices of an order before it is given up
 _STALLED_FALL = 1e-9  # relative decrease of the cost at which damped steps from a singular start end
 _FIRST_DAMPING, _MAX_DAMPING = 1e-5, 1e5  # of the diagonal
@@ -42,17 +45,18 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     """
     Minimize a least-squares cost.
 
-    If Gauss-Newton does not fall below its lowest cost within three steps, or meets a singular system, damped steps take
-    over, from the start or, without ranges, from the state of lowest cost. Gauss-Newton then refines their result, unless it
+    If Gauss-Newton does not fall below its lowest cost within three steps, meets a singular system, or takes ten steps that do not
+    become shorter, damped steps take over, from the start or, without ranges or after such steps, from the state of lowest cost. Gauss-Newton then refines their result, unless it
     diverges because of large residuals. The last system is undamped, and its step measures convergence.
     """
     first, lowest = _gauss_newton(problem, initial, options)
     progress = first.progress
+    stalled = progress.iterations >= _MAX_STALLED
     if not (progress.singular or np.isnan(progress.last_step)):
         return first
-    begin, taken = (
-        (lowest, progress.iterations) if problem.without_ranges and not progress.singular else (initial, 0)
-    )
+    begin, taken = initial, 0
+    if (problem.without_ranges or stalled) and not progress.singular:
+        begin, taken = lowest, progress.iterations
     damped, iterations = _levenberg_marquardt(problem, begin, options, taken, singular=progress.singular)
     if iterations == 0 and begin is initial:
         return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
@@ -84,11 +88,13 @@ def _gauss_newton(
     With the curvature of odometry a step leaves 1 % of the error, without it a sixth. The curvature of distances, used from
     the second step on, matters if range residuals exceed the uncertainty of odometry. A step omits each with which its matrix
     is not positive definite, as it often is at the start of a long mission. The next step tries again; after the second time
-    it is omitted for good. Both are omitted in the last step, which measures convergence.
+    it is omitted for good. Both are omitted in the last step, which measures convergence, and after three steps with curvature
+    of which each is longer than half of the one before: both are upper bounds, too large if residuals are.
     """
     state, equations, most = initial, problem.linearize(initial, 2, begin=True), _HIGHEST_ORDER
     indefinite = [0] * (_HIGHEST_ORDER + 1)
     lowest, above, best = equations.cost, 0, initial
+    slow, longest = 0, np.inf
     spare: GraphState | None = None  # its arrays are free once the next step begins
     progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
@@ -104,14 +110,19 @@ def _gauss_newton(
         last = LastStep(state, *solved)
         largest = _largest(last.step)
         trial = state.moved(problem.structure, last.step, into=spare)
+        slow = slow + 1 if largest > _SLOW * longest else 0
+        longest = largest
         ended = equations.order == 1 and largest <= options.step_tolerance
         final = ended or iteration == options.max_iterations  # then its factor is kept
         if largest <= _CURVATURE_GAIN * options.step_tolerance:
             most = 1
+        elif most > 1 and slow >= _MAX_SLOW:
+            most, slow = 1, 0
         ahead = None if final else problem.linearize(trial, most, equations, begin=True)
         cost = problem.cost(trial) if ahead is None else ahead.cost
         above = 0 if cost <= lowest + _COST_ROUNDING * (1.0 + lowest) else above + 1
-        if above > _MAX_RISES or not np.isfinite(cost):
+        stalled = most == 1 and slow >= _MAX_STALLED
+        if above > _MAX_RISES or stalled or not np.isfinite(cost):
             return Optimum(state, replace(progress, last_step=np.nan)), best
         best = trial if cost < lowest else best
         spare = None if state is initial or state is best else state

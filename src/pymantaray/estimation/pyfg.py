@@ -6,13 +6,15 @@ dimensions, and the writer flattens them.
 """
 
 import csv
+import io
 import itertools
+import logging
 import re
 import string
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,13 +33,17 @@ from pymantaray.estimation.graph import (
     Factors,
     GraphValues,
     check_graph,
+    check_kinds,
     check_values,
 )
 from pymantaray.estimation.graph_columns import ROTATION_FIRST, columns, to_graph, write_rows
 from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, read_tables
+from pymantaray.estimation.pyfactorgraph import depths_as_ranges
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
+from pymantaray.user_files import exists, read_text
 
+LOG = logging.getLogger(__name__)
 POSE, LANDMARK = "VERTEX_SE3:QUAT", "VERTEX_XYZ"
 FLAT = {  # words in two dimensions, by those in three
     POSE: "VERTEX_SE2",
@@ -84,7 +90,13 @@ class GraphFile(NamedTuple):
     repaired: Mapping[str, int] = MappingProxyType({})
 
 
-def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) -> None:
+def write_pyfg(
+    graph: FactorGraph,
+    path: Path | str,
+    *,
+    initial: GraphValues,
+    depths: Literal["priors", "ranges"] = "priors",
+) -> None:
     """
     Write a factor graph as PyFactorGraph text, atomically.
 
@@ -98,6 +110,9 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
         File to create or replace; its folder must exist.
     initial : GraphValues
         Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
+    depths : {"priors", "ranges"}
+        Depths as pose priors, which PyFactorGraph reads with a precision of 0 (the log warns), or as ranges to a landmark 5e8 m
+        above the surface, which it keeps.
 
     Raises
     ------
@@ -122,7 +137,20 @@ def write_pyfg(graph: FactorGraph, path: Path | str, *, initial: GraphValues) ->
     .. [1] PyFactorGraph, ``py_factor_graph/io/pyfg_text.py`` and ``utils/matrix_utils.py``,
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
+    if depths == "ranges":
+        graph, initial = depths_as_ranges(graph, initial)
+    warn_of_depths(graph, path)
     _write(graph, Path(path), initial, None)
+
+
+def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
+    """Log that PyFactorGraph loses the depth priors of a graph; nothing without any."""
+    if count := len(graph["depth"]):
+        LOG.warning(
+            '%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect; depths = "ranges" keeps them',
+            path,
+            count,
+        )
 
 
 def write_pyfgs(graphs: Mapping[Path, FactorGraph], *, initial: GraphValues) -> None:
@@ -138,7 +166,17 @@ _Known = dict[str, tuple[Factors, str]] | None
 
 def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) -> None:
     """Write a graph; its tables replace others in ``known``."""
+    check_kinds()
     check_values(graph, initial)
+    lost = [
+        f"{len(table)} {table.kind.plural}"
+        for table in graph.tables.values()
+        if table.kind.word is None and len(table)
+    ]
+    if lost:
+        raise EstimationError(
+            f"{path}: PyFactorGraph text cannot hold {', '.join(lost)}; leave them out, or write the graph as NetCDF"
+        )
     vehicles, landmarks = _symbols(graph)
     full = graph.vehicle_name.tolist() + graph.landmark_name.tolist()
     table = names_file(path)
@@ -261,7 +299,11 @@ class _Reader:
             pose_time=self._values[POSE][:, 0],
             planar=self._planar,
         )
-        tables = {name: self._table(kind) for name, kind in KINDS.items() if kind.word != POSE_PRIOR}
+        tables = {
+            name: self._table(kind, kind.word)
+            for name, kind in KINDS.items()
+            if kind.word not in (POSE_PRIOR, None)
+        }
         vertex, landmark = self._numbers(POSE)[0], self._numbers(LANDMARK)[0]
         values = GraphValues(position=vertex[:, :3], quaternion=vertex[:, 3:], landmark_position=landmark)
         return graph.with_factors(**self._pose_priors(), **tables), values
@@ -276,18 +318,18 @@ class _Reader:
             _free_out_of_plane(covariance)
         return measured, covariance
 
-    def _table(self, kind: FactorKind) -> Factors:
+    def _table(self, kind: FactorKind, word: str) -> Factors:
         """Factors of a kind with a word of its own."""
-        measured, covariance = self._numbers(kind.word)
-        variables = self._variables(kind.word)
-        if kind.word == EDGE:  # with free rotation it measures the position alone
+        measured, covariance = self._numbers(word)
+        variables = self._variables(word)
+        if word == EDGE:  # with free rotation it measures the position alone
             free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
             mine = (free == [True] * 3 + [False] * 3).all(axis=1) == bool(kind.axes)
             variables, measured, covariance = variables[mine], measured[mine], covariance[mine]
             if kind.axes:
                 covariance = covariance[:, kind.axes][:, :, kind.axes]
         columns = [measured[:, place] for place in kind.columns_at.values()]
-        covariance, keep = self._lines.treat(self._tables[kind.word].word, covariance)
+        covariance, keep = self._lines.treat(self._tables[word].word, covariance)
         return kind.table(variables, columns, covariance)[keep]
 
     def _pose_priors(self) -> dict[str, Factors]:
@@ -405,12 +447,12 @@ def _free_out_of_plane(covariance: Array) -> None:
 
 def _read_names(path: Path) -> dict[str, str]:
     """Names by symbol of vehicles and landmarks; empty without a table."""
-    if not path.is_file():
+    if not exists(path):
         return {}
+    text = read_text(path, EstimationError, what="a table of names")
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            head, *rows = csv.reader(file)
-    except (OSError, ValueError, csv.Error) as error:
+        head, *rows = csv.reader(io.StringIO(text, newline=""))
+    except (ValueError, csv.Error) as error:
         raise EstimationError(f"{path}: not a readable table of names: {error}") from None
     names = {row[0]: row[1] for row in rows if len(row) == 2 and _STUDY_NAME.fullmatch(row[1])}
     if head != ["symbol", "name"] or len(names) != len(rows) or len(set(names.values())) != len(rows):
@@ -452,8 +494,10 @@ def _texts(
     places = np.concatenate([initial.position, initial.quaternion], axis=1)
     yield from write_rows(_words(POSE), poses, places, planar=planar)
     yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, planar=planar)
-    for table, kind in KINDS.items():
-        factors = graph[table]
+    for table, factors in graph.tables.items():
+        kind = factors.kind
+        if kind.word is None:
+            continue
         if known is not None and table in known and _same(known[table][0], factors):
             yield known[table][1]
             continue

@@ -30,17 +30,21 @@ class Method:
         Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2. [s]
     kalman : bool
         Use an error-state extended Kalman filter, which starts at the priors of the graph.
+    gtsam : {"converged", "default"}, optional
+        Use GTSAM's Levenberg-Marquardt optimizer: until the cost does not fall, or with its default
+        parameters.
     """
 
     loss: Loss | None = None
     incremental: bool = False
     lag: float | None = None
     kalman: bool = False
+    gtsam: Literal["converged", "default"] | None = None
 
     @property
     def uses_distances(self) -> bool:
         """True if ranges can only be distances between positions, without a range model."""
-        return self.incremental or self.lag is not None
+        return self.incremental or self.lag is not None or self.gtsam is not None
 
 
 @dataclass(frozen=True)
@@ -119,12 +123,15 @@ class SolveProgress:
 @dataclass(frozen=True, eq=False)
 class GraphSolution:
     """
-    Final values of a solve and its status; the values are NaN unless ``usable``.
+    Final values of a solve and its status; the values are NaN unless ``usable``. ``last_point`` is the last point of a batch
+    descent that did not converge, and ``values`` then returns it.
 
     Fields are those of `Estimates`. ``position`` and ``quaternion`` have one row for each pose of the graph, or the shape
     ``(n_vehicles, n_times, ...)`` in results of `solve_conditions`. After a solve with a range model, ``gated_links`` counts
     the ranges without an arrival in the assumed ocean, and ``expansions`` the evaluations of the model.
     `solve_conditions` sets ``seconds`` of CPU time; the first estimator includes the time for shared results.
+    After a solve by GTSAM, ``from_batch`` is the largest distance of a pose or landmark from the estimate of the batch solver
+    from the same start.
     """
 
     position: Array
@@ -139,9 +146,11 @@ class GraphSolution:
     gated_links: int = 0
     expansions: int = 0
     seconds: float = math.nan
+    from_batch: float = math.nan  # [m]
     update_seconds: Array | None = None  # CPU time of each update, fixed lag or Kalman filter
     covariances: EpochCovariances | None = None  # at the requested epochs, if the values are usable
     unknowns: UnknownsEstimate | None = None  # of the ranges, likewise
+    last_point: GraphValues | None = None  # of a descent that is not usable
 
     @property
     def usable(self) -> bool:
@@ -150,7 +159,9 @@ class GraphSolution:
 
     @property
     def values(self) -> GraphValues:
-        """Values of the graph's variables."""
+        """Values of the graph's variables: the estimate, or the last point of a descent that did not converge."""
+        if self.last_point is not None:
+            return self.last_point
         return GraphValues(
             position=self.position.reshape(-1, 3),
             quaternion=self.quaternion.reshape(-1, 4),
@@ -198,4 +209,5 @@ def make_solution(
         final_cost=progress.final_cost,
         expected_cost=expected_cost,
         gradient_norm=progress.gradient_norm,
+        last_point=values if status is SolveStatus.NOT_CONVERGED else None,
     )

@@ -17,6 +17,7 @@ from pymantaray.estimation.kalman import filter_graph
 from pymantaray.estimation.losses import LOSSES, Loss
 from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
 from pymantaray.estimation.mixture import MixtureIterations
+from pymantaray.estimation.optimize import check_convergence
 from pymantaray.estimation.outer import BatchOutcome, OuterIterations
 from pymantaray.estimation.problems import GraphState, Problem, ProblemCache, distance_problem
 from pymantaray.estimation.range_models import ModelRanges, RangeUnknowns, UnknownsEstimate
@@ -91,7 +92,8 @@ class GraphSolver:
             poses = check_poses(graph, covariance_poses)
         if method.uses_distances and model_ranges is not None:
             raise EstimationError(
-                "an incremental or fixed-lag solve needs ranges as distances; choose the range model constant or transmitter"
+                "an incremental solve, a fixed-lag solve and GTSAM need ranges as distances; choose the range model constant or"
+                " transmitter"
             )
         if method.kalman:
             if method != Method(kalman=True):
@@ -110,7 +112,9 @@ class GraphSolver:
                 options=self.options,
                 covariance_poses=covariance_poses,
             )
-        if method.incremental:
+        if method.gtsam is not None:
+            solution, end = self._by_gtsam(graph, initial, method, poses, model_is_right=model_is_right)
+        elif method.incremental:
             solution, end = self._incremental(graph, initial, loss, poses)
         else:
             end = self._batch(graph, initial, loss, model_ranges, poses)
@@ -159,6 +163,48 @@ class GraphSolver:
         end = solve_incrementally(graph, initial, loss=loss, options=self.options, problem=problem)
         return end.solution, BatchOutcome(end.optimum, problem, groups)
 
+    def _by_gtsam(
+        self,
+        graph: FactorGraph,
+        initial: GraphValues,
+        method: Method,
+        poses: Indices,
+        *,
+        model_is_right: bool,
+    ) -> tuple[GraphSolution, BatchOutcome]:
+        """Solution by GTSAM from the start of the batch solver, and the distance from the solution of the latter."""
+        from pymantaray.estimation._gtsam.batch import optimize
+        from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
+
+        if method.loss is not None and method.loss.graduated:
+            raise EstimationError("GTSAM's optimizer has no graduated loss; choose another loss")
+        try:
+            values, iterations = optimize(
+                graph_factors(graph, method.loss), values_of(initial), converged=method.gtsam == "converged"
+            )
+            at = GraphState.of(graph_values(values, graph))
+        except RuntimeError:  # a linear system that is indeterminate
+            at, iterations = GraphState.of(initial), 0
+        ours = self.solve(graph, initial, method=Method(method.loss), model_is_right=False).values
+        problem, groups = self._distances(graph, method.loss, poses)
+        # one batch step, not applied, measures the distance from the optimum
+        optimum = check_convergence(problem, at)
+        progress = replace(
+            optimum.progress, iterations=iterations, initial_cost=problem.cost(GraphState.of(initial))
+        )
+        limits = self.options
+        if method.gtsam == "default":
+            limits = replace(limits, end_tolerance=limits.incremental.end_tolerance)
+        expected = math.nan if method.loss is not None else graph.degrees_of_freedom / 2.0
+        status = gate(progress, limits, expected_cost=expected if model_is_right else math.nan)
+        solution = make_solution(at.values(graph), progress, status, expected)
+        pairs = (
+            (solution.values.position, ours.position),
+            (solution.values.landmark_position, ours.landmark_position),
+        )
+        apart = [np.linalg.norm(theirs - own, axis=1).max(initial=0.0) for theirs, own in pairs]
+        return replace(solution, from_batch=float(max(apart))), BatchOutcome(optimum, problem, groups)
+
     def _batch_solution(
         self, graph: FactorGraph, end: BatchOutcome, *, model_is_right: bool, model_ranges: ModelRanges | None
     ) -> GraphSolution:
@@ -184,6 +230,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "batch": Method(),
         **{name: Method(loss) for name, loss in LOSSES.items()},
         "incremental": Method(incremental=True),
+        "gtsam": Method(gtsam="converged"),
     }
 )
 """Methods to solve a graph whose ranges are distances, by name."""

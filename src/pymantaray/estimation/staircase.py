@@ -15,8 +15,8 @@ from scipy.sparse import csc_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from pymantaray.arrays import Array
-from pymantaray.estimation.chordal_problem import ChordalProblem
-from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
+from pymantaray.estimation.chordal_problem import ChordalProblem, not_quadratic
+from pymantaray.estimation.graph import FactorGraph, GraphValues
 
 MAX_RELAXED_FACTORS = 500  # largest graph whose relaxation is solved: about 1 s of CPU
 GAP = 1e-3  # relative, and a tenth of it absolute: largest gap between cost and bound of a global minimum
@@ -51,7 +51,7 @@ class Relaxation:
 
 def can_relax(graph: FactorGraph) -> bool:
     """True if a graph has a relaxation, and is small enough for it."""
-    return not len(graph["depth"]) and sum(len(graph[name]) for name in KINDS) <= MAX_RELAXED_FACTORS
+    return not not_quadratic(graph) and graph.n_factors <= MAX_RELAXED_FACTORS
 
 
 def relax(problem: ChordalProblem, x: Array) -> Relaxation:

@@ -14,7 +14,7 @@ from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_part
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
 
-_ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
+ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
 _LEAST_WEIGHT = 1e-12  # of the largest weight in chordal initialization
 _LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1
 
@@ -84,7 +84,7 @@ def dead_reckon_graph(
     selects random paths instead.
     """
     n = graph.n_poses
-    prior, edge, survey = graph["prior"], graph["edge"], graph["survey"]
+    prior, edge = graph["prior"], graph["edge"]
     at_prior = np.unique(prior.subject)
     ends = edge.variables.astype(int)
     first = first_of_chains(graph)
@@ -104,15 +104,19 @@ def dead_reckon_graph(
         else:
             rotation[pose] = rotation[before] @ turn[k].T
             position[pose] = position[before] - rotation[pose] @ step[k]
-    sighting = graph["sighting"][::-1]  # so that the first is kept
-    pose, seen = sighting.variables.T
     landmark = np.array(values.landmark_position)
-    landmark[seen - n] = position[pose] + np.einsum("nij,nj->ni", rotation[pose], sighting.column("position"))
-    landmark[survey.subject - n] = survey.column("position")
+    sightings, surveys = graph.of_ends(("pose", "landmark")), graph.of_ends(("landmark",))
+    for sighting in (table[::-1] for table in reversed(sightings)):  # so that the first is kept
+        pose, seen = sighting.variables.T
+        step = np.einsum("nij,nj->ni", rotation[pose], sighting.column("position"))
+        landmark[seen - n] = position[pose] + step
+    for survey in reversed(surveys):
+        landmark[survey.subject - n] = survey.column("position")
     reckoned = GraphValues(
         position=position, quaternion=quaternion_from_matrix(rotation), landmark_position=landmark
     )
-    unseen = np.setdiff1d(np.arange(n, graph.n_variables), np.concatenate([survey.subject, seen]))
+    located = np.concatenate([table.variables[:, -1] for table in (*sightings, *surveys)])
+    unseen = np.setdiff1d(np.arange(n, graph.n_variables), located)
     return StartingValues(reckoned, np.concatenate([first, unseen]))
 
 
@@ -124,7 +128,8 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     without a prior, and landmarks that only ranges constrain, keep their ``values``. GTSAM's `InitializePose3` does the same
     for edges alone.
     """
-    n, prior, edge, sighting = graph.n_poses, graph["prior"], graph["edge"], graph["sighting"]
+    n, prior, edge = graph.n_poses, graph["prior"], graph["edge"]
+    sightings = graph.of_ends(("pose", "landmark"))
     first = first_of_chains(graph)
     turn = matrix_from_quaternion(edge.column("quaternion"))
     known = np.concatenate([prior.column("quaternion"), values.quaternion[first]])
@@ -143,10 +148,11 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
     rotation = left @ right
 
-    step = np.concatenate([edge.column("position"), sighting.column("position")])
-    ends = np.concatenate([edge.variables, sighting.variables])
-    weight = np.concatenate([1.0 / edge.variance[:, 3:].mean(axis=1), 1.0 / sighting.variance.mean(axis=1)])
-    placed = [graph[name] for name in ("prior", "fix", "survey")]
+    step = np.concatenate([table.column("position") for table in (edge, *sightings)])
+    ends = np.concatenate([table.variables for table in (edge, *sightings)])
+    weight = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in (edge, *sightings)])
+    unary = graph.of_ends(("pose",), ("landmark",))
+    placed = [table for table in unary if "position" in table.kind.columns_at]
     at = np.concatenate([table.subject for table in placed])
     place = np.concatenate([table.column("position") for table in placed])
     of_place = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in placed])
@@ -236,7 +242,7 @@ def anchor_loose_parts(graph: FactorGraph, values: GraphValues) -> tuple[FactorG
     """
     Add a prior at the first pose of each part that nothing ties to the world; return these poses, too.
 
-    The prior has the mean of ``values`` and `_ANCHOR_SIGMA` on each axis. A part without poses gets none.
+    The prior has the mean of ``values`` and `ANCHOR_SIGMA` on each axis. A part without poses gets none.
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -245,7 +251,7 @@ def anchor_loose_parts(graph: FactorGraph, values: GraphValues) -> tuple[FactorG
     anchors = graph["prior"].kind.table(
         poses,
         [values.position[poses], values.quaternion[poses]],
-        np.tile(_ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1)),
+        np.tile(ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1)),
     )
     return graph.with_factors(prior=graph["prior"].joined(anchors)), poses
 

@@ -21,7 +21,8 @@ _MAX_RANGES = 300  # used for each landmark, evenly spaced
 def range_only_landmarks(graph: FactorGraph) -> Indices:
     """Variables of the landmarks that have ranges but neither a prior nor a sighting."""
     landmarks = np.arange(graph.n_poses, graph.n_variables)
-    positioned = np.concatenate([graph["survey"].subject, graph["sighting"].variables[:, 1]])
+    others = graph.of_ends(("landmark",), ("pose", "landmark"))
+    positioned = np.concatenate([table.variables[:, -1] for table in others])
     return np.asarray(
         landmarks[np.isin(landmarks, graph["range"].variables) & ~np.isin(landmarks, positioned)]
     )
@@ -61,13 +62,15 @@ def determined_times(graph: FactorGraph, values: GraphValues) -> Array:
     A sighting determines a landmark. Ranges do if its standard deviation, with all poses at the values, is below a tenth of their
     mean. A landmark that is never determined gets the time of its last range or sighting.
     """
-    n, ranges, sighting = graph.n_poses, graph["range"], graph["sighting"]
+    n, ranges = graph.n_poses, graph["range"]
+    sightings = np.concatenate([table.variables for table in graph.of_ends(("pose", "landmark"))])
+    known = np.concatenate([table.subject for table in graph.of_ends(("landmark",))])
     out = np.full(graph.landmark_name.size, -np.inf)
-    needed = np.setdiff1d(np.arange(n, graph.n_variables), graph["survey"].subject)
+    needed = np.setdiff1d(np.arange(n, graph.n_variables), known)
     solutions = trilaterate(graph, values)
     axes = 2 if graph.planar else 3
     for landmark in needed.tolist():
-        seen = graph.pose_time[sighting.variables[sighting.variables[:, 1] == landmark, 0]]
+        seen = graph.pose_time[sightings[sightings[:, 1] == landmark, 0]]
         rows = np.flatnonzero((ranges.variables[:, 1] == landmark) & (ranges.variables[:, 0] < n))
         rows = rows[np.argsort(graph.pose_time[ranges.variables[rows, 0]], kind="stable")]
         time = graph.pose_time[ranges.variables[rows, 0]]

@@ -268,7 +268,11 @@ def _bound_graph(e: Estimator, o: Measurements) -> FactorGraph:
     graph = build_graph(o, None if e.ranges is None else "straight", e.links)
     if not e.dead_reckoned:
         return graph
-    others = ("depth", "fix", "attitude", "dvl", "range")
+    others = [
+        name
+        for name, table in graph.tables.items()
+        if name not in ("prior", "edge") and table.kind.ends != ("landmark",)
+    ]
     return graph.with_factors(**{name: graph[name][:0] for name in others})
 
 

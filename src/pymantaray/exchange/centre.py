@@ -13,6 +13,7 @@ from typing import Any
 
 from pymantaray.errors import ExchangeError
 from pymantaray.records import whole_file
+from pymantaray.user_files import exists, read_text
 
 Centre = tuple[float, float]
 """Latitude and longitude. [degrees]"""
@@ -65,11 +66,11 @@ def write_sidecar(folder: Path, centre: Centre | None) -> None:
 def centre_beside(path: Path) -> Centre | None:
     """Centre from ``frame.json`` in the folder of a file, or None without this file."""
     sidecar = path.parent / SIDECAR
-    try:
-        tree = json.loads(sidecar.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not exists(sidecar):
         return None
-    except (OSError, ValueError) as error:
+    try:
+        tree = json.loads(read_text(sidecar, ExchangeError))
+    except (ValueError, RecursionError) as error:
         raise ExchangeError(
             f"{sidecar}: cannot be read ({' '.join(str(error).split())[:80]}); correct or remove it"
         ) from None

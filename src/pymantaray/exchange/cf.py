@@ -67,7 +67,8 @@ class _TrajectoryReader:
     def read(self) -> tuple[list[Poses], list[str]]:
         """Read all trajectories of the file."""
         names = self._chosen()
-        time, lat, lon = (self._values(names[q]) for q in ("time", "latitude", "longitude"))
+        time = self._values(names["time"])
+        lat, lon = (self._degrees(names[axis], axis) for axis in ("latitude", "longitude"))
         shape = np.broadcast_shapes(time.shape, lat.shape)
         down, is_pressure = self._down(names, shape)
         columns = [np.broadcast_to(v, shape) for v in (time, lat, lon, down, *self._angles(names, shape))]
@@ -77,7 +78,8 @@ class _TrajectoryReader:
             if p is None:
                 continue
             if is_pressure:
-                p.place[:, 2] = -gsw.z_from_p(p.place[:, 2], p.place[:, 0])
+                with np.errstate(all="ignore"):  # of impossible pressures, which are refused later
+                    p.place[:, 2] = -gsw.z_from_p(p.place[:, 2], p.place[:, 0])
             poses.append(p)
         if not poses:
             raise ExchangeError(f"{self._path}: no trajectory with two valid positions and times")
@@ -119,6 +121,11 @@ class _TrajectoryReader:
         if bad:
             self._notes.append(f"{self._path}: {bad} values of {name} rejected by quality flags")
         return values
+
+    def _degrees(self, name: str, axis: str) -> Array:
+        """Latitudes or longitudes, from degrees or radians. [degrees]"""
+        values, unit = self._values(name), text(self._data.variables[name], "units")
+        return to_our_unit(values, axis, unit, where=f"{self._path}: {name}") if unit else values
 
     def _down(self, names: dict[str, str], shape: tuple[int, ...]) -> tuple[Array, bool]:
         """Depths, positive down [m], or pressures [dbar], and True for pressures; 0 if the file has neither."""

@@ -1,12 +1,20 @@
-"""Writer of the text format of the KITTI odometry benchmark, which evo and other programs read."""
+"""Reader and writer of the text format of the KITTI odometry benchmark, which evo and other programs read."""
 
 from pathlib import Path
 
 import numpy as np
 
 from pymantaray.arrays import Array
-from pymantaray.geometry.se3 import matrix_from_quaternion
+from pymantaray.errors import ExchangeError
+from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
+from pymantaray.exchange.tracks import Poses
+from pymantaray.exchange.tum import text_numbers
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import whole_file
+from pymantaray.records.text_table import check_seconds
+from pymantaray.user_files import exists
+
+_MAX_SKEW = 1e-3  # of a rotation times its transpose, from the digits of files
 
 
 def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
@@ -18,3 +26,35 @@ def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
     poses = np.concatenate([matrix_from_quaternion(quaternion), position[:, :, None]], axis=2)
     with whole_file(path) as temporary:
         np.savetxt(temporary, poses.reshape(-1, 12), fmt="%.17g")
+
+
+def read_kitti(path: Path, *, enu: bool = False) -> list[Poses]:
+    """
+    Read the trajectory of a KITTI file and the times beside it; the name of the file is the name of the vehicle.
+
+    The times, one per line, are in the first that exists of ``NAME_times.txt``, ``times-VEHICLE.txt`` (`write_kitti`'s
+    ``CONDITION-VEHICLE.txt``) and ``times.txt``. Axes are as in `read_tum`.
+    """
+    names = [f"{path.stem}_times.txt", f"times-{path.stem.partition('-')[2]}.txt", "times.txt"]
+    times = next((path.with_name(name) for name in names if exists(path.with_name(name))), None)
+    if times is None:
+        raise ExchangeError(
+            f"{path}: poses of KITTI have no times; put them, one per line, into {names[0]} beside it"
+        )
+    table = text_numbers(path, 12, "a KITTI file has 12 per row, a 3 by 4 matrix").reshape(-1, 3, 4)
+    time = text_numbers(times, 1, "times of KITTI have one per row")[:, 0]
+    if time.size != len(table):
+        raise ExchangeError(f"{times}: {time.size} times, but {path.name} has {len(table)} poses")
+    check_seconds(time, str(times), ExchangeError)
+    rotation, place = table[:, :, :3], table[:, :, 3]
+    with np.errstate(all="ignore"):  # of impossible numbers
+        skew = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        wrong = ~((skew <= _MAX_SKEW) & (np.linalg.det(rotation) > 0.0))
+    if wrong.any():
+        raise ExchangeError(
+            f"{path}: pose {int(np.argmax(wrong))} has no rotation matrix; correct or remove it"
+        )
+    quaternion = quaternion_from_matrix(rotation)
+    if enu:
+        place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
+    return [Poses(path.stem, time, place, quaternion, False, str(path))]

@@ -1,7 +1,8 @@
-"""Reader of trajectories, which selects the format by the suffix of the file."""
+"""Reader of trajectories, which selects the format by the suffix of the file, and of text by its first lines."""
 
-import glob
+import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -9,28 +10,35 @@ import pandas as pd
 from pymantaray.errors import ExchangeError, OceanError, RecordError
 from pymantaray.exchange.centre import centre_beside
 from pymantaray.exchange.cf import read_cf
+from pymantaray.exchange.euroc import HEADER, read_euroc
+from pymantaray.exchange.kitti import read_kitti
 from pymantaray.exchange.rosbag import read_bag
 from pymantaray.exchange.table import read_frame, read_table
-from pymantaray.exchange.tracks import Poses, Tracks, poses_of_record
+from pymantaray.exchange.tracks import Poses, Tracks, poses_of_record, same_vehicle_notes
 from pymantaray.exchange.tum import read_tum
 from pymantaray.ocean.files import open_file
 from pymantaray.records import Trajectories
+from pymantaray.records.digits import counted
+from pymantaray.user_files import exists, first_bytes, matching_files, shown
 
 Source = str | Path | Sequence[str | Path] | pd.DataFrame
 
 
-def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
+def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str] = ()) -> Tracks:
     """
     Read trajectories from one or more files of any supported format, or from a data frame.
 
     Parameters
     ----------
     source : str, pathlib.Path, sequence of them, or pandas.DataFrame
-        A data frame has the columns of a table. Files or patterns with ``*``. The suffix selects the format: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM
-        files with one vehicle each (``.tum``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
+        A data frame has the columns of a table. Files or patterns with ``*``. The suffix selects the format: tables (``.csv``,
+        ``.tsv``, ``.txt``, ``.parquet``), TUM files with one vehicle each (``.tum``, ``.txt``), EuRoC files (``.csv``), KITTI
+        files with times beside them (``.txt``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
         ``.mcap``, ``.db3`` or their folder).
     enu : bool
-        True if TUM files use ROS's axes: world east, north, up; body forward, left, up.
+        True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left, up.
+    names : sequence of str
+        Vehicles to use, such as one of two topics of a robot in a bag. Default: all.
 
     Returns
     -------
@@ -43,29 +51,29 @@ def read_trajectories(source: Source, *, enu: bool = False) -> Tracks:
         If a file is unreadable, lacks data of a trajectory, or does not match the other files.
     """
     if isinstance(source, pd.DataFrame):
-        return Tracks.of(*read_frame(source))
+        return Tracks.of(*read_frame(source)).selected(names)
     paths = files_of(source)
     poses: list[Poses] = []
     notes: list[str] = []
     for path in paths:
-        own, own_notes = (
-            _reader(path)(path) if path.suffix.lower() != ".tum" else (read_tum(path, enu=enu), [])
-        )
+        text = _TEXTS.get(_text_format(path))
+        own, own_notes = _reader(path)(path) if text is None else (text(path, enu=enu), [])
         poses += [p if p.centre is not None else p._replace(centre=centre_beside(path)) for p in own]
         notes += own_notes
-    return Tracks.of(poses, notes)
+    tracks = Tracks.of(poses, notes).selected(names)
+    return replace(tracks, notes=(*tracks.notes, *same_vehicle_notes(tracks)))
 
 
 def files_of(source: str | Path | Sequence[str | Path]) -> list[Path]:
     """Files of a source; those of a pattern are sorted."""
     paths: list[Path] = []
     for one in [source] if isinstance(source, str | Path) else source:
-        names = sorted(glob.glob(str(one))) if "*" in str(one) else [str(one)]  # noqa: PTH207  patterns may be absolute
-        if not names:
-            raise ExchangeError(f"{one}: no file matches this pattern")
-        if missing := [name for name in names if not Path(name).exists()]:
-            raise ExchangeError(f"{missing[0]}: no such file")
-        paths += map(Path, names)
+        found = matching_files(str(one), Path(), ExchangeError) if "*" in str(one) else [Path(one)]
+        if not found:
+            raise ExchangeError(f"{shown(one)}: no file matches this pattern")
+        if missing := [path for path in found if not exists(path)]:
+            raise ExchangeError(f"{shown(missing[0])}: no such file")
+        paths += found
     if not paths:
         raise ExchangeError("trajectories: no file; name at least one")
     return paths
@@ -80,6 +88,28 @@ def _reader(path: Path) -> Callable[[Path], tuple[list[Poses], list[str]]]:
             f"{path}: unknown format of trajectories; allowed: {', '.join(sorted(_READERS))} and .tum"
         )
     return reader
+
+
+def _text_format(path: Path) -> str:
+    """Format of a text file by its first lines; ``table`` for all other files."""
+    suffix = path.suffix.lower()
+    if suffix == ".tum" or suffix not in (".csv", ".tsv", ".txt") or path.is_dir():
+        return suffix.removeprefix(".")
+    lines = first_bytes(path, _HEAD).decode("utf-8", "replace").splitlines()
+    if any(map(HEADER.match, lines)):
+        return "euroc"
+    first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    cells = re.split(r"[\s,;]+", first.strip(" \t,;"))
+    try:
+        _ = [float(cell) for cell in cells]
+    except ValueError:
+        return "table"
+    if len(cells) not in _NUMBERS:
+        raise ExchangeError(
+            f"{path}: {counted(len(cells), 'number')} per row and no header; a table needs names of columns, TUM text has 8 numbers"
+            " per row, KITTI text 12"
+        )
+    return _NUMBERS[len(cells)]
 
 
 def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
@@ -98,3 +128,7 @@ _READERS = {
     ".nc": _read_netcdf,
     **dict.fromkeys((".bag", ".mcap", ".db3"), read_bag),
 }
+_TEXTS = {"tum": read_tum, "euroc": read_euroc, "kitti": read_kitti}
+_NUMBERS = {8: "tum", 12: "kitti"}
+"""Format of a text without header by the count of numbers in a row."""
+_HEAD = 65_536  # bytes

@@ -80,7 +80,10 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         notes = [f"{path}: topics of poses other than /{TRUTH} ignored: {left}"] if left else []
         names, rows = [topic.split("/")[2] for topic in true], true
     else:
-        names, notes = _names(list(rows)), []
+        names = _names(list(rows))
+        notes = [
+            f"{path}: vehicle {name} from topic {topic}" for name, topic in zip(names, rows, strict=True)
+        ]
     tracks = [_poses(name, values, path) for name, values in zip(names, rows.values(), strict=True)]
     return _with_centres(tracks, list(rows.values()), located, notes)
 

@@ -20,6 +20,9 @@ from pymantaray.records.digits import counted
 SAME_TIME = 1e-6
 """Times that differ by less count as one. [s]"""
 _ABOVE_SURFACE = 5.0  # m; up to this an error of a depth sensor, beyond it an axis that points up
+_SAME_VEHICLE = 10.0  # m
+_MAX_COMPARED = 50  # vehicles
+_COMPARED_TIMES = 200
 _MIN_STEP = 1e-3  # m; shorter steps do not define a course
 _MAX_NAME_LENGTH = 64
 
@@ -111,6 +114,29 @@ class Tracks:
         """
         return cls.of(poses_of_record(truth, "trajectories"))
 
+    def selected(self, names: Sequence[str]) -> Self:
+        """
+        Select vehicles.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of vehicles; empty for all.
+
+        Returns
+        -------
+        Tracks
+        """
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise ExchangeError(f"no trajectory of {unknown[0]}; available: {', '.join(self.names[:12])}")
+        if not names:
+            return self
+        poses = [p for p in self.poses if p.name in names]
+        begin = min(p.time[0] for p in poses)
+        start = None if self.start is None else self.start + np.round(1e9 * begin).astype("m8[ns]")
+        return replace(self, poses=tuple(p._replace(time=p.time - begin) for p in poses), start=start)
+
     @property
     def names(self) -> list[str]:
         """Names of the vehicles."""
@@ -182,6 +208,30 @@ class Tracks:
         list of Poses
         """
         return [_local(p, frame) for p in self.poses]
+
+
+def same_vehicle_notes(tracks: Tracks) -> list[str]:
+    """Note for each pair of trajectories that are always so close together that they may be of one vehicle."""
+    frame = LocalFrame(*(tracks.centre or (0.0, 0.0)))
+    local = tracks.in_frame(frame)[:_MAX_COMPARED]
+    notes = []
+    for k, one in enumerate(local):
+        for other in local[:k]:
+            first, last = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
+            if last <= first:
+                continue
+            times = np.linspace(first, last, _COMPARED_TIMES)
+            places = [
+                np.column_stack([np.interp(times, p.time, axis) for axis in p.place.T]) for p in (other, one)
+            ]
+            with np.errstate(over="ignore"):
+                distance = float(np.linalg.norm(places[1] - places[0], axis=1).max())
+            if distance < _SAME_VEHICLE:
+                notes.append(
+                    f"{one.file}: {other.name} and {one.name} are always within {distance:.2g} m; if they are two estimates of one"
+                    " vehicle, select one of them by its name"
+                )
+    return notes
 
 
 def poses_of_record(truth: Trajectories, file: str) -> list[Poses]:
@@ -268,7 +318,8 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
     quaternion = None
     if p.quaternion is not None:
         quaternion = np.array(p.quaternion[order], dtype=float)
-        length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
         if not (np.abs(length - 1.0) < 0.1).all():
             row = int(np.argmax(~(np.abs(length[:, 0] - 1.0) < 0.1)))
             raise ExchangeError(

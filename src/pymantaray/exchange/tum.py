@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.estimation import FactorGraph, GraphValues
 from pymantaray.exchange.centre import Centre, centre_comments, centre_in_comments
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
 from pymantaray.records import whole_file
+from pymantaray.records.text_table import check_seconds
+from pymantaray.user_files import read_text
 
 
 def write_tum(
@@ -112,26 +115,30 @@ def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
 
     With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up (ROS, REP-103), unlike in `write_tum`.
     """
+    table = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw")
+    check_seconds(table[:, 0], f"{path}: time", ExchangeError)
+    place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
+    if enu:
+        place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
+    lines = read_text(path, ExchangeError).splitlines()
+    centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
+    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)]
+
+
+def text_numbers(path: Path, width: int, about: str) -> Array:
+    """Finite numbers (n, width) of a text without header, separated by spaces or commas; ``about`` describes its rows."""
+    lines = read_text(path, ExchangeError).replace(",", " ").splitlines()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of an empty file
-            with path.open(encoding="utf-8") as file:
-                lines = file.readlines()
             table = np.loadtxt(lines, ndmin=2)
-    except (OSError, ValueError) as error:
-        cause = getattr(error, "strerror", None) or str(error).partition(";")[0]
-        raise ExchangeError(f"{path}: not a readable TUM file: {cause}") from None
-    if table.shape[-1] != 8 or not len(table):
-        raise ExchangeError(
-            f"{path}: {len(table)} rows of {table.shape[-1]} numbers; a TUM file has 8 per row, time x y z qx qy qz qw"
-        )
+    except ValueError as error:
+        raise ExchangeError(f"{path}: not readable: {str(error).partition(';')[0]}; {about}") from None
+    if table.shape[-1] != width or not len(table):
+        raise ExchangeError(f"{path}: {len(table)} rows of {table.shape[-1]} numbers; {about}")
     finite = np.isfinite(table).all(axis=1)
     if not finite.all():
         raise ExchangeError(
             f"{path}: pose {int(np.argmin(finite))} has a number that is not finite; correct or remove it"
         )
-    place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
-    if enu:
-        place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
-    centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
-    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)]
+    return table

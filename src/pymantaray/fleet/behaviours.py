@@ -18,8 +18,8 @@ class FloatCycle:
     """
     Argo cycle: hold at the surface, descend, hold at depth, ascend, repeat.
 
-    The vehicle starts in the surface hold, which lasts until `start_delay`. A proportional controller keeps its depth. Its
-    horizontal motion is the current at its position.
+    The vehicle stays at its start depth until `start_delay`. A proportional controller keeps its depth, and a
+    hold begins when its depth is reached. Its horizontal motion is the current at its position.
 
     Parameters
     ----------
@@ -34,10 +34,8 @@ class FloatCycle:
     surface_depth : float
         Depth of the surface hold. [m]
     depth_gain : float
-        Commanded vertical speed per metre of distance from the target depth. [1/s]
-    arrival_tolerance : float
-        Distance from the target depth at which a hold begins. The approach of the controller is exponential and never
-        ends. [m]
+        Commanded vertical speed per metre of distance from the target depth. In a step, the float moves at most to the
+        target depth. [1/s]
     """
 
     role: ClassVar[str] = "float"
@@ -47,9 +45,8 @@ class FloatCycle:
     hold_depth_time: float = 86_400.0
     hold_surface_time: float = 3_600.0
     vertical_speed: float = 0.5
-    surface_depth: float = 0.5
-    depth_gain: float = 0.1
-    arrival_tolerance: float = 0.1
+    surface_depth: float = 0.01
+    depth_gain: float = 10.0
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -57,7 +54,6 @@ class FloatCycle:
         check_fields(FleetError, self, "m", "target_depth", "surface_depth")
         check_fields(FleetError, self, "m/s", "vertical_speed", positive=True)
         check_fields(FleetError, self, "1/s", "depth_gain", positive=True)
-        check_fields(FleetError, self, "m", "arrival_tolerance", positive=True)
         if self.target_depth <= self.surface_depth:
             raise FleetError(
                 f"FloatCycle: target_depth is {self.target_depth:g} m; it must be greater than surface_depth"
@@ -268,10 +264,9 @@ def _check_point(owner: str, what: str, point: Array, water: OceanArrays) -> Non
     north, east, depth = (float(value) for value in point)
     state = place(water, north, east, depth)
     if state == LEFT_DOMAIN:
-        far_north = water.north + (water.current_north.shape[1] - 1) / water.per_north
-        far_east = water.east + (water.current_north.shape[2] - 1) / water.per_east
         (x, south, top), (y, west, right) = (
-            distinct_digits(*axis) for axis in ((north, water.north, far_north), (east, water.east, far_east))
+            distinct_digits(*axis)
+            for axis in ((north, water.north[0], water.north[-1]), (east, water.east[0], water.east[-1]))
         )
         raise FleetError(
             f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; allowed: north {south} to {top} m,"
@@ -286,18 +281,14 @@ def _check_point(owner: str, what: str, point: Array, water: OceanArrays) -> Non
 
 
 def check_step(vehicle: Vehicle, physics_step: float, water: OceanArrays) -> None:
-    """Raise an error if a step [s] is so long that a float's depth would overshoot or a swimmer could miss a waypoint."""
+    """Raise an error if a step [s] is so long that a swimmer could miss a waypoint."""
     behaviour = vehicle.behaviour
-    if isinstance(behaviour, FloatCycle):
-        limit, why = 1.0 / behaviour.depth_gain, "1 / depth_gain, so that the depth does not overshoot"
-    elif isinstance(behaviour, Waypoints):
-        currents = np.hypot(water.current_north, water.current_east) if behaviour.current else np.zeros(1)
-        limit = behaviour.capture_radius / (behaviour.speed + float(currents.max()))
-        why = "capture_radius / speed (current included), so that the vehicle does not miss a waypoint"
-    else:
+    if not isinstance(behaviour, Waypoints):
         return
+    currents = np.hypot(water.current_north, water.current_east) if behaviour.current else np.zeros(1)
+    limit = behaviour.capture_radius / (behaviour.speed + float(currents.max()))
     if physics_step > limit:
         raise FleetError(
             f"vehicle {vehicle.name!r}: physics_step is {physics_step:g} s; it must be at most {limit:g} s,"
-            f" {why}"
+            " capture_radius / speed (current included), so that the vehicle does not miss a waypoint"
         )

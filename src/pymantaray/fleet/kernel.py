@@ -19,18 +19,16 @@ ACTIVE = int(VehicleStatus.ACTIVE)
 GROUNDED = int(VehicleStatus.GROUNDED)
 LEFT_DOMAIN = int(VehicleStatus.LEFT_DOMAIN)
 
-TOUCH = 1e-6  # m; tolerance for rounding of a vehicle on the sea bed
+TOUCH = 1e-6  # m; tolerance for rounding of a vehicle on the sea bed or at its target depth
 _SAME_NODE = 1e-6  # of a cell; closer nodes count as one
 _SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
 class OceanArrays(NamedTuple):
-    """Arrays of an ocean for the kernels: uniform horizontal axes, currents (time, north, east, depth) with one time if constant."""
+    """Arrays of an ocean for the kernels: axes, and currents (time, north, east, depth) with one time if constant."""
 
-    north: float
-    east: float
-    per_north: float
-    per_east: float
+    north: np.ndarray
+    east: np.ndarray
     depth: np.ndarray
     time: np.ndarray
     current_north: np.ndarray
@@ -43,10 +41,7 @@ class OceanArrays(NamedTuple):
 @entry
 def place(water, north, east, depth):
     """Return the status of a vehicle at a position; the edge of the domain and, within `TOUCH`, the sea floor are inside."""
-    x = (north - water.north) * water.per_north
-    y = (east - water.east) * water.per_east
-    _, n, m, _ = water.current_north.shape
-    if not (0.0 <= x <= n - 1.0 and 0.0 <= y <= m - 1.0):
+    if not (water.north[0] <= north <= water.north[-1] and water.east[0] <= east <= water.east[-1]):
         return LEFT_DOMAIN
     if depth > bed_depth(water, north, east) + TOUCH:
         return GROUNDED
@@ -80,11 +75,12 @@ def _within(axis, x):
 
 
 @kernel
-def cell_of(x, n):
-    """Return the cell of an axis of n nodes that contains a coordinate in cells, and the fraction in it; both are limited to the axis."""
-    x = min(max(x, 0.0), n - 1.0)
-    i = min(int(x), n - 2)
-    return i, x - i
+def _cell_of(axis, x):
+    """Return the cell of an axis that contains a coordinate, the cells per metre there, and the fraction in it; limited to the axis."""
+    x = _within(axis, x)
+    i = interval_of(axis, x)
+    per_metre = 1.0 / (axis[i + 1] - axis[i])
+    return i, per_metre, (x - axis[i]) * per_metre
 
 
 @kernel
@@ -151,7 +147,7 @@ def _write(sample, q, p, state, position, quaternion, status):
 def _current(water, north, east, depth, now):
     """Current at a position, limited to the ocean, and a time, by linear interpolation in space and time."""
     near = min(np.searchsorted(water.depth, depth), water.depth.size - 2)
-    (i, j, k), _, _, (x, y, z) = _enclosing(water, north, east, depth, near)
+    (i, j, k), _, _, _, (x, y, z) = _enclosing(water, north, east, depth, near)
     before = 0
     if water.time.size > 1:
         before = min(max(np.searchsorted(water.time, now, side="right") - 1, 0), water.time.size - 2)
@@ -256,9 +252,10 @@ class Cycle(NamedTuple):
 
     target: float
     surface: float
+    start: float
+    """Depth until the first descent."""
     speed: float
     gain: float
-    tolerance: float
     delay: int
     hold_depth: int
     hold_surface: int
@@ -270,8 +267,8 @@ class Cycle(NamedTuple):
 def _shallowest(water, i, j):
     """Smallest depth of the sea bed under a cell of the ocean, that of a grid point. [m]"""
     bed, shallowest = water.bed, math.inf
-    start, stop = _under(bed.north, water.north + i / water.per_north, 1.0 / water.per_north)
-    left, right = _under(bed.east, water.east + j / water.per_east, 1.0 / water.per_east)
+    start, stop = _under(bed.north, water.north[i], water.north[i + 1] - water.north[i])
+    left, right = _under(bed.east, water.east[j], water.east[j + 1] - water.east[j])
     for a in range(start, stop):
         for b in range(left, right):
             shallowest = min(shallowest, bed.depth[a, b])
@@ -335,11 +332,12 @@ def _level(depth, k, z):
 def _phase_at(cycle, phase, step, depth, top):
     """State of a float below a surface at depth ``top``: descending, holding, last step of the hold, and target depth."""
     down, holding, until, aim = phase
+    short = max(aim, top) - depth if down else depth - max(aim, top)
     if holding:
         if step >= until:
             down, holding = not down, False
             aim = cycle.target if down else cycle.surface
-    elif abs(max(aim, top) - depth) <= cycle.tolerance:
+    elif short <= TOUCH:
         holding = True
         until = step + (cycle.hold_depth if down else cycle.hold_surface)
     return down, holding, until, aim
@@ -364,15 +362,14 @@ def _rates(water, before, after, i, j, k):
 
 @kernel
 def _enclosing(water, north, east, depth, k):
-    """Return the cell that contains a position limited to the ocean (indices, and corner and thickness [m]), and the position in it."""
-    _, n, m, _ = water.current_north.shape
-    i, x = cell_of((north - water.north) * water.per_north, n)
-    j, y = cell_of((east - water.east) * water.per_east, m)
+    """Return the cell that contains a position limited to the ocean (indices, corner [m], cells per metre, thickness [m]), and the position in it."""
+    i, per_north, x = _cell_of(water.north, north)
+    j, per_east, y = _cell_of(water.east, east)
     z = min(max(depth, water.depth[0]), water.depth[-1])
     k = _level(water.depth, k, z)
     upper = water.depth[k]
-    corner = (water.north + i / water.per_north, water.east + j / water.per_east, upper)
-    return (i, j, k), corner, water.depth[k + 1] - upper, (x, y, z - upper)
+    corner = (water.north[i], water.east[j], upper)
+    return (i, j, k), corner, (per_north, per_east), water.depth[k + 1] - upper, (x, y, z - upper)
 
 
 def _float_kernel(varying):
@@ -383,6 +380,7 @@ def _float_kernel(varying):
         north, east, depth = position[0]
         k = 0
         cell_north, cell_east, cell_depth, shallowest = 0.0, 0.0, 0.0, 0.0
+        per_north, per_east = 0.0, 0.0
         thickness = -1.0  # no cell yet: no depth is inside
         form_u = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         form_v, rate_u, rate_v = form_u, form_u, form_u
@@ -391,13 +389,14 @@ def _float_kernel(varying):
         # the first evaluation is at the start because no current predicts the middle yet
         u, v, half = 0.0, 0.0, 0.0
         state, step = ACTIVE, 0
-        phase = (False, True, cycle.delay, cycle.surface)
+        gain = min(cycle.gain, 1.0 / dt)  # a step ends at the goal at the latest, so no gain is unstable
+        phase = (False, True, cycle.delay, cycle.start)
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
                 top = surface_depth(water, north, east)  # under ice, a float holds at the underside
                 phase = _phase_at(cycle, phase, step, depth, top)
                 goal = max(phase[3], top)
-                w = min(max(cycle.gain * (goal - depth), -cycle.speed), cycle.speed)
+                w = min(max(gain * (goal - depth), -cycle.speed), cycle.speed)
                 for _ in range(2 if step == 0 else 1):
                     if varying:
                         now = step * dt + half
@@ -405,14 +404,15 @@ def _float_kernel(varying):
                             before, after = after, after + 1
                             thickness = -1.0  # the coefficients are from other instants
                         since = now - water.time[before]
-                    x = (north + half * u - cell_north) * water.per_north
-                    y = (east + half * v - cell_east) * water.per_east
+                    x = (north + half * u - cell_north) * per_north
+                    y = (east + half * v - cell_east) * per_east
                     z = depth + cycle.drogue + half * w - cell_depth
                     if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and 0.0 <= z <= thickness):
-                        (i, j, k), corner, thickness, (x, y, z) = _enclosing(
+                        (i, j, k), corner, per_metre, thickness, (x, y, z) = _enclosing(
                             water, north + half * u, east + half * v, depth + cycle.drogue + half * w, k
                         )
                         cell_north, cell_east, cell_depth = corner
+                        per_north, per_east = per_metre
                         form_u, form_v = _forms(water, before, i, j, k)
                         if varying:
                             rate_u, rate_v = _rates(water, before, after, i, j, k)
@@ -424,8 +424,8 @@ def _float_kernel(varying):
                     half = 0.5 * dt
                 new_north, new_east = north + u * dt, east + v * dt
                 new_depth = max(depth + w * dt, surface_depth(water, new_north, new_east))
-                x = (new_north - cell_north) * water.per_north
-                y = (new_east - cell_east) * water.per_east
+                x = (new_north - cell_north) * per_north
+                y = (new_east - cell_east) * per_east
                 if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and new_depth <= shallowest):
                     state = place(water, new_north, new_east, new_depth)
                     if state != ACTIVE:

@@ -48,7 +48,7 @@ def simulate(
     vehicles : sequence of Vehicle
         Vehicles with unique names.
     ocean : xarray.Dataset
-        Local data set: uniform axes ``north`` and ``east``, levels ``depth`` [m]; ``current_north``, ``current_east`` (north,
+        Local data set: axes ``north``, ``east`` and ``depth`` [m]; ``current_north``, ``current_east`` (north,
         east, depth) [m/s]; ``sea_floor_depth`` (north, east) or (floor_north, floor_east) [m]. Currents may have an axis
         ``time`` in seconds from the start of the mission. They are linear between its instants, which must enclose the mission.
         Optional ``sea_ice_draft`` [m], a scalar or on (north, east): vehicles cannot rise into the ice. A vehicle that would
@@ -186,9 +186,9 @@ def _run(
         cycle = kernel.Cycle(
             target=float(behaviour.target_depth),
             surface=float(behaviour.surface_depth),
+            start=float(vehicle.position[2]),
             speed=float(behaviour.vertical_speed),
             gain=float(behaviour.depth_gain),
-            tolerance=float(behaviour.arrival_tolerance),
             delay=round(behaviour.start_delay / step),
             hold_depth=round(behaviour.hold_depth_time / step),
             hold_surface=round(behaviour.hold_surface_time / step),
@@ -196,7 +196,7 @@ def _run(
         )
         kernel.run_float(water, cycle, step, steps, position, status)
     elif isinstance(behaviour, Drifting):
-        kernel.run_float(water, _drift_cycle(behaviour, step), step, steps, position, status)
+        kernel.run_float(water, _drift_cycle(behaviour), step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
         twist, current = behaviour.twist, behaviour.current
         kernel.run_twist(water, twist, current, step, steps, position, quaternion, status)
@@ -212,14 +212,14 @@ def _run(
         kernel.run_waypoints(water, route, step, steps, position, quaternion, status)
 
 
-def _drift_cycle(behaviour: Drifting, step: float) -> kernel.Cycle:
+def _drift_cycle(behaviour: Drifting) -> kernel.Cycle:
     """Cycle of a float that holds its first depth forever, and returns to it immediately from under ice."""
     return kernel.Cycle(
         target=float(behaviour.depth),
         surface=float(behaviour.depth),
+        start=float(behaviour.depth),
         speed=math.inf,
-        gain=1.0 / step,
-        tolerance=0.0,
+        gain=math.inf,
         delay=sys.maxsize,
         hold_depth=0,
         hold_surface=0,
@@ -235,8 +235,8 @@ def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
         raise FleetError(
             f"ocean: the data set has no {', '.join(absent)}; a local data set must have {', '.join(needed)}"
         )
-    north, east = _axis(ocean, "north", uniform=True), _axis(ocean, "east", uniform=True)
-    depth, time = _axis(ocean, "depth", uniform=False), _times(ocean)
+    north, east, depth = (_axis(ocean, name) for name in _DIMS)
+    time = _times(ocean)
     bed, surface = (
         BoundarySurface.from_dataset(ocean, name, FleetError) if name in ocean else BoundarySurface(0.0)
         for name in ("sea_floor_depth", "sea_ice_draft")
@@ -248,10 +248,8 @@ def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
         for name in ("current_north", "current_east")
     )
     return kernel.OceanArrays(
-        north=float(north[0]),
-        east=float(east[0]),
-        per_north=_per_metre(north),
-        per_east=_per_metre(east),
+        north=north,
+        east=east,
         depth=depth,
         time=time,
         current_north=current_north,
@@ -261,21 +259,10 @@ def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
     )
 
 
-def _per_metre(axis: Array) -> float:
-    """Number of cells per metre of a uniform axis."""
-    return float((axis.size - 1) / (axis[-1] - axis[0]))
-
-
-def _axis(ocean: xr.Dataset, name: str, *, uniform: bool) -> Array:
+def _axis(ocean: xr.Dataset, name: str) -> Array:
     axis = checked_array(FleetError, f"ocean: axis {name!r}", ocean[name].values, (None,), rising=True)
     if axis.size < 2:
         raise FleetError(f"ocean: axis {name!r} has 1 value; it must have at least 2")
-    steps = np.diff(axis)
-    if uniform and np.ptp(steps) > 1e-6 * steps.mean():
-        raise FleetError(
-            f"ocean: axis {name!r} has steps from {steps.min():g} to {steps.max():g} m; they must be equal;"
-            " interpolate the data set with pymantaray.ocean.to_local"
-        )
     return np.array(axis)  # a copy: read-only arrays would need another compilation
 
 
@@ -299,4 +286,4 @@ def _times(ocean: xr.Dataset) -> Array:
         raise FleetError(
             f"ocean: time has type {time.dtype}; it must be seconds from the start of the mission"
         )
-    return _axis(ocean, "time", uniform=False)
+    return _axis(ocean, "time")

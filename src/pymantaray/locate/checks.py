@@ -22,6 +22,10 @@ _MIN_RESULTANT = 0.8
 _LEVER_GAIN = 0.6  # ratio of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
 _MAX_EXTRAPOLATION = 10.0  # m of a node below a profile's last level, or 1 % of its depth
+_MAX_HEIGHT = 2.0  # m of a transducer above the surface: waves; more is another reference of heights
+_RARE = 0.05  # fraction of pings that may exceed it, as errors of single heights do
+_MAX_BELOW_BED = 1.0  # m of a node
+_ON_BOUNDARY = 2e-3  # m
 _AXES = ("forward", "starboard", "down")
 
 
@@ -57,6 +61,12 @@ def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
 def check_survey(survey: Survey, medium: Medium) -> None:
     """Raise an error for impossible units and signs before the solve."""
     _check_times(survey)
+    moved_to_water(survey, medium, np.array(survey.lever.offset))
+    for node in survey.nodes:
+        if node.position[2] < 0.0:
+            raise LocateError(
+                f"node {node.name}: its prior depth is {node.position[2]:g} m, above the surface; depths are positive down"
+            )
     _check_turn_around(survey)
     _check_attitude(survey)
     _check_units(survey, medium)
@@ -77,6 +87,45 @@ def check_solution(solution: SurveySolution, medium: Medium) -> None:
                 " node"
             )
     _check_lever(solution)
+
+
+def moved_to_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
+    """Notes about transducers outside the water, whose rays end at its boundary; too many too far outside raise an error."""
+    ends = [end[~survey.between_nodes] for end in transducers(survey, lever)]
+    count = len(ends[0])
+    if not count:
+        return ()
+    height = np.maximum(-ends[0][:, 2], -ends[1][:, 2])
+    in_ice = np.maximum(*(medium.surface_depth(end) - np.maximum(end[:, 2], 0.0) for end in ends))
+    below = np.maximum(*(end[:, 2] - medium.bottom_depth(end) for end in ends))
+    notes = []
+    for size, where, question in (
+        (height, "above the surface", "are these ellipsoidal heights, or has the lever arm the wrong sign?"),
+        (below, "below the sea bed", "check the depths and the sea bed"),
+        (in_ice, "above the underside of the ice", ""),
+    ):
+        outside = int(np.count_nonzero(size > _ON_BOUNDARY))
+        if not outside:
+            continue
+        line = f"{survey.source}: the transducer is up to {size.max():.1f} m {where} in {outside} of {count} pings"
+        if question and np.count_nonzero(size > _MAX_HEIGHT) > _RARE * count:
+            raise LocateError(f"{line}; {question} Depths must be positive down from the sea surface")
+        notes.append(f"{line}; its rays end there")
+    return tuple(notes)
+
+
+def below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
+    """Notes about nodes below the sea bed, whose rays end at the bed; more than a metre raises an error."""
+    place = solution.positions
+    depth = place[:, 2] - medium.bottom_depth(place)
+    notes = []
+    for k in np.flatnonzero(depth > _ON_BOUNDARY):
+        name, bed = solution.unknowns.survey.names[k], place[k, 2] - depth[k]
+        line = f"node {name} at {place[k, 2]:.1f} m is below the sea bed of the water at {bed:.1f} m"
+        if depth[k] > _MAX_BELOW_BED:
+            raise LocateError(f"{line}; give a deeper sea bed (bathymetry), or check its pings")
+        notes.append(f"{line}; its rays end at the bed")
+    return tuple(notes)
 
 
 def _deepest(medium: Medium, depth: float) -> float:

@@ -14,7 +14,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.arrays import Array
 from pymantaray.locate.bootstrap import bootstrap_positions
 from pymantaray.locate.budget import error_budget
-from pymantaray.locate.checks import check_solution, check_survey
+from pymantaray.locate.checks import below_bed, check_solution, check_survey, moved_to_water
 from pymantaray.locate.gross import reasons
 from pymantaray.locate.mirror import Mirror, mirrors
 from pymantaray.locate.options import LocateOptions
@@ -73,6 +73,8 @@ class Location:
         Reason for each unused ping; empty for used pings.
     bootstrap : ndarray, shape (n_draws, n_nodes, 3), or None
         Positions of resampled surveys. [m]
+    notes : tuple of str
+        Transducers and nodes outside the water, whose rays end at its boundary.
     """
 
     survey: Survey
@@ -82,6 +84,7 @@ class Location:
     mirrors: list[Mirror]
     reason: NDArray[np.str_]
     bootstrap: Array | None = None
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def covariance(self) -> Array:
@@ -400,7 +403,9 @@ def locate(
     chosen = options or LocateOptions()
     check_survey(survey, medium)
     solution, candidates, solver = solve(survey, medium, chosen)
+    notes = below_bed(solution, medium)
     check_solution(solution, medium)
+    notes += moved_to_water(survey, medium, solution.unknowns.lever(solution.values))
     draws = None
     if bootstrap:
         draws = bootstrap_positions(solution, bootstrap, seed=seed, threads=threads, progress=progress)
@@ -412,4 +417,5 @@ def locate(
         mirrors(solver, solution),
         reasons(solution, medium),
         draws,
+        notes,
     )

@@ -9,6 +9,7 @@ from pymantaray.locate.read_obsrange import is_obsrange, read_obsrange
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.read_table import read_table
 from pymantaray.locate.survey import Survey
+from pymantaray.user_files import check_regular, first_bytes
 
 
 def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
@@ -33,10 +34,7 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
         If a file is missing or a line is invalid.
     """
     path, chosen = Path(path), options or ReadOptions()
-    if not path.exists():
-        raise LocateError(f"{path}: no such file")
-    if path.is_dir():
-        raise LocateError(f"{path}: is a folder; name the survey's file, for GARPOS its ini file")
+    check_regular(path, LocateError, what="the survey's file, for GARPOS its ini file")
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
             return read_gnatss(path, chosen)
@@ -51,5 +49,4 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
 
 def _has_sections(path: Path) -> bool:
     """True if a file has sections, as files of GARPOS with any suffix."""
-    with path.open("rb") as file:
-        return b"[Site-parameter]" in file.read(8192)
+    return b"[Site-parameter]" in first_bytes(path, 8192)

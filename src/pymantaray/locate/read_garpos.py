@@ -12,13 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from pymantaray.arrays import Array
-from pymantaray.errors import LocateError
+from pymantaray.errors import LocateError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey
-from pymantaray.records.text_table import TextTable, read_text_table
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.records.text_table import TextTable, check_seconds, read_text_table
+from pymantaray.user_files import exists, read_text
 
 _MAX_TIME_OF_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or modified Julian dates
+_LATEST = 9e9  # s since 1970; 64-bit nanoseconds end in 2262
 _MJD_1970 = 40587 * 86400.0
 _TRUE = ("true", "t", "1", "1.0", "yes")
 
@@ -30,8 +33,11 @@ class _Settings:
         self.path = path
         parser = configparser.ConfigParser(interpolation=None, strict=False, allow_no_value=True)
         try:
-            parser.read_string(path.read_bytes().decode("utf-8-sig", errors="replace"), str(path))
-        except configparser.Error as error:
+            parser.read_string(read_text(path, LocateError, what="an ini file", errors="replace"), str(path))
+        except (
+            configparser.Error,
+            AttributeError,
+        ) as error:  # AttributeError: a line continues a key without value
             raise LocateError(
                 f"{path}: not a readable ini file: {' '.join(str(error).split())[:100]}"
             ) from None
@@ -116,6 +122,7 @@ def _nodes(
 def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]) -> Survey:
     columns = set(table.frame.columns)
     time, sent, e0, n0, u0 = table.numbers(["TT", "ST", "ant_e0", "ant_n0", "ant_u0"]).T
+    check_seconds(sent, f"{table.path}: ST", LocateError)
     near = np.column_stack([n0, e0, -u0])
     received = table.numbers(["RT"])[:, 0] if "RT" in columns else sent + time
     if (received <= sent).any():
@@ -169,14 +176,22 @@ def _attitude(table: TextTable, end: str) -> Array:
 def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
     """UTC of time 0, and an offset to subtract from the file's times to preserve their digits. [s]"""
     shift = float(np.floor(first / 86400.0) * 86400.0) if first > _MAX_TIME_OF_DAY else 0.0
-    if first > _MJD_1970:
-        return np.datetime64(round(shift - _MJD_1970), "s").astype("datetime64[ns]"), shift
+    since_1970 = shift - _MJD_1970 if first > _MJD_1970 else shift
+    if since_1970 > _LATEST:
+        raise LocateError(
+            f"{settings.path}: ST is {first:.17g} s, which is no time of day and no date; correct it"
+        )
     if first > _MAX_TIME_OF_DAY:
-        return np.datetime64(round(shift), "s").astype("datetime64[ns]"), shift
-    try:
-        return np.datetime64(settings.text("Obs-parameter", "Date(UTC)", ""), "ns"), shift
-    except ValueError:
+        return np.datetime64(round(since_1970), "s").astype("datetime64[ns]"), shift
+    date = settings.text("Obs-parameter", "Date(UTC)", "")
+    if not date:
         return np.datetime64("NaT", "ns"), shift
+    try:
+        return parse_instant(date), shift
+    except OceanError:
+        raise LocateError(
+            f"{settings.path}: [Obs-parameter] Date(UTC) is {date[:40]!r}; it must be a date such as 2018-04-24"
+        ) from None
 
 
 def _profile(path: Path) -> tuple[Array, Array]:
@@ -195,7 +210,7 @@ def _find(settings: _Settings, name: str) -> Path:
     here = settings.path.resolve().parent
     folders = [Path(), here, *here.parents]
     for candidate in [*(folder / wanted for folder in folders), here / wanted.name]:
-        if candidate.is_file():
+        if exists(candidate) and not candidate.is_dir():
             return candidate
     raise LocateError(
         f"{settings.path}: {name} is neither in the working folder nor in a folder above the ini file; correct its path"

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
-from pymantaray.locate.read_options import ReadOptions, skipped_note
+from pymantaray.locate.read_options import ReadOptions, check_most_are_valid, invalid_note, skipped_note
 from pymantaray.locate.survey import Node, PlatformError, Survey
-from pymantaray.records.text_table import MONTHS
+from pymantaray.records.text_table import MONTHS, check_seconds
+from pymantaray.user_files import matching_files, read_text
 
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 _TIME_TOLERANCE = 2e-3  # s; between an instant and its position
@@ -42,11 +43,14 @@ def read_gnatss(path: Path, options: ReadOptions) -> Survey:
             f"{path}: not a configuration of GNATSS; correct {error} in solver.transponders, solver.array_center or"
             " input_files"
         ) from None
-    times, counts, line = _times(_files(path, files, "travel_times"), len(nodes))
-    positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
+    (times, counts, line), of_times = _times(_files(path, files, "travel_times"), len(nodes))
+    positions, of_positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
+    survey = _survey(path, nodes, (times + delay, counts, line), positions)
     return options.applied(
-        _survey(path, nodes, (times + delay, counts, line), positions).changed(
-            frame=frame, profile=_profile(_files(path, files, "sound_speed")[0])
+        survey.changed(
+            frame=frame,
+            profile=_profile(_files(path, files, "sound_speed")[0]),
+            notes=(*survey.notes, *of_times, *of_positions),
         )
     )
 
@@ -55,8 +59,8 @@ def _config(path: Path) -> dict[str, Any]:
     with optional_package(LocateError, path, "PyYAML", "gnatss"):
         import yaml
     try:
-        config = yaml.safe_load(path.read_text())
-    except yaml.YAMLError as error:
+        config = yaml.safe_load(read_text(path, LocateError, what="a config.yaml"))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise LocateError(f"{path}: not readable: {' '.join(str(error).split())[:100]}") from None
     if not isinstance(config, dict):
         raise LocateError(f"{path}: not a configuration of GNATSS")
@@ -77,69 +81,82 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
     pattern = entry.get("path") if isinstance(entry, dict) else entry
     if not pattern:
         raise LocateError(f"{path}: input_files has no {key}; add it")
-    whole = Path(str(pattern))
-    bases = [Path(whole.anchor)] if whole.is_absolute() else [path.parent, Path()]
-    relative = str(whole.relative_to(whole.anchor)) if whole.is_absolute() else str(whole)
-    for base in bases:
-        if paths := sorted(base.glob(relative)):
+    for folder in (path.parent, Path()):
+        if paths := matching_files(str(pattern), folder, LocateError):
             return paths
     raise LocateError(f"{path}: {key}: no file matches {pattern}")
 
 
-def _times(paths: list[Path], count: int) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line numbers."""
+def _times(paths: list[Path], count: int) -> tuple[tuple[Array, Array, NDArray[np.int64]], tuple[str, ...]]:
+    """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line numbers; and notes."""
     stamps, times, lines = [], [], []
-    for number, where, words in _lines(paths):
+    invalid: list[tuple[int, str]] = []
+    for number, text, words in _lines(paths):
         try:
-            day, month, year = words[0].split("-")
-            date = f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}"
-            hour, minute, second = words[1].split(":")
-            clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
-            row = [float(word) for word in words[2 : 2 + count]]
+            row = _row_of_times(words, count)
         except (ValueError, KeyError, IndexError):
-            row, date, clock = [], "2000-01-01", 0.0
-        if len(row) < count:
-            raise LocateError(
-                f"{where} is invalid; it must be a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
-            )
-        stamps.append(float((np.datetime64(date, "ns") - _J2000) / np.timedelta64(1, "s")) + clock)
-        times.append(row)
+            invalid.append((number, text))
+            continue
+        stamps.append(row[0])
+        times.append(row[1:])
         lines.append(number)
+    allowed = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
+    check_most_are_valid(paths[0], len(times), invalid, allowed)
     values = np.array(times, dtype=float).reshape(-1, count) * 1e-6
     values[values <= 0.0] = np.nan
     order = np.argsort(stamps, kind="stable")
-    return np.array(stamps)[order], values[order], np.array(lines, dtype=np.int64)[order]
+    measured = np.array(stamps)[order], values[order], np.array(lines, dtype=np.int64)[order]
+    return measured, invalid_note(paths[0], invalid)
 
 
-def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> tuple[Array, Array, Array]:
-    """Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²]."""
-    rows = []
-    for _, where, words in _lines(paths):
+def _row_of_times(words: list[str], count: int) -> list[float]:
+    """Time stamp since J2000 [s] and two-way times [us] of a row; an error for a row that is incomplete or has no such date."""
+    day, month, year = words[0].split("-")
+    date = np.datetime64(f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}", "ns")
+    hour, minute, second = words[1].split(":")
+    if int(hour) > 23 or int(minute) > 59 or not 0.0 <= float(second) < 61.0 or len(words) < 2 + count:
+        raise ValueError(words[1])
+    clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+    since = float((date - _J2000) / np.timedelta64(1, "s"))
+    return [since + clock, *(float(word) for word in words[2 : 2 + count])]
+
+
+def _positions(
+    paths: list[Path], frame: LocalFrame, geoid: float
+) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
+    """Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²]; and notes."""
+    rows: list[list[float]] = []
+    invalid: list[tuple[int, str]] = []
+    for number, text, words in _lines(paths):
         try:
             values = [float(word.replace("D", "E")) for word in words[:13]]
         except ValueError:
             values = []
-        if len(values) < 4:
-            raise LocateError(f"{where} is invalid; it must be a time, X, Y, Z and nine covariances")
+        if len(values) < 4 or not np.isfinite(values).all():
+            invalid.append((number, text))
+            continue
         values += [0.0] * (13 - len(values))
         rows.append([*values[:4], values[4], values[8], values[12]])
+    check_most_are_valid(paths[0], len(rows), invalid, "a time, X, Y, Z and nine covariances")
     table = np.array(rows)
     if not table.size:
         raise LocateError(f"{paths[0]}: no position in this file")
+    check_seconds(table[:, 0], f"{paths[0]}: time", LocateError)
     table = table[np.argsort(table[:, 0], kind="stable")]
     geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
     lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
     north, east = frame.to_local(lat, lon)
-    return table[:, 0], np.column_stack([north, east, geoid - height]), table[:, 4:7]
+    place = np.column_stack([north, east, geoid - height])
+    return (table[:, 0], place, table[:, 4:7]), invalid_note(paths[0], invalid)
 
 
 def _lines(paths: list[Path]) -> Iterator[tuple[int, str, list[str]]]:
-    """Number, description for messages and words of each line that is neither empty nor a comment."""
+    """Number, text and words of each line that is neither empty nor a comment."""
     for path in paths:
-        for number, text in enumerate(path.read_text().splitlines(), 1):
+        for number, text in enumerate(read_text(path, LocateError).splitlines(), 1):
             words = text.replace(",", " ").split()
             if words and not words[0].startswith("#"):
-                yield number, f"{path}, line {number}: {text.strip()[:60]!r}", words
+                yield number, text, words
 
 
 def _survey(
@@ -191,12 +208,14 @@ def _nearest(time: Array, wanted: Array) -> NDArray[np.int64]:
 
 def _profile(path: Path) -> tuple[Array, Array]:
     """Depth and sound speed of two columns, depths negative down."""
-    rows = [line.replace(",", " ").split()[:2] for line in path.read_text().splitlines()]
+    rows = [line.replace(",", " ").split()[:2] for line in read_text(path, LocateError).splitlines()]
     try:
         table = np.array(
             [[float(word) for word in row] for row in rows if row and not row[0].startswith("#")]
-        )
+        ).reshape(-1, 2)
     except ValueError:
+        table = np.empty((0, 2))
+    if len(table) < 2 or not np.isfinite(table).all():
         raise LocateError(
             f"{path}: not a profile; it must have two columns, depth (negative down) and sound speed"
         ) from None

@@ -13,9 +13,12 @@ import numpy as np
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
-from pymantaray.locate.read_options import ReadOptions, skipped_note
+from pymantaray.locate.read_options import ReadOptions, check_most_are_valid, invalid_note, skipped_note
 from pymantaray.locate.survey import Node, Survey
+from pymantaray.user_files import read_text
 
+_FIRST_DAY, _LAST_DAY = np.datetime64("1970-01-01", "s"), np.datetime64("2200-01-01", "s")
+_DAYS = 366
 _SIGMA = (2000.0, 2000.0, 200.0)  # m; standard deviations of a drop point and a charted depth
 _ANGLE = r"(\d+)\s+(\d+(?:\.\d*)?)\s*([{}])"
 _PING = re.compile(
@@ -42,58 +45,71 @@ def is_obsrange(path: Path) -> bool:
 
 
 def _text(path: Path) -> str:
-    return path.read_bytes().decode("utf-8-sig", errors="replace")
+    return read_text(path, LocateError, errors="replace")
 
 
 def read_obsrange(path: Path, options: ReadOptions) -> Survey:
     """Read the survey of one node."""
     head: dict[str, str] = {}
     pings: list[tuple[int, float, float, float, float]] = []  # line, time, ms, lat, lon
-    skipped = 0
+    skipped, invalid = 0, list[tuple[int, str]]()
     for number, line in enumerate(_text(path).splitlines(), 1):
         ping = _ping(line) if not line.lstrip().startswith("#") else None
         if ping is not None:
             pings.append((number, *ping))
         elif (row := _ROW.match(line)) and not row["ms"]:
             skipped += 1
-        elif _LOOKS_LIKE_PING.match(line) or (pings and re.match(r"^\s*\d{4}-\d{2}-\d{2}\s", line)):
-            raise LocateError(
-                f"{path}, line {number}: {line.strip()[:80]!r} is not a ping; write it as 6306 msec. Lat: 4 52.9270 S"
-                "  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:06:04:30"
-            )
+        elif (
+            row is not None
+            or _LOOKS_LIKE_PING.match(line)
+            or (pings and re.match(r"^\s*\d{4}-\d{2}-\d{2}\s", line))
+        ):
+            invalid.append((number, line))
         elif not pings and (entry := _HEAD.match(line)) and "skipped" not in line.lower():
             head.setdefault(entry["key"].lower(), entry["value"])
         elif line.strip() and not set(line.strip()) <= set("=-#") and not line.lstrip().startswith("#"):
             skipped += 1
+    check_most_are_valid(
+        path,
+        len(pings),
+        invalid,
+        "a ping; write it as 6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:06:04:30",
+    )
     if not pings:
         raise LocateError(f"{path}: none of {skipped} events has an answer; the survey needs answers")
-    return options.applied(_survey(path, head, pings, skipped, options))
+    survey = _survey(path, head, pings, skipped, options)
+    return options.applied(survey.changed(notes=(*survey.notes, *invalid_note(path, invalid))))
 
 
 def _ping(line: str) -> tuple[float, float, float, float] | None:
     """Time since 1970 [s], two-way time [ms], latitude and longitude [degrees] of a line; None if it is not a ping."""
-    if match := _PING.match(line):
-        parts = match.groups()
-        year, day, hour, minute, second = parts[-5:]
-        start = np.datetime64(f"{year}-01-01", "s").astype(np.int64)
-        time = (
-            float(start) + 86400.0 * (int(day) - 1) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
-        )
-        return time, float(parts[0]), _angle(*parts[1:4]), _angle(*parts[4:7])
-    if (match := _ROW.match(line)) and match["ms"]:
-        logged = _instant(match["date"], match["clock"])
-        time = _instant(match["date"], match["gps"])
-        time += 86400.0 * round((logged - time) / 86400.0)  # use the date of the line
-        groups = [g for g in match.groups() if g is not None]
-        place = groups[4:10]
-        return time, float(match["ms"]), _angle(*place[:3]), _angle(*place[3:])
+    try:
+        if match := _PING.match(line):
+            parts = match.groups()
+            year, day, *clock = parts[-5:]
+            time = _instant(f"{year}-01-01", ":".join(clock)) + 86400.0 * (int(day) - 1)
+            if not 1 <= int(day) <= _DAYS:
+                return None
+            return time, float(parts[0]), _angle(*parts[1:4]), _angle(*parts[4:7])
+        if (match := _ROW.match(line)) and match["ms"]:
+            logged = _instant(match["date"], match["clock"])
+            time = _instant(match["date"], match["gps"])
+            time += 86400.0 * round((logged - time) / 86400.0)  # use the date of the line
+            groups = [g for g in match.groups() if g is not None]
+            place = groups[4:10]
+            return time, float(match["ms"]), _angle(*place[:3]), _angle(*place[3:])
+    except (ValueError, OverflowError):  # no such date, or no number
+        return None
     return None
 
 
 def _instant(date: str, clock: str) -> float:
+    """Seconds since 1970; a ValueError for a date or a time that does not exist."""
     hour, minute, second = clock.split(":")
-    day = float(np.datetime64(date, "s").astype(np.int64))
-    return day + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+    day = np.datetime64(date, "s")
+    if not _FIRST_DAY <= day <= _LAST_DAY or int(hour) > 23 or int(minute) > 59 or not float(second) < 61.0:
+        raise ValueError(date)
+    return float(day.astype(np.int64)) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
 
 
 def _angle(degrees: str, minutes: str, side: str) -> float:

@@ -25,6 +25,7 @@ from pymantaray.locate.unknowns import SurveyUnknowns
 from pymantaray.ocean.modes import VerticalModes
 
 _MAX_STEPS = 25  # outer steps of one stage
+_MAX_DAMPED = 50  # further steps of half the length, if these do not converge
 _RETRACE_DISTANCE = 0.3  # m; rays are not traced again for smaller changes
 _CONVERGED = 1e-3  # m; the largest change of a node's position in an outer step
 _ROUNDS = 2  # of the graduated start
@@ -180,13 +181,13 @@ class Solver:
         correlation: Correlation,
         before: Posterior | None = None,
     ) -> SurveySolution:
-        """Iterate outer steps until the positions converge."""
+        """Iterate outer steps until the positions converge; full steps may oscillate, so later ones are damped."""
         hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
         sigma = 0.0 if before is None else before.sigma
         used: Mask | None = None
-        for _ in range(_MAX_STEPS):
+        for count in range(_MAX_STEPS + _MAX_DAMPED):
             solution = self.step(unknowns, values, correlation, hyper, sigma)
-            new = values + solution.posterior.change
+            new = values + (1.0 if count < _MAX_STEPS else 0.5) * solution.posterior.change
             moved = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
             values, hyper = new, solution.posterior.hyperparameters
             same = used is not None and np.array_equal(used, solution.used)

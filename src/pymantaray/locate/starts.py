@@ -1,5 +1,7 @@
 """Initial positions of nodes: robust estimates from straight ranges, from several initial guesses."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pymantaray.acoustics import Medium
@@ -11,6 +13,7 @@ from pymantaray.locate.travel_times import transducers
 
 _MAX_STEPS = 60
 _CONVERGED = 1e-2  # m
+_MAX_CONTINUED = 8  # further descents from the end of the lowest one, if it has not converged
 _GUESSES = 8  # around the pings, in addition to their middle and the prior
 _MIN_SCALE = 1.0  # m
 
@@ -49,12 +52,31 @@ def _from_ranges(points: Array, ranges: Array, node: Node, *, biased: bool) -> A
     guesses = [np.array(node.position[:2]), centre]
     guesses += [centre + reach * np.array([np.cos(a), np.sin(a)]) for a in around]
     ends = [_descend(points, ranges, np.append(guess, depth), node, biased=biased) for guess in guesses]
-    return min(ends, key=lambda end: end[1])[0]
+    best = min(ends, key=lambda end: end.cost)
+    for _ in range(_MAX_CONTINUED):
+        if best.converged:
+            break
+        further = _descend(points, ranges, best.position, node, biased=biased, bias=best.bias)
+        if further.cost >= best.cost:
+            break
+        best = further
+    return best.position
 
 
-def _descend(points: Array, ranges: Array, start: Array, node: Node, *, biased: bool) -> tuple[Array, float]:
-    """Minimize a Cauchy loss with the node's prior by iteratively re-weighted steps; return position and cost."""
-    loss, x, bias = LOSSES["cauchy"], np.array(start), 0.0
+class _End(NamedTuple):
+    """End of a descent."""
+
+    position: Array
+    bias: float
+    cost: float
+    converged: bool
+
+
+def _descend(
+    points: Array, ranges: Array, start: Array, node: Node, *, biased: bool, bias: float = 0.0
+) -> _End:
+    """Minimize a Cauchy loss with the node's prior by iteratively re-weighted steps."""
+    loss, x = LOSSES["cauchy"], np.array(start)
     mean = np.append(node.position, 0.0)
     sd = np.append(np.maximum(node.sigma, 1e-3), max(1500.0 * node.offset_sigma, 1e-6) if biased else 1e-6)
     cost = np.inf
@@ -75,5 +97,5 @@ def _descend(points: Array, ranges: Array, start: Array, node: Node, *, biased: 
         x[2] = max(x[2], 0.1)
         cost = float(np.sum(np.log1p((residual / scale) ** 2)) + 2.0 * len(ranges) * np.log(scale))
         if np.linalg.norm(move) < _CONVERGED:
-            break
-    return x, cost
+            return _End(x, bias, cost, converged=True)
+    return _End(x, bias, cost, converged=False)

@@ -8,15 +8,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymantaray.errors import LocateError
 from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.pyfg import write_pyfg
 from pymantaray.locate.location import Location
 from pymantaray.locate.patterns import test_table
-from pymantaray.locate.survey import TravelDirection
+from pymantaray.locate.survey import Survey, TravelDirection
+from pymantaray.messages import one_line
 from pymantaray.records.writing import write_netcdf
 
 _CORNERS = 72  # per ellipse
 _MIN_SIGMA = 1e-3  # m; for known positions in a graph
+_NAME = re.compile("[A-Za-z0-9_-]{1,64}")
+_PLATFORMS = ("A", "platform", *(f"platform-{k}" for k in range(1000)))  # names of the platform in a graph
 
 
 def summary(location: Location) -> dict[str, Any]:
@@ -129,6 +133,16 @@ def _unit(name: str) -> str:
     return "1"
 
 
+def check_names_to_write(survey: Survey) -> None:
+    """Raise an error if files cannot hold the name of a node."""
+    for name in survey.names:
+        if not _NAME.fullmatch(name):
+            raise LocateError(
+                f"{survey.source}: node {one_line(name, 40)!r}: files of results need names of 1 to 64 letters, digits, _ and -;"
+                " rename it in the survey"
+            )
+
+
 def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     """
     Factor graph of the used pings: known poses of the platform, nodes with priors, and ranges, including ranges between nodes.
@@ -160,7 +174,7 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     prior = np.array([np.diag(np.square(survey.nodes[i].sigma)) for i in has_prior])
     known = np.tile(np.diag([_MIN_SIGMA**2] * 6), (n, 1, 1))
     graph = FactorGraph(
-        vehicle_name=np.array(["A"]),
+        vehicle_name=np.array([next(name for name in _PLATFORMS if name not in survey.names)]),
         landmark_name=np.array(survey.names),
         pose_vehicle=np.zeros(n, dtype=np.int32),
         pose_number=np.arange(n, dtype=np.int32),

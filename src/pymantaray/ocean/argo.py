@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast, clean_cast
-from pymantaray.ocean.convert import decoded_times
+from pymantaray.ocean.convert import decoded_times, degrees
 from pymantaray.ocean.files import numbers, reading, text
 
 _GOOD = list("1258")  # accepted quality flags: good, probably good, changed, estimated
@@ -54,7 +54,7 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
     for name in (*_PARAMETERS, "LATITUDE", "LONGITUDE"):
         if name not in data.variables:
             raise OceanError(f"lacks {name}; a cast needs PRES, TEMP, PSAL, LATITUDE and LONGITUDE")
-    lat, lon = (_values(data, name, shape[:1]) for name in ("LATITUDE", "LONGITUDE"))
+    lat, lon = (_angles(data, name, shape[:1]) for name in ("LATITUDE", "LONGITUDE"))
     time = _times(data, shape[0])
     values, usable, notes = _levels(data, shape)
     located = (np.abs(lat) <= 90.0) & (np.abs(lon) <= 360.0)
@@ -129,6 +129,12 @@ def _values(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> Array:
     _check_shape(data, name, shape)
     values = numbers(data, name)
     return np.where(np.abs(values) >= _FILL, np.nan, values)
+
+
+def _angles(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> Array:
+    """Latitudes or longitudes in degrees, 99999 if missing."""
+    _check_shape(data, name, shape)
+    return np.nan_to_num(degrees(data, name, name.lower()), nan=_FILL)
 
 
 def _check_shape(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import gsw
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
@@ -37,7 +38,21 @@ def ocean_of(
 ) -> xr.Dataset:
     """Assemble the variables of a collection at an instant, without validation; the history lists the conversions."""
     steps: list[str] = []
-    values = {role: _in_our_unit(part, field, instant) for role, (part, field) in fields.items()}
+    raw = {role: part.read(field, instant) for role, (part, field) in fields.items()}
+    steps += [
+        f"{count} values of {fields[role][1].variable} outside its valid range removed"
+        for role, (_, count) in raw.items()
+        if count
+    ]
+    land = _zeros({role: values for role, (values, _) in raw.items()})
+    if land.any():
+        steps.append(
+            f"{np.count_nonzero(land)} points removed: all variables are exactly 0 there, as on land"
+        )
+    values = {
+        role: np.where(land, np.nan, _in_our_unit(raw[role][0], part, field))
+        for role, (part, field) in fields.items()
+    }
     part, temperature = fields["water_temp"]
     if "water_u" not in values:
         at_rest = np.where(np.isfinite(values["water_temp"]), 0.0, np.nan)
@@ -77,14 +92,21 @@ def ocean_of(
         synthetic=any(np.array_equal(p.data.attrs.get("synthetic", 0), 1) for p in collection.parts),
         validate=False,
     )
-    if own:
+    if own and not steps:
         return _with_own_attributes(ocean, part)
     history = str(part.data.attrs.get("history", "")).splitlines()[:50]
     lines = [line for line in (*(one_line(line, _MAX_TEXT) for line in history), *steps) if line]
     return ocean.assign_attrs(history="\n".join(lines)) if lines else ocean
 
 
-def _in_our_unit(part: "Part", field: cf.Field, instant: np.datetime64) -> Array:
+def _zeros(fields: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """Points where temperature and salinity are exactly 0 in the unit of the file, and no current is different from 0."""
+    tracers = (fields["water_temp"] == 0.0) & (fields["salinity"] == 0.0)
+    currents = [fields[name] for name in ("water_u", "water_v") if name in fields]
+    return np.asarray(np.logical_and.reduce([tracers, *(np.nan_to_num(c) == 0.0 for c in currents)]))
+
+
+def _in_our_unit(raw: Array, part: "Part", field: cf.Field) -> Array:
     variable = part.data.variables[field.variable]
     where, unit = f"{file_name(part.data)}: {field.variable}", text(variable, "units")
     practical = field.role == "salinity" and field.kind == PRACTICAL
@@ -94,7 +116,7 @@ def _in_our_unit(part: "Part", field: cf.Field, instant: np.datetime64) -> Array
         "water_temp": "temperature",
         "salinity": "practical salinity" if practical else "mass salinity",
     }.get(field.role, "velocity")
-    values = to_our_unit(part.read(field, instant), quantity, unit, where=where)
+    values = to_our_unit(raw, quantity, unit, where=where)
     if practical:
         check_salinity_unit(values, where)
     return values
@@ -142,7 +164,7 @@ def _is_own(part: "Part") -> bool:
     )
     attrs = part.data.attrs
     stated = "synthetic" in attrs and all(isinstance(attrs.get(name), str) for name in ("title", "source"))
-    return same and stated and not variables[part.layout.time].dims
+    return same and stated and bool(part.layout.time) and not variables[part.layout.time].dims
 
 
 def _with_own_attributes(ocean: xr.Dataset, part: "Part") -> xr.Dataset:

@@ -15,15 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
-from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit
-from pymantaray.ocean.instruments import InstrumentTable, instrument_table
+from pymantaray.ocean.convert import DEEPEST, is_unit_of, minute, our_unit, to_our_unit
+from pymantaray.ocean.instrument_table import InstrumentTable
+from pymantaray.ocean.instruments import instrument_table
+from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair_salinity, sound_speed
 from pymantaray.records.text_table import read_text, read_text_table
 
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
-DEEPEST = 12_000.0
-"""Upper limit of ocean depth. [m]"""
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
 _FILLS = (-9.99e-29, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, -9999.0, -99999.0, 99999.0, -1e34, 1e35)
 # quantity: kind of its unit, and column names in lower case, first those of `mantaray rays`, then those of cruise and
@@ -119,7 +119,7 @@ class Cast:
                 raise OceanError(
                     f"cast {self.name}: {field} is {values.min():g} to {values.max():g}; allowed: {low:g} to {high:g}"
                 )
-        if not (-90.0 <= self.lat <= 90.0 and -360.0 <= self.lon <= 360.0):
+        if not is_position(self.lat, self.lon):
             raise OceanError(
                 f"cast {self.name}: latitude {self.lat:g} and longitude {self.lon:g} are not a place; latitude must be in -90 to 90 degrees, longitude"
                 " in -360 to 360"
@@ -205,10 +205,11 @@ def clean_cast(
     steps, ``where`` is file and station for messages.
     """
     depth, temperature, salinity = (np.asarray(column, dtype=float) for column in profile)
+    salinity = np.where((temperature == 0.0) & (salinity == 0.0), np.nan, salinity)  # a fill value of 0
     quantities = [(temperature, _SPAN["water_temp"]), (salinity, _SPAN["salinity"])]
     deeper, cast_notes, lost = usable_rows(depth, quantities, notes=notes, where=where)
     used = temperature[deeper], salinity[deeper], depth[deeper]
-    if np.all(np.abs(place) <= (90.0, 360.0)):  # `Cast` rejects other places
+    if is_position(*place):  # `Cast` rejects other places
         cast_notes += freezing_notes(*used, *place)
     return Cast(
         name,
@@ -243,15 +244,17 @@ def usable_rows(
     for values, _ in quantities:
         whole &= np.isfinite(values)
     counts["with a missing value"] = int(np.count_nonzero(~whole))
-    if np.count_nonzero(depth[whole] < 0.0) > 0.5 * np.count_nonzero(whole):
-        raise OceanError(f"{where}: depth is negative in most rows; depth must be positive down")
-    possible = whole & (depth <= DEEPEST)
+    if whole.any() and -depth[whole].min() > max(depth[whole].max(), 0.0):
+        raise OceanError(
+            f"{where}: depth is {depth[whole].min():g} to {depth[whole].max():g} m; it must be positive down"
+        )
+    wet = whole & (depth >= 0.0)
+    counts["above the surface"] = int(np.count_nonzero(whole & ~wet))
+    possible = wet & (depth <= DEEPEST)
     for values, (low, high) in quantities:
         possible &= (values >= low) & (values <= high)
-    counts["with an impossible value"] = int(np.count_nonzero(whole & ~possible))
-    wet = possible & (depth >= 0.0)
-    counts["above the surface"] = int(np.count_nonzero(possible & ~wet))
-    rows = np.flatnonzero(wet)
+    counts["with an impossible value"] = int(np.count_nonzero(wet & ~possible))
+    rows = np.flatnonzero(possible)
     steps = np.diff(depth[rows])
     early = (
         rows.size > 0 and 3 * int(np.argmax(depth[rows])) < rows.size
@@ -294,6 +297,8 @@ class CastTable:
     """Time (UTC) in an instrument's file."""
     notes: tuple[str, ...] = ()
     """Changes made by the reader."""
+    unread: tuple[str, ...] = ()
+    """Names of columns in an instrument's file or a data set that the reader does not use."""
 
     @property
     def lines(self) -> list[int]:
@@ -307,6 +312,12 @@ class CastTable:
     def name(self, quantity: str) -> str:
         """Title of a quantity's column in the file."""
         return self.header[self.columns[quantity][0]]
+
+    @property
+    def listing(self) -> str:
+        """Names of the used and the other columns, for messages."""
+        unread = f"; not read: {', '.join(self.unread[:12])}" if self.unread else ""
+        return f"the columns are {', '.join(self.header)}{unread}"
 
     def values(self, quantity: str, *, complete: bool = False) -> Array:
         """
@@ -390,18 +401,20 @@ def _of_instrument(path: Path, instrument: InstrumentTable) -> CastTable:
     header = tuple(instrument.titles[k] for k in known)
     rows = pd.DataFrame.from_dict(cells, orient="index", dtype=str)[known].set_axis(range(len(known)), axis=1)
     columns, texts = _columns(path, header)
+    place, notes = position_in_text(*instrument.position)
     return CastTable(
         path,
         header,
         rows,
-        [],
+        [f"bottom {instrument.bottom_depth:g} m"] if instrument.bottom_depth > 0.0 else [],
         columns,
         texts,
         bracketed=False,
         instrument=instrument.instrument,
-        place=instrument.place,
+        place=place,
         time=instrument.time,
-        notes=instrument.notes,
+        notes=(*instrument.notes, *notes),
+        unread=instrument.unread,
     )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import gsw
 import numpy as np
@@ -14,25 +15,27 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
-from pymantaray.errors import OceanError
+from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.checks import distinct_digits
+from pymantaray.messages import one_line
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
-from pymantaray.ocean.cast import DEEPEST, Cast, CastTable, clean_cast, read_cast_table
-from pymantaray.ocean.cf_profiles import holds_profiles, read_cf_profiles
-from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
+from pymantaray.ocean.cast_folders import is_cast_folder, read_each
+from pymantaray.ocean.cf_profiles import DATA_SET, holds_profiles, read_cf_profiles
+from pymantaray.ocean.convert import DEEPEST, parse_instant
 from pymantaray.ocean.files import is_netcdf, open_file
+from pymantaray.ocean.positions import Position, known_position, position_in_comment
 from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history
 from pymantaray.ocean.seawater import Equation, sound_speed
 from pymantaray.ocean.window import rectangle
 from pymantaray.records.text_table import MONTHS
+from pymantaray.user_files import exists
 
 Instant = str | np.datetime64
-_NUMBER = r"(-?\d+(?:\.\d+)?)\s*°?\s*"
-_LAT = re.compile(rf"\blat(?:itude)?\b\s*[:=]?\s*{_NUMBER}([NS])?\b", re.IGNORECASE)
-_LON = re.compile(rf"\blon(?:gitude)?\b\s*[:=]?\s*{_NUMBER}([EW])?\b", re.IGNORECASE)
+MadeT = TypeVar("MadeT")
 _DATE = re.compile(r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?")
 _MONTH = re.compile(rf"\b({'|'.join(MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
@@ -68,8 +71,8 @@ def read_cast(
     path : str or pathlib.Path
         One of: CSV with named columns (depth or pressure; in-situ, potential or conservative temperature; practical or
         absolute salinity); a point table of HYCOM from the NetCDF Subset Service, also with packed integers; an Argo NetCDF
-        file; a CF data set of profiles; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``,
-        CastAway, Valeport, AML).
+        file; a CF data set of profiles; in-situ profiles of Copernicus; WHP-exchange of a CTD; a profile of an ice-tethered
+        profiler; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``, CastAway, Valeport, AML).
     lat, lon : float, optional
         Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon -140.0``. [degrees]
     time : str or numpy.datetime64, optional
@@ -119,8 +122,10 @@ def read_casts(
     Parameters
     ----------
     paths : str, pathlib.Path or sequence of them
-        At least one file, as in `read_cast`. A table with a station column contains one cast per station. A table of the
-        NetCDF Subset Service contains one cast per time and place. One invalid cast makes the table invalid.
+        At least one file, as in `read_cast`, or folder or ZIP archive of files. A table with a station column contains one
+        cast per station. A table of the NetCDF Subset Service contains one cast per time and place. One invalid cast makes the
+        table invalid. Invalid files of a folder or archive, and invalid profiles of a data set, are dropped; a note of each
+        cast gives their number and the first reason.
     lat, lon, time, default_place, repair_freezing
         As in `read_cast`, for all casts.
 
@@ -132,8 +137,16 @@ def read_casts(
     if not files:
         raise OceanError("casts: no file; name at least one")
     casts: list[Cast] = []
+    place = None if lat is None or lon is None else (float(lat), float(lon))
     for path in files:
-        if holds_argo(path):
+        if is_cast_folder(path):
+            own, notes = read_each(
+                path,
+                partial(read_casts, lat=lat, lon=lon, time=time, default_place=default_place),
+                OceanError,
+            )
+            casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
+        elif holds_argo(path):
             if (lat, lon, time) != (None, None, None):
                 raise OceanError(
                     f"{path}: Argo profiles have their own places and times; remove --lat, --lon and --time (in Python: lat,"
@@ -141,11 +154,39 @@ def read_casts(
                 )
             casts += read_argo(path)
         else:
-            place = None if lat is None or lon is None else (float(lat), float(lon))
-            for station, table in cast_tables(path).items():
-                own = place or cast_place(table) or default_place
-                casts.append(cast_of_table(table, station, own, time))
+
+            def make(station: str, table: CastTable) -> Cast:
+                return cast_of_table(table, station, place or cast_place(table) or default_place, time)
+
+            own, notes = each_usable(path, cast_tables(path), make)
+            casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
     return [cast.with_repaired_salinity() for cast in casts] if repair_freezing else casts
+
+
+def each_usable(
+    path: Path, tables: Mapping[str, CastTable], make: Callable[[str, CastTable], MadeT]
+) -> tuple[list[MadeT], tuple[str, ...]]:
+    """
+    Casts or profiles of the tables of a file, and a note about those that cannot be used.
+
+    A data set with many profiles usually has some without usable levels. In all other files, one of them is an error.
+    """
+    several = len(tables) > 1 and next(iter(tables.values())).instrument == DATA_SET
+    made: list[MadeT] = []
+    refused: list[MantaRayError] = []
+    for name, table in tables.items():
+        try:
+            made.append(make(name, table))
+        except MantaRayError as error:
+            if not several:
+                raise
+            refused.append(error)
+    if refused and not made:
+        raise refused[0]
+    if not refused:
+        return made, ()
+    first = one_line(str(refused[0]).removeprefix(f"{path}"), 160).lstrip(":, ")
+    return made, (f"{len(refused)} of {len(tables)} profiles dropped, the first: {first}",)
 
 
 def holds_casts(path: str | Path) -> bool:
@@ -160,10 +201,12 @@ def holds_casts(path: str | Path) -> bool:
     Returns
     -------
     bool
-        True for a table, an instrument's file, Argo profiles and a CF data set of profiles.
+        True for a table, an instrument's file, Argo profiles, a CF data set of profiles, and a folder or archive of such files.
     """
-    if str(path).startswith("synthetic:") or Path(path).is_dir():
+    if str(path).startswith("synthetic:"):
         return False
+    if exists(path) and Path(path).is_dir():
+        return is_cast_folder(path)
     if not is_netcdf(Path(path)):
         return True
     with open_file(path) as data:
@@ -182,19 +225,7 @@ def holds_argo(path: str | Path) -> bool:
     if not is_netcdf(Path(path)):
         return False
     with open_file(path) as data:
-        return "PRES" in data.variables or not holds_profiles(data)
-
-
-def place_in_comments(comments: Sequence[str]) -> tuple[float, float] | None:
-    """Latitude and longitude in the first comment line that has both, as in ``lat 74.0, lon -140.0``. [degrees]"""
-    for line in comments:
-        north, east = _LAT.search(line), _LON.search(line)
-        if north and east:
-            return (
-                float(north[1]) * (-1.0 if (north[2] or "").upper() == "S" else 1.0),
-                float(east[1]) * (-1.0 if (east[2] or "").upper() == "W" else 1.0),
-            )
-    return None
+        return "N_PROF" in data.sizes or not holds_profiles(data)
 
 
 def cast_of_table(
@@ -203,7 +234,8 @@ def cast_of_table(
     """Convert a table with one cast; a missing place or quantity raises an error."""
     if place is None:
         raise OceanError(
-            f"{table.path}: no place; give lat and lon, add columns of these names, or a comment '# lat 74.0, lon -140.0'"
+            f"{table.path}: no place{unread_position(table)}; give lat and lon, add columns of these names, or a comment"
+            " '# lat 74.0, lon -140.0'"
         )
     lat, lon = place
     table = _with_salinity(table, lat)
@@ -216,14 +248,8 @@ def cast_of_table(
             np.where(raw == _PACKED_FILL, np.nan, raw * _PACKED_SCALE + _PACKED_OFFSET) for raw in values
         ]
         notes.append("packed integers of the NetCDF Subset Service unpacked: times 0.001 plus 20")
-    if table.has("depth"):
-        depth = table.values("depth")
-    elif table.has("pressure"):
-        with np.errstate(all="ignore"):
-            depth = np.asarray(-gsw.z_from_p(table.values("pressure"), lat), dtype=float)
-        notes.append("depth from pressure by TEOS-10")
-    else:
-        raise OceanError(f"{table.path}: no depth or pressure; the columns are {', '.join(table.header)}")
+    depth, depth_notes = cast_depth(table, lat)
+    notes += depth_notes
     with np.errstate(all="ignore"):  # impossible rows are dropped below
         pressure = gsw.p_from_z(-np.maximum(depth, 0.0), lat)
     temperature, salinity = convert.to_in_situ_and_practical(
@@ -246,6 +272,29 @@ def cast_of_table(
         notes=notes,
         where=str(table.path) + (f", {station}" if station else ""),
     )
+
+
+def cast_depth(table: CastTable, lat: float | None) -> tuple[Array, list[str]]:
+    """
+    Depth of each row [m], and notes.
+
+    With a latitude, the pressure of an instrument or a data set has priority over its depth, which programs compute from
+    pressure with a latitude and a density of their own. In other tables, depth has priority.
+    """
+    if not (table.has("depth") or table.has("pressure")):
+        raise OceanError(f"{table.path}: no depth or pressure; {table.listing}")
+    pressure = table.values("pressure") if table.has("pressure") and lat is not None else np.array([np.nan])
+    computed = not table.has("depth") or (table.instrument and np.isfinite(pressure).any())
+    if not computed:
+        return table.values("depth"), []
+    with np.errstate(all="ignore"):
+        depth = np.asarray(-gsw.z_from_p(pressure, lat), dtype=float)
+        notes = ["depth from pressure by TEOS-10"]
+        if table.has("depth"):
+            change = np.abs(table.values("depth") - depth)
+            if np.isfinite(change).any():
+                notes[0] += f"; the file's own depth differs by up to {np.nanmax(change):.3g} m"
+    return depth, notes
 
 
 def _with_salinity(table: CastTable, lat: float) -> CastTable:
@@ -278,9 +327,7 @@ def _kind(table: CastTable, kinds: dict[str, str]) -> str:
             if table.has("sound_speed")
             else ""
         )
-        raise OceanError(
-            f"{table.path}: no {next(iter(kinds))}; the columns are {', '.join(table.header)}{hint}"
-        )
+        raise OceanError(f"{table.path}: no {next(iter(kinds))}; {table.listing}{hint}")
     return kind
 
 
@@ -290,16 +337,30 @@ def _packed(values: Array) -> bool:
     return whole and float(np.abs(numbers).max(initial=0.0)) > _PACKED_ABOVE
 
 
-def cast_place(table: CastTable) -> tuple[float, float] | None:
+def cast_place(table: CastTable) -> Position | None:
     """Latitude and longitude of a cast from its columns, else from its comments, else None. [degrees]"""
+    return cast_position(table)[0]
+
+
+def cast_position(table: CastTable) -> tuple[Position | None, tuple[str, ...]]:
+    """Position of a cast as in `cast_place`, and a note if the positions of its columns are not used."""
+    notes: tuple[str, ...] = ()
     if table.place is not None:
-        return table.place
+        return table.place, notes
     if table.has("lat", "lon"):
         places = np.column_stack([table.values("lat"), table.values("lon")])
-        known = places[np.all(np.isfinite(places), axis=1)]
-        if len(known):
-            return float(known[0, 0]), float(known[0, 1])
-    return place_in_comments(table.comments)
+        known = [known_position(*place) for place in places[np.all(np.isfinite(places), axis=1)].tolist()]
+        used = [place for place, _ in known if place is not None]
+        if used:
+            return used[0], notes
+        notes = known[0][1] if known else notes
+    return next(filter(None, map(position_in_comment, table.comments)), None), notes
+
+
+def unread_position(table: CastTable) -> str:
+    """Reason why a file's own position is not used, in parentheses for an error; empty without a reason."""
+    reasons = [note for note in (*table.notes, *cast_position(table)[1]) if note.startswith("position ")]
+    return f" ({reasons[0]})" if reasons else ""
 
 
 def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
@@ -308,13 +369,18 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
     if first is not None:
         try:
             return parse_instant(first), []
-        except OceanError as error:
-            where = "" if table.time else f", line {table.lines[0]}"
-            raise OceanError(f"{table.path}{where}: {error}") from None
+        except OceanError:
+            where = "" if table.time else f" (line {table.lines[0]})"
+            return np.datetime64("NaT", "ns"), [f"time {first[:40]!r}{where} not read; time unknown"]
     for line in table.comments:
         if match := _DATE.search(line):
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""
-            return parse_instant(match[1] + clock), ([] if clock else ["time of day unknown: 0 h assumed"])
+            try:
+                return parse_instant(match[1] + clock), (
+                    [] if clock else ["time of day unknown: 0 h assumed"]
+                )
+            except OceanError:
+                return np.datetime64("NaT", "ns"), [f"time {match[1] + clock!r} not read; time unknown"]
         if match := _MONTH.search(line):
             month = MONTHS[match[1].lower()[:3]]
             note = f"day unknown: the first of {match[0]} assumed"
@@ -334,7 +400,7 @@ def cast_levels(bottom_depth: float) -> Array:
 def cast_ocean(
     cast: Cast,
     *,
-    bottom_depth: float | None = None,
+    bathymetry: float | None = None,
     half_extent: tuple[float, float] = (60e3, 60e3),
     levels: ArrayLike | None = None,
     below: Literal["refuse", "constant"] | Cast = "refuse",
@@ -348,7 +414,7 @@ def cast_ocean(
     ----------
     cast : Cast
         Temperature and salinity.
-    bottom_depth : float, optional
+    bathymetry : float, optional
         Depth of the flat sea bed, which is the deepest level. Default: the bottom depth of the cast. [m]
     half_extent : tuple of float
         Half sides (north, east) of a rectangle around the cast. The window contains this rectangle. [m]
@@ -359,7 +425,7 @@ def cast_ocean(
         Water between the deepest sample and the bottom. ``"refuse"``: an error. ``"constant"``: temperature and salinity
         of the deepest sample, so sound speed increases with pressure alone. A deeper cast: its samples below this cast.
     time : str or numpy.datetime64, optional
-        Instant (UTC) of the ocean. Default: the time of the cast.
+        Instant (UTC) of the ocean. Default: the time of the cast, NaT if it is unknown.
     equation : {"teos-10", "del-grosso", "unesco"}
         Equation of the sound-speed change that the history reports.
 
@@ -372,7 +438,7 @@ def cast_ocean(
     Raises
     ------
     OceanError
-        If the bottom or the time is unknown, the bottom is deeper than the samples and ``below`` is ``"refuse"``, a level
+        If the bottom is unknown, the bottom is deeper than the samples and ``below`` is ``"refuse"``, a level
         is invalid, or the window extends over a pole.
 
     Notes
@@ -381,17 +447,13 @@ def cast_ocean(
     shallowest sample. They are uniform at a constant depth. Sound speed varies by a few mm/s over 100 km, because pressure
     at a depth and the composition of sea water depend on the place.
     """
-    bottom = cast.bottom_depth if bottom_depth is None else float(bottom_depth)
+    bottom = cast.bottom_depth if bathymetry is None else float(bathymetry)
     if not cast.depth[0] < bottom <= DEEPEST:
         raise OceanError(
-            f"cast {cast.name}: bottom_depth is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
-            f" and at most {DEEPEST:g} m; give the depth of the sea bed with --bottom (in Python: bottom_depth)"
+            f"cast {cast.name}: the bathymetry is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
+            f" and at most {DEEPEST:g} m; give the depth of the sea bed with --bathymetry (in Python: bathymetry)"
         )
     instant = cast.time if time is None else parse_instant(time)
-    if np.isnat(instant):
-        raise OceanError(
-            f"cast {cast.name}: its time is unknown; give --time 2014-07-24T19:20 (UTC; in Python: time)"
-        )
     z, level_notes = _levels(cast, levels, bottom)
     full, extensions = _extended(cast, bottom, below)
     temperature, salinity = full.cell_means(z)

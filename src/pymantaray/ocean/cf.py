@@ -44,6 +44,9 @@ _GRID_RELATIVE = ("sea_water_x_velocity", "sea_water_y_velocity")
 _TERRAIN = ("ocean_s_coordinate", "ocean_sigma", "ocean_double_sigma")
 _NORTH = ("degrees_north", "degree_north", "degrees_n", "degree_n")
 _MAX_NAMES = 12
+_ANALYSED = (
+    "_an"  # objectively analysed mean of the World Ocean Atlas, beside statistics with the same standard name
+)
 _PLAIN_NAMES = {"latitude": ("lat", "latitude"), "longitude": ("lon", "longitude"), "depth": ("depth",)}
 _REGRID = "regrid it to latitude and longitude first (xesmf), and rotate the currents to east and north"
 
@@ -68,6 +71,7 @@ class Layout:
     lat: str
     lon: str
     time: str
+    """Empty if the file has no time."""
     grid_relative: tuple[str, ...]
     """Currents along the model's axes, which are not used."""
 
@@ -193,6 +197,7 @@ def _field(data: xr.Dataset, role: str, named: dict[str, list[str]]) -> Field | 
         return Field(role, kind, role)
     for standard_name, kind in kinds.items():
         names = [n for n in named.get(standard_name, []) if data.variables[n].ndim >= 3]
+        names = [n for n in names if n.endswith(_ANALYSED)] or names
         if len(names) > 1:
             _refuse(data, f"{' and '.join(names)} are all {standard_name}; keep only one in the file")
         if names:
@@ -214,13 +219,9 @@ def _axes(data: xr.Dataset, name: str) -> tuple[str, str, str, str]:
     depth = _one(data, name, "depth", [*of.get("vertical", []), *axes.get("Z", []), *pressures])
     times = [n for n in (*of.get("time", []), *axes.get("T", []), "time") if n in data.variables]
     time = next((str(n) for n in times if set(data.variables[n].dims) <= set(variable.dims)), "")
-    if not time or data.variables[time].ndim > 1:
-        _refuse(
-            data,
-            f"{name} has no readable time coordinate; add a variable time, of type datetime64 or with units 'hours since ...'"
-            " (xarray: ds.assign_coords(time=np.datetime64('2024-09-01')))",
-        )
-    used = {d for n in (depth, lat, lon, time) for d in data.variables[n].dims}
+    if time and data.variables[time].ndim > 1:
+        _refuse(data, f"{name}: its time {time} has two dimensions; select one instant")
+    used = {d for n in filter(None, (depth, lat, lon, time)) for d in data.variables[n].dims}
     extra = [d for d, n in variable.sizes.items() if d not in used and n != 1]
     if extra:
         _refuse(

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
-from pymantaray.ocean.convert import decoded_times
+from pymantaray.ocean.convert import decoded_times, degrees
 from pymantaray.ocean.files import numbers, reading, text
+from pymantaray.ocean.positions import is_position, unused_position
 
 _QUANTITIES = {
     "depth": ("depth",),
@@ -29,14 +30,23 @@ _QUANTITIES = {
     "absolute_salinity": ("sea_water_absolute_salinity",),
     "sound_speed": ("speed_of_sound_in_sea_water",),
 }
+DATA_SET = "CF"
+"""Value of `CastTable.instrument`."""
+_COPERNICUS = ("TIME", "DEPTH")
+"""Dimensions of the in-situ profiles of Copernicus and OceanSITES."""
 BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing; the same in OceanGliders, IMOS, Argo and QARTOD
 
 
 def holds_profiles(data: xr.Dataset) -> bool:
-    """Return True if the attributes of a data set declare profiles."""
+    """Return True if the attributes of a data set declare profiles, or if it has the layout of Copernicus' in-situ profiles."""
     feature = str(data.attrs.get("featureType", "")).lower()
-    return feature == "profile" or any(
-        v.attrs.get("cf_role") == "profile_id" for v in data.variables.values()
+    copernicus = any(
+        tuple(v.dims) == _COPERNICUS and text(v, "standard_name") for v in data.variables.values()
+    )
+    return (
+        feature == "profile"
+        or any(v.attrs.get("cf_role") == "profile_id" for v in data.variables.values())
+        or (copernicus and {"TIME", "LATITUDE", "LONGITUDE"} <= data.variables.keys())
     )
 
 
@@ -95,7 +105,7 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
         )
     values, notes = {}, []
     for quantity, name in named.items():
-        own, flagged = without_bad_flags(data, name)
+        own, flagged = _adjusted(data, name)
         up = text(data.variables[name], "positive").lower() == "up"
         values[quantity] = np.broadcast_to(-own if up else own, data.variables[main].shape)
         notes += [f"{flagged} values of {name} rejected by quality flags"] if flagged else []
@@ -107,8 +117,10 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
     for k in range(count):
         rows = (k, slice(None)) if len(dims) == 2 else slice(None) if of_row is None else of_row == k
         frame = pd.DataFrame({i: column[rows] for i, column in enumerate(values.values())})
-        lat, lon = (float(axis[k]) for axis in places)
+        place = float(places[0][k]), float(places[1][k])
+        located = () if is_position(*place) or np.isnan(sum(place)) else (unused_position(*place),)
         label = str(names[k]) if k < names.size and names[k] else str(k)
+        label = f"{path.stem}_{label}" if role is None and count > 1 else label
         tables[label if count > 1 or role is not None else ""] = CastTable(
             path,
             tuple(named.values()),
@@ -117,12 +129,23 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
             {q: (i, text(data.variables[n], "units")) for i, (q, n) in enumerate(named.items())},
             {},
             bracketed=False,
-            instrument="CF",
-            place=(lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None,
+            instrument=DATA_SET,
+            place=place if is_position(*place) else None,
             time=times[k],
-            notes=tuple(notes),
+            notes=(*notes, *located),
         )
     return tables
+
+
+def _adjusted(data: xr.Dataset, name: str) -> tuple[Array, int]:
+    """Values as `without_bad_flags`; in each profile that has adjusted values, these."""
+    values, flagged = without_bad_flags(data, name)
+    better = f"{name}_ADJUSTED"
+    if values.ndim != 2 or better not in data.variables or data.variables[better].shape != values.shape:
+        return values, flagged
+    adjusted, more = without_bad_flags(data, better)
+    used = np.asarray(np.isfinite(adjusted).any(axis=1, keepdims=True))
+    return np.where(used, adjusted, values), flagged + more
 
 
 def _variable(data: xr.Dataset, standard: Sequence[str]) -> str:
@@ -165,7 +188,11 @@ def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
     )
     if not name:
         return np.full(count, np.nan)
-    values = np.atleast_1d(numbers(data, name)).ravel()
+    angles = standard in ("latitude", "longitude")
+    values = np.atleast_1d(degrees(data, name, standard) if angles else numbers(data, name)).ravel()
+    known = data.variables.get("POSITION_QC" if angles else f"{name}_QC")
+    if known is not None and known.size == values.size and known.dtype.kind in "iuf":
+        values = np.where(np.isin(np.asarray(known.values).ravel(), BAD_FLAGS), np.nan, values)
     return values if values.size == count else np.resize(values[:1], count)
 
 

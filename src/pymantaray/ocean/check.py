@@ -58,6 +58,9 @@ _CHANGES = [
     "replaced",
     "at rest",
     "set to 0",
+    "exactly 0",
+    "valid range",
+    "climatology",
 ]
 _DOUBTS = {  # limit and remedy
     "made up": ("", "do not report it as an ocean from a model or measurements"),

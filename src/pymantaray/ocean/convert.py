@@ -1,5 +1,6 @@
 """Conversion of data sets to the ocean schema: units, instants, levels and TEOS-10 kinds of temperature and salinity."""
 
+import math
 import re
 import warnings
 from collections.abc import Sequence
@@ -23,13 +24,18 @@ HYCOM_NAMES = ("water_temp", "salinity", "water_u", "water_v")
 """Names of in-situ temperature, practical salinity, and eastward and northward currents."""
 # HYCOM's fill value if a server scaled it like data: -30000 x 0.001, plus 20 for tracers
 _SCALED_FILL = dict(zip(HYCOM_NAMES, (-10.0, -10.0, -30.0, -30.0), strict=True))
+DEEPEST = 12_000.0
+"""Upper limit of ocean depth. [m]"""
 _AT_SURFACE = 1e-3  # m; a first level this close to 0 m counts as the surface
 _DEEPEST_FIRST_LEVEL = 30.0  # m; values of a deeper first level are not extended to the surface
 _MIN_MAX_SALINITY = 0.06  # a lower maximum means kg/kg with a wrong unit
 _CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian", "none")
+_MAX_MONTHS = 12_000.0
+_MAX_YEARS = 250  # from an origin after 1900: the years that 64-bit nanoseconds can represent
 _TIME_TOLERANCE = np.timedelta64(1, "m")  # between the requested and an available instant
 
 _METRES = "m meter meters metre metres"
+_RADIANS = {180.0 / math.pi: "radians radian rad"}
 _THOUSANDTHS = "1e-3 0.001 10^-3 10-3 ppt ‰ g/kg gkg-1 gkg^-1"
 # by quantity: the unit of this package; then factor and spellings of each unit, without case, spaces and underscores
 # (MPa and mPa are therefore equal)
@@ -54,6 +60,7 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             0.01: "cm/s cms-1 cms^-1 cm.s-1 centimeter/s centimetre/s cm/sec",
             0.001: "mm/s mms-1 mms^-1",
             1000.0 / 3600.0: "km/h kmh-1 kmhour-1 km/hour",
+            0.3048: "ft/s fts-1 ft/sec feet/s",
         },
     ),
     "conductivity": (
@@ -78,22 +85,40 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             1e-2: "hpa mbar millibar",
             0.1: "kpa",
             100.0: "mpa",
+            0.6894757293168: "psi psia",
         },
     ),
-    "latitude": ("degrees_north", {1.0: "degreesnorth degreenorth degreesn degreen degrees degn deg"}),
-    "longitude": ("degrees_east", {1.0: "degreeseast degreeeast degreese degreee degrees dege deg"}),
+    "latitude": (
+        "degrees_north",
+        {1.0: "degreesnorth degreenorth degreesn degreen degrees degree degn deg", **_RADIANS},
+    ),
+    "longitude": (
+        "degrees_east",
+        {1.0: "degreeseast degreeeast degreese degreee degrees degree dege deg", **_RADIANS},
+    ),
 }
 _FACTORS = {
     quantity: {word: factor for factor, words in units.items() for word in words.split()}
     for quantity, (_, units) in _UNITS.items()
 }
+_FAHRENHEIT = [
+    "f",
+    "degf",
+    "°f",
+    "ºf",
+    "fahrenheit",
+    "degreef",
+    "degreesf",
+    "degreefahrenheit",
+    "degreesfahrenheit",
+]
 _KELVIN = ["k", "kelvin", "kelvins", "degk", "degreek", "degreesk", "degreekelvin", "degreeskelvin"]
 
 
 def is_unit_of(quantity: str, unit: str) -> bool:
     """Return True if a unit is a known unit of a quantity, with any factor."""
     word = _plain(unit)
-    return word in _FACTORS[quantity] or (quantity == "temperature" and word in _KELVIN)
+    return word in _FACTORS[quantity] or (quantity == "temperature" and word in (*_KELVIN, *_FAHRENHEIT))
 
 
 def is_our_unit(quantity: str, unit: str) -> bool:
@@ -119,6 +144,8 @@ def to_our_unit(values: Array, quantity: str, unit: str, *, where: str) -> Array
         )
     if quantity == "temperature" and _plain(unit) in _KELVIN:
         return values - 273.15
+    if quantity == "temperature" and _plain(unit) in _FAHRENHEIT:
+        return (values - 32.0) / 1.8
     factor = _FACTORS[quantity][_plain(unit)]
     return values if factor == 1.0 else values * factor
 
@@ -149,15 +176,18 @@ def parse_instant(time: str | np.datetime64) -> np.datetime64:
     return stamp.to_datetime64()
 
 
-def instants(data: xr.Dataset, name: str) -> Instants:
-    """Instants of a time coordinate in UTC and the standard calendar; one element for a scalar."""
+def has_time(data: xr.Dataset, name: str) -> bool:
+    """Return True unless a time coordinate has no name, or consists of one missing instant; xarray writes NaT as -2**63."""
+    return bool(name) and not (
+        data.variables[name].size == 1
+        and bool(np.all(np.isnan(values := numbers(data, name)) | (values <= -(2.0**63))))
+    )
+
+
+def instants(data: xr.Dataset, name: str) -> tuple[Instants, bool]:
+    """Instants of a time coordinate in UTC and the standard calendar, and True for a climatology; one element for a scalar."""
     axis = data.variables[name]
     where, unit, calendar = f"{file_name(data)}: {name}", text(axis, "units"), text(axis, "calendar").lower()
-    if "climatology" in axis.attrs or unit.lower().startswith(("month", "year", "common_year")):
-        raise OceanError(
-            f"{where} ({unit or 'climatology'}) is a climatology or counts months; select one step and set its instant,"
-            " data.isel(time=[0]).assign_coords(time=[numpy.datetime64('2014-07-15')])"
-        )
     if calendar not in _CALENDARS:
         raise OceanError(
             f"{where} uses the calendar {calendar!r}, which is not a real calendar; convert it first,"
@@ -167,7 +197,34 @@ def instants(data: xr.Dataset, name: str) -> Instants:
         raise OceanError(
             f"{where} has units {unit[:40]!r}; a time coordinate needs units such as 'hours since ...'"
         )
-    return decoded_times(np.atleast_1d(numbers(data, name)), unit, calendar, where=where)
+    values = np.atleast_1d(numbers(data, name))
+    months = unit.lower().startswith("month")
+    climatology = months or "climatology" in axis.attrs
+    if climatology:  # of no year
+        unit = re.sub(r"(?<= since )0*[01]-", "2000-", unit)
+    times = (
+        _months_since(values, unit, where) if months else decoded_times(values, unit, calendar, where=where)
+    )
+    different, counts = np.unique(times, return_counts=True)
+    if different.size < times.size:
+        again = minute(different[np.argmax(counts)])
+        raise OceanError(f"{where} has the instant {again} {counts.max()} times; keep one of them")
+    return times, climatology
+
+
+def _months_since(values: Array, unit: str, where: str) -> Instants:
+    """Instants of a count of calendar months, as in the World Ocean Atlas; fractions are of the length of the month."""
+    origin = parse_instant(unit.split(" since ", 1)[1]).astype("datetime64[M]")
+    if not np.all(np.isfinite(values)) or np.abs(values).max(initial=0.0) > _MAX_MONTHS:
+        raise OceanError(f"{where} has months from {values.min():g} to {values.max():g}; correct the axis")
+    years = np.floor(values / 12.0)
+    if np.abs(years).max(initial=0.0) > _MAX_YEARS:  # of no year, as in files of the World Ocean Atlas 2023
+        values = values - 12.0 * years.min()
+    whole = np.floor(values).astype(int)
+    first, after = (origin + (whole + k).astype("timedelta64[M]") for k in (0, 1))
+    length = (after.astype("datetime64[ns]") - first.astype("datetime64[ns]")).astype(float)
+    part = np.round((values - whole) * length).astype("timedelta64[ns]")
+    return np.asarray(first.astype("datetime64[ns]") + part)
 
 
 def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -> Instants:
@@ -213,6 +270,18 @@ def minute(time: np.datetime64) -> str:
     return str(np.datetime_as_string(time, unit="m"))
 
 
+def degrees(data: xr.Dataset, name: str, quantity: str) -> Array:
+    """Latitudes or longitudes of a variable in degrees, from degrees or radians."""
+    values, unit = numbers(data, name), text(data.variables[name], "units")
+    return to_our_unit(values, quantity, unit, where=f"{file_name(data)}: {name}") if unit else values
+
+
+def time_text(ocean: xr.Dataset) -> str:
+    """Instant of an ocean as text, to the minute, or ``unknown``."""
+    time = ocean["time"].values
+    return "unknown" if np.isnat(time) else str(np.datetime_as_string(time, unit="m"))
+
+
 def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
     """Vertical axis, positive down, in the order of the file, and True if it is an axis of pressure. [m] or [dbar]"""
     axis, where = data.variables[name], f"{file_name(data)}: {name}"
@@ -239,6 +308,8 @@ def _from_surface(values: Array, where: str) -> Array:
         raise OceanError(
             f"{where} has a level {-values.min():g} above the surface; check its attribute positive"
         )
+    if values.max() > DEEPEST:
+        raise OceanError(f"{where} has a level at {values.max():g}; allowed: at most {DEEPEST:g} m or dbar")
     return np.asarray(np.where(np.abs(values) <= _AT_SURFACE, 0.0, values), dtype=float)
 
 

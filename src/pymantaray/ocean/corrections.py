@@ -124,6 +124,8 @@ def correct_with_casts(
 
 def _ages(ocean: xr.Dataset, casts: Sequence[Cast]) -> Array:
     """Times of casts minus the time of the ocean. [s]"""
+    if np.isnat(ocean["time"].values):
+        raise OceanError("ocean: its time is unknown; time_scale needs it; set it with open_ocean(time=...)")
     for cast in casts:
         if np.isnat(cast.time):
             raise OceanError(f"cast {cast.name}: its time is unknown; time_scale needs it")

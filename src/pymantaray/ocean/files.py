@@ -18,10 +18,12 @@ from pymantaray.messages import one_line
 from pymantaray.ocean.zarr_metadata import check_zarr
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.records.writing import NETCDF_LOCK
+from pymantaray.user_files import check_regular, exists, first_bytes
 
 MEMORY_SHARE = 1 / 12
 """Maximum fraction of the machine's memory for one of four variables; conversion needs up to three copies of each."""
 IN_MEMORY = "data set in memory"
+_SHORTEST = 4  # bytes of an integer that is a limit of real numbers, not of packed ones
 _NEVER_WRITTEN = {  # default fill values of the NetCDF library
     "f4": np.float32(9.9692099683868690e36),
     "f8": np.float64(9.9692099683868690e36),
@@ -104,7 +106,14 @@ def decoded(raw: xr.Dataset) -> xr.Dataset:
 
 
 def numbers(data: xr.Dataset, name: str, selection: Mapping[str, slice] | None = None) -> Array:
-    """Values of a variable, or of a block selected by slices per dimension; NaN if missing."""
+    """Values of a variable, or of a block selected by slices per dimension; NaN if missing or outside the valid range."""
+    return counted_numbers(data, name, selection)[0]
+
+
+def counted_numbers(
+    data: xr.Dataset, name: str, selection: Mapping[str, slice] | None = None
+) -> tuple[Array, int]:
+    """Values as in `numbers`, and the number of values outside the valid range."""
     variable = data.variables[name].isel(selection or {}, missing_dims="ignore")
     if variable.dtype.kind not in "biuf":
         raise OceanError(f"{file_name(data)}: {name} contains text or records; it must contain numbers")
@@ -117,9 +126,52 @@ def numbers(data: xr.Dataset, name: str, selection: Mapping[str, slice] | None =
         )
     try:
         with NETCDF_LOCK:
-            return np.array(variable.values, dtype=float)
+            values = np.array(variable.values, dtype=float)
     except Exception as error:  # noqa: BLE001
         raise unreadable(file_name(data), error) from None
+    if data.variables[name].dims == (name,):  # a coordinate has no missing values (CF 2.5.1)
+        return values, 0
+    low, high = _valid_range(variable)
+    with np.errstate(invalid="ignore"):
+        outside = (values < low) | (values > high)
+    values[outside] = np.nan
+    return values, int(np.count_nonzero(outside))
+
+
+def _valid_range(variable: xr.Variable) -> tuple[float, float]:
+    """
+    Limits of the valid values of a variable in its unit, by CF 2.5.1 and the attributes of the NetCDF user guide.
+
+    The limits of packed integers are packed as well, unless they are floating-point numbers.
+    """
+    both = _finite(variable.attrs.get("valid_range"), 2)
+    single = [_finite(variable.attrs.get(f"valid_{end}"), 1) for end in ("min", "max")]
+    limits = [None if end is None else end[0] for end in single] if both is None else list(both)
+    encoding = variable.encoding
+    scale, offset = (
+        float(encoding.get(key, one)) for key, one in (("scale_factor", 1.0), ("add_offset", 0.0))
+    )
+    raw = np.dtype(encoding.get("dtype", variable.dtype))
+    packed = raw.kind in "iu" and not (scale == 1.0 and offset == 0.0)
+    kinds = [(limit.dtype.kind, limit.dtype.itemsize) for limit in limits if limit is not None]
+    if raw.kind == "f" and any(kind in "iu" and size < _SHORTEST for kind, size in kinds):
+        return -np.inf, np.inf  # packed limits that remained when the values were unpacked
+    ends = [
+        end if limit is None else float(limit) for limit, end in zip(limits, (-np.inf, np.inf), strict=True)
+    ]
+    if packed and all(kind in "iu" for kind, _ in kinds):
+        if str(encoding.get("_Unsigned", "")).lower() == "true":
+            ends = [end + 2.0 ** (8 * raw.itemsize) if -np.inf < end < 0.0 else end for end in ends]
+        ends = sorted(scale * end + offset for end in ends)
+    low, high = ends
+    rounding = 0.5 * abs(scale) * packed
+    return low - rounding - 1e-6 * abs(low), high + rounding + 1e-6 * abs(high)
+
+
+def _finite(value: object, size: int) -> Any:
+    """Attribute as an array of finite numbers; None if it is missing or something else."""
+    array = np.asarray(value).ravel()
+    return array if array.size == size and array.dtype.kind in "iuf" and np.isfinite(array).all() else None
 
 
 def file_name(data: xr.Dataset) -> str:
@@ -156,19 +208,13 @@ def unreadable(path: str | Path, error: Exception) -> OceanError:
 
 def is_netcdf(path: Path) -> bool:
     """Return True if a path is a regular file that begins like NetCDF."""
-    with suppress(OSError, ValueError):  # a name with a null character is a ValueError
-        if path.is_file():
-            with path.open("rb") as stream:
-                return stream.read(4) in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
-    return False
+    return first_bytes(path, 4) in (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
 
 
 def _engine(path: Path) -> str:
-    if path.is_dir():
+    if exists(path) and path.is_dir():
         return _zarr_engine(path)
-    if not path.is_file():
-        what = "not a regular file" if path.exists() else "no such file"
-        raise OceanError(f"{path}: {what}; name an existing file")
+    check_regular(path, OceanError, what="a NetCDF file")
     if is_netcdf(path):
         return "netcdf4"
     raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page")

@@ -2,74 +2,66 @@
 Readers of text files from instruments and their programs, as columns with names and units of this package.
 
 The content, not the suffix, identifies the format: Sea-Bird ``.cnv`` (Seasoft manual, converted data format), Sippican ``.edf``
-(XBT, XCTD, XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport (VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV) and
-text of RBR Ruskin. Sources for the headers are the manual of the Simrad ME70 (EDF) and files for HydrOffice's Sound Speed Manager.
+(XBT, XCTD, XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport (VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV),
+text of RBR Ruskin, WHP-exchange (`pymantaray.ocean.whp`) and ice-tethered profilers (`pymantaray.ocean.itp`). Sources for the headers are the manual of the Simrad ME70 (EDF) and files for HydrOffice's Sound Speed Manager.
 """
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
+import gsw
 
 from pymantaray.errors import OceanError
-from pymantaray.records.text_table import MONTHS
-
-Lines = Sequence[str]
-Rows = dict[int, list[str]]
-"""Cells by line of the file, starting at 1."""
-
-
-class InstrumentTable(NamedTuple):
-    """Columns of an instrument's file."""
-
-    instrument: str
-    titles: list[str]
-    """Names of quantities with units, as in tables of casts; empty for unused columns."""
-    rows: Rows
-    place: tuple[float, float] | None
-    """Latitude and longitude. [degrees]"""
-    time: str
-    """UTC in ISO 8601; empty if the file has no time."""
-    notes: tuple[str, ...] = ()
-
-
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_QUANTITIES = (  # the first match in a column's title counts
-    (r"potential temp|^potemp", "potential_temperature"),
-    (r"specific|conductance|density|anomaly", ""),
-    (r"^cond", "measured_conductivity"),
-    (r"^(cal\w*\.? ?)?(sv|svel|sos)$|sound (vel|speed)|speed of sound|^calcsv", "sound_speed"),
-    (r"^sal|salinity", "salinity"),
-    (r"^t(emp)?(ct|sv)?$|^temp|temperature", "temperature"),
-    (r"^(sea ?)?pres", "pressure"),
-    (r"^depth|^dep\b", "depth"),
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.instrument_table import (
+    DAY_FIRST,
+    MONTH_NAME_FIRST,
+    NUMBER,
+    InstrumentTable,
+    Lines,
+    Rows,
+    first_of_each,
+    iso_date,
+    known_titles,
+    month_first_date,
+    number_of,
+    numeric_rows,
+    on_its_90,
+    position_texts,
+    scale_column,
+    text_after,
 )
-_UNITS = {
-    "decibar": "dbar", "decibars": "dbar", "db": "dbar", "dbar": "dbar", "bar": "bar", "m": "m", "meter": "m", "meters": "m",
-    "metre": "m", "metres": "m", "ft": "ft", "feet": "ft", "c": "degC", "degc": "degC", "deg c": "degC", "celsius": "degC",
-    "°c": "degC", "ºc": "degC", "deg_c": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
-    "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1", "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
-}  # fmt: skip
+from pymantaray.ocean.itp import ITP_HEADER, read_itp
+from pymantaray.ocean.positions import position_in_text
+from pymantaray.ocean.whp import WHP_HEADER, read_whp
+
 _SEA_BIRD = (  # short names of Seasoft's variables
-    (r"pr(\d?[DMS])?[DM]?|prdM|prSM", "pressure [dbar]"),
-    (r"dep[SF]M", "depth [m]"),
-    (r"(t|tv|tn)\d?\d90C", "temperature [degC]"),
-    (r"(t|tv|tn)\d?\d68C", "temperature [degC] 68"),
+    (r"pr(50|[dDS])?M?\d?", "pressure [dbar]"),
+    (r"pr(50|[dDS])?E\d?", "pressure [psi]"),
+    (r"depSM?", "depth [m]"),
+    (r"depSF", "depth [ft]"),
+    (r"depFM?", "fresh_water_depth [m]"),
+    (r"depFF", "fresh_water_depth [ft]"),
+    (r"t(v|nc?)?\d{0,2}_?90(Cm?)?", "temperature [degC]"),
+    (r"t(v|nc?)?\d{0,2}_?90F", "temperature [degF]"),
+    (r"t(v|nc?)?\d{0,2}_?68(Cm?)?", "temperature [degC] 68"),
+    (r"t(v|nc?)?\d{0,2}_?68F", "temperature [degF] 68"),
     (r"potemp\d?90C", "potential_temperature [degC]"),
-    (r"sal\d\d", "salinity [1]"),
-    (r"c\d?[0_]?S/m", "measured_conductivity [S/m]"),
-    (r"c\d?[0_]?mS/cm", "measured_conductivity [mS/cm]"),
-    (r"c\d?[0_]?uS/cm", "measured_conductivity [uS/cm]"),
+    (r"gsw_ctA\d?", "conservative_temperature [degC]"),
+    (r"sal(\d\d)?", "salinity [1]"),
+    (r"gsw_saA\d?", "absolute_salinity [g/kg]"),
+    (r"(c|cond)_?\d?S/m", "measured_conductivity [S/m]"),
+    (r"(c|cond)_?\d?mS/cm", "measured_conductivity [mS/cm]"),
+    (r"(c|cond)_?\d?uS/cm", "measured_conductivity [uS/cm]"),
     (r"sv[CDW]M\d?", "sound_speed [m/s]"),
+    (r"sv[CDW]F\d?", "sound_speed [ft/s]"),
     (r"latitude", "lat [degrees]"),
     (r"longitude", "lon [degrees]"),
 )
-_CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
-_MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
-_DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
-_MONTH_FIRST = r"(?P<month>\d{1,2})/(?P<day>\d{1,2})/(?P<year>\d{4}|\d\d)$"
+_FRESH_WATER_DEPTH = 1.019716
+"""Seasoft's depth in fresh water over pressure. [m/dbar]"""
+_SAME_LATITUDE = 0.05  # degrees; depth changes by less than 2e-6 of itself
 AIR_PRESSURE = 10.1325
 """Air pressure to subtract from absolute pressures. [dbar]"""
 AIR_PRESSURE_NOTE = f"{AIR_PRESSURE} dbar of air pressure subtracted from the absolute pressure"
@@ -83,20 +75,35 @@ def instrument_table(path: Path, lines: Lines) -> InstrumentTable | None:
         return None
     try:
         sheet = reader(lines)
+    except OceanError as error:
+        raise OceanError(f"{path}: {error}") from None
     except (IndexError, KeyError, StopIteration, ValueError):
         raise OceanError(
             f"{path}: the header of this instrument's file is damaged; export it again"
         ) from None
     if not any(sheet.titles) or not sheet.rows:
         what = "columns" if not any(sheet.titles) else "rows"
-        raise OceanError(f"{path}: a file of {sheet.instrument} without {what} that are known")
+        unread = f"; not read: {', '.join(sheet.unread)}" if sheet.unread else ""
+        raise OceanError(f"{path}: a file of {sheet.instrument} without {what} that are known{unread}")
+    return _with_valid_time(sheet)
+
+
+def _with_valid_time(sheet: InstrumentTable) -> InstrumentTable:
+    """Replace a time that cannot be read by a note: most uses of a cast need no time."""
+    if not sheet.time:
+        return sheet
+    try:
+        parse_instant(sheet.time)
+    except OceanError:
+        return sheet._replace(time="", notes=(*sheet.notes, f"time {sheet.time[:40]!r} not read"))
     return sheet
 
 
 def _sea_bird(lines: Lines) -> InstrumentTable:
     end = next(i for i, line in enumerate(lines) if line.startswith("*END*"))
     head = [line.lstrip("*# ").strip() for line in lines[:end]]
-    names = [m[1] for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):", line))]
+    entries = [m.groups() for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):?(.*)", line))]
+    names = [name.strip() for name, _ in entries]
     bad = next((float(m[1]) for line in head if (m := re.match(r"bad_flag\s*=\s*(\S+)", line))), -9.99e-29)
     rows: Rows = {}
     for i, line in enumerate(lines[end + 1 :], end + 2):
@@ -104,52 +111,78 @@ def _sea_bird(lines: Lines) -> InstrumentTable:
         if len(cells) != len(names):  # numbers of eleven characters may touch
             cells = [line[k : k + 11].strip() for k in range(0, len(line.rstrip()), 11)]
         if len(cells) == len(names):
-            rows[i] = ["" if _value(cell) == bad else cell for cell in cells]
-    titles = _first_of_each(
-        next((title for pattern, title in _SEA_BIRD if re.fullmatch(pattern, name.strip())), "")
-        for name in names
+            rows[i] = ["" if number_of(cell) == bad else cell for cell in cells]
+    titles = first_of_each(
+        next((title for pattern, title in _SEA_BIRD if re.fullmatch(pattern, name)), "") for name in names
     )
-    notes = []
-    if flags := [k for k, name in enumerate(names) if name.strip() == "flag"]:
-        flagged = [i for i, cells in rows.items() if not cells[flags[0]]]
+    position = position_texts(head)
+    notes = [
+        *_without_flagged_rows(names, rows),
+        *on_its_90(titles, rows),
+        *_measured_depth(titles, [about for _, about in entries], rows, position),
+    ]
+    for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
+        if time := iso_date(text_after(head, key), MONTH_NAME_FIRST):
+            break
+    return InstrumentTable("Sea-Bird", titles, rows, position, time, tuple(notes), names)
+
+
+def _without_flagged_rows(names: Sequence[str], rows: Rows) -> Iterator[str]:
+    """Drop rows with a bad flag, and yield a note."""
+    if "flag" in names:
+        flagged = [i for i, cells in rows.items() if not cells[names.index("flag")]]
         for i in flagged:
             del rows[i]
         if flagged:
-            notes.append(f"{len(flagged)} rows rejected by a bad flag")
+            yield f"{len(flagged)} rows rejected by a bad flag"
+
+
+def _measured_depth(
+    titles: list[str], about: Sequence[str], rows: Rows, position: tuple[str, str]
+) -> Iterator[str]:
+    """Convert depths that Seasoft computed for fresh water, or for another latitude, back to pressure; yield a note."""
     for k, title in enumerate(titles):
-        if title.endswith("68"):
-            titles[k] = title.removesuffix(" 68")
-            notes.append("temperature converted from ITS-68 to ITS-90 (divided by 1.00024)")
-            for cells in rows.values():
-                cells[k] = repr(_value(cells[k]) / 1.00024) if cells[k] else ""
-    for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
-        if time := _iso(_after(head, key), _MONTH_NAME_FIRST):
-            break
-    return InstrumentTable("Sea-Bird", titles, rows, _place_in(head), time, tuple(notes))
+        pressure = any(other.startswith("pressure") for other in titles)
+        stated = re.search(rf"lat\s*=\s*({NUMBER.pattern})", about[k])
+        unit = 0.3048 if title.endswith("[ft]") else 1.0
+        if title.startswith("fresh_water_depth"):
+            titles[k] = "" if pressure else "pressure [dbar]"
+            if not pressure:
+                scale_column(rows, k, unit / _FRESH_WATER_DEPTH)
+                yield f"pressure from depth in fresh water, {_FRESH_WATER_DEPTH} m/dbar"
+        elif title.startswith("depth") and stated and not pressure:
+            latitude, place = float(stated[1]), position_in_text(*position)[0]
+            if abs(latitude) <= 90.0 and (place is None or abs(place[0] - latitude) > _SAME_LATITUDE):
+                titles[k] = "pressure [dbar]"
+                for cells in rows.values():
+                    cells[k] = repr(float(gsw.p_from_z(-unit * number_of(cells[k]), latitude)))
+                yield f"pressure from depth, which the file computed for latitude {latitude:g}"
 
 
 def _sippican(lines: Lines) -> InstrumentTable:
-    start = next(
-        (i for i, line in enumerate(lines) if re.match(r"\s*(Depth \(m\)|// Data\s*$)", line)), len(lines)
-    )
+    first = r"\s*(Depth \((m|ft)\)|// Data\s*$)"
+    start = next((i for i, line in enumerate(lines) if re.match(first, line, re.IGNORECASE)), len(lines))
     head = [line.lstrip("/ ").strip() for line in lines[: start + 1]]
     fields = {
         int(m[1]): m[2] for line in head if (m := re.match(r"Field\s*(\d+)\s*:\s*(.*)", line, re.IGNORECASE))
     }
     named = re.findall(r"[A-Za-z][A-Za-z ]*?\s*\([^)]*\)", head[-1]) if head else []
-    titles = [fields[k] for k in sorted(fields)] or named
-    date = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})", _after(head, r"Date of Launch\s*:"))
-    clock = re.match(r"\d{1,2}:\d{2}(:\d{2})?", _after(head, r"Time of Launch\s*:"))
-    time = f"{date[3]}-{int(date[1]):02d}-{int(date[2]):02d}" if date else ""
-    salinity = _NUMBER.search(_after(head, r"Sound velocity derived with assumed salinity\s*:?|Salinity\s*:"))
-    notes = [f"sound speed computed with an assumed salinity of {salinity[0]}"] if salinity else []
+    names = [fields[k] for k in sorted(fields)] or named
+    date, notes = month_first_date(text_after(head, r"Date of Launch\s*:"))
+    clock = re.match(r"\d{1,2}:\d{2}(:\d{2})?", text_after(head, r"Time of Launch\s*:"))
+    salinity = NUMBER.search(
+        text_after(head, r"Sound velocity derived with assumed salinity\s*:?|Salinity\s*:")
+    )
+    if salinity:
+        notes.append(f"sound speed computed with an assumed salinity of {salinity[0]}")
     return InstrumentTable(
         "Sippican",
-        _titles(titles),
-        _numeric_rows(lines, start + 1, None),
-        _place_in(head),
-        time + (f"T{clock[0]:0>8}" if time and clock else ""),
+        known_titles(names),
+        numeric_rows(lines, start + 1, None),
+        position_texts(head),
+        date + (f"T{clock[0]:0>8}" if date and clock else ""),
         tuple(notes),
+        names,
     )
 
 
@@ -159,10 +192,8 @@ def _kongsberg(lines: Lines) -> InstrumentTable:
     time, lat, lon = [*words[3:6], "", "", ""][:3]
     digits = re.fullmatch(r"(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)?", time)
     stamp = "{}-{}-{}T{}:{}:{}".format(*digits.groups(default="00")) if digits else ""
-    place = _position(_value(lat), _value(lon))
-    return InstrumentTable(
-        "Kongsberg", ["depth [m]", "sound_speed [m/s]"], _numeric_rows(lines, first + 1, None), place, stamp
-    )
+    rows = numeric_rows(lines, first + 1, None)
+    return InstrumentTable("Kongsberg", ["depth [m]", "sound_speed [m/s]"], rows, (lat, lon), stamp)
 
 
 def _castaway(lines: Lines) -> InstrumentTable:
@@ -170,12 +201,11 @@ def _castaway(lines: Lines) -> InstrumentTable:
     start = next(
         (i for i, line in enumerate(lines) if line.strip() and not line.startswith("%")), len(lines) - 1
     )
-    lat, lon = (_value(_after(head, rf"Start {axis}\s*,")) for axis in ("latitude", "longitude"))
-    time = _after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
-    titles = _titles(lines[start].split(","))
-    return InstrumentTable(
-        "CastAway", titles, _numeric_rows(lines, start + 1, ","), _position(lat, lon), time
-    )
+    lat, lon = (text_after(head, rf"Start {axis}\s*,") for axis in ("latitude", "longitude"))
+    time = text_after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
+    names = lines[start].split(",")
+    rows = numeric_rows(lines, start + 1, ",")
+    return InstrumentTable("CastAway", known_titles(names), rows, (lat, lon), time, names=names)
 
 
 def _sections(lines: Lines) -> InstrumentTable:
@@ -190,21 +220,22 @@ def _sections(lines: Lines) -> InstrumentTable:
     if "columns" not in keys and following:
         titles, units = lines[following[0]].split(separator), []
         if len(following) > 1 and not any(
-            _NUMBER.fullmatch(c.strip()) for c in lines[following[1]].split(separator)
+            NUMBER.fullmatch(c.strip()) for c in lines[following[1]].split(separator)
         ):
             units = lines[following[1]].split(separator)
     if len(units) == len(titles):
         titles = [f"{t} ({u.strip('()[] ')})" if u.strip() else t for t, u in zip(titles, units, strict=True)]
-    lat = _angle(keys.get("gpslatitude") or keys.get("latitude", ""))
-    lon = _angle(keys.get("gpslongitude") or keys.get("longitude", ""))
-    lat, lon = (np.nan, np.nan) if (lat, lon) == (0.0, 0.0) else (lat, lon)  # 0, 0 means no GNSS fix
+    lat, lon = (keys.get(f"gps{axis}") or keys.get(axis, "") for axis in ("latitude", "longitude"))
     stamps = (keys.get(k) for k in ("datastarttime", "datestarttime", "time_stamp", "timestamp"))
     time = next((s for s in stamps if s), "")
+    notes: list[str] = []
     if not time and "date" in keys:
-        time = f"{_iso(keys['date'], _MONTH_FIRST) or keys['date']} {keys.get('time', '')}".strip()
+        date, notes = month_first_date(keys["date"])
+        time = f"{date or keys['date']} {keys.get('time', '')}".strip()
     time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
-    rows = _numeric_rows(lines, start + 1, separator)
-    return InstrumentTable("AML" if aml else "Valeport", _titles(titles), rows, _position(lat, lon), time)
+    rows = numeric_rows(lines, start + 1, separator)
+    maker = "AML" if aml else "Valeport"
+    return InstrumentTable(maker, known_titles(titles), rows, (lat, lon), time, tuple(notes), titles)
 
 
 def _valeport_midas(lines: Lines) -> InstrumentTable:
@@ -212,25 +243,26 @@ def _valeport_midas(lines: Lines) -> InstrumentTable:
         (i for i, line in enumerate(lines) if line.upper().startswith("DATE / TIME")), len(lines) - 1
     )
     head = [line.strip() for line in lines[:start]]
-    titles = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
-    time = _iso(_after(head, r"Time Stamp\s*:"), _DAY_FIRST)
-    return InstrumentTable(
-        "Valeport", _titles(titles), _numeric_rows(lines, start + 1, "\t"), _place_in(head), time
-    )
+    names = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
+    time = iso_date(text_after(head, r"Time Stamp\s*:"), DAY_FIRST)
+    rows = numeric_rows(lines, start + 1, "\t")
+    return InstrumentTable("Valeport", known_titles(names), rows, position_texts(head), time, names=names)
 
 
 def _valeport_mini(lines: Lines) -> InstrumentTable:
     start = next((i for i, line in enumerate(lines) if line.startswith("Pressure units:")), len(lines) - 1)
     head = [line.strip() for line in lines[: start + 1]]
-    metres = _after(head, "Pressure units:").lower().startswith("m")
+    metres = text_after(head, "Pressure units:").lower().startswith("m")
     down = "depth [m]" if metres else "pressure [dbar]"
     model = next((line.split(":")[0] for line in head if re.match(r"(MiniSVP|MiniCTD|RapidSVT?):", line)), "")
     columns = {
         "RapidSV": [down, "sound_speed [m/s]"],
         "MiniCTD": [down, "temperature [degC]", ""],
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
-    time = _iso(_after(head, r"Now\s*:"), _DAY_FIRST)
-    return InstrumentTable("Valeport", columns, _numeric_rows(lines, start + 1, None), _place_in(head), time)
+    time = iso_date(text_after(head, r"Now\s*:"), DAY_FIRST)
+    return InstrumentTable(
+        "Valeport", columns, numeric_rows(lines, start + 1, None), position_texts(head), time
+    )
 
 
 def _rbr(lines: Lines) -> InstrumentTable:
@@ -246,21 +278,20 @@ def _rbr(lines: Lines) -> InstrumentTable:
         else ["date", "time", *lines[start].split()[3:]]
     )
     sea = any(re.match(r"sea ?pres", word, re.IGNORECASE) for word in words)
-    titles = _titles("" if sea and re.match("pres", w, re.IGNORECASE) else w for w in words)
-    rows, notes = _numeric_rows(lines, start + 1, separator), []
+    titles = known_titles("" if sea and re.match("pres", w, re.IGNORECASE) else w for w in words)
+    rows, notes = numeric_rows(lines, start + 1, separator), []
     if (
         not sea
         and (k := next((k for k, title in enumerate(titles) if title.startswith("pressure")), None))
         is not None
     ):
         notes.append(AIR_PRESSURE_NOTE)
-        for cells in rows.values():
-            cells[k] = repr(_value(cells[k]) - AIR_PRESSURE) if cells[k] else ""
+        scale_column(rows, k, 1.0, -AIR_PRESSURE)
     head = [line.strip() for line in lines[:start]]
     first = next((line for line in lines[start + 1 :] if line.strip()), "")
     time = re.match(r"\s*(\d{4})[-/](\d\d)[-/](\d\d)[ T](\d\d:\d\d:\d\d)", first)
     stamp = f"{time[1]}-{time[2]}-{time[3]}T{time[4]}" if time else ""
-    return InstrumentTable("RBR", titles, rows, _place_in(head), stamp, tuple(notes))
+    return InstrumentTable("RBR", titles, rows, position_texts(head), stamp, tuple(notes), words)
 
 
 def _any(pattern: str) -> Callable[[Lines], bool]:
@@ -270,6 +301,8 @@ def _any(pattern: str) -> Callable[[Lines], bool]:
 
 _FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], InstrumentTable]], ...] = (
     (_any(r"\*END\*"), _sea_bird),
+    (lambda head: bool(head) and WHP_HEADER.match(head[0]) is not None, read_whp),
+    (lambda head: bool(head) and ITP_HEADER.match(head[0]) is not None, read_itp),
     (_any(r"\(\s*SoundVelocity\b"), _kongsberg),
     (_any(r"(//\s*)?(Date of Launch|Probe Type)\s*:"), _sippican),
     (_any(r"%\s*(Device|Cast time|File name)"), _castaway),
@@ -279,94 +312,3 @@ _FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], InstrumentTable
     (lambda head: bool(head) and _any(r"(Model=|RBR )")(head[:3]) and _any("(time|timestamp|date & time)")(head), _rbr),
     (lambda head: bool(head) and re.match(r"time,.*\b(sea pressure|speed of sound)\b", head[0], re.IGNORECASE) is not None, _rbr),
 )  # fmt: skip
-
-
-def _titles(cells: Iterable[str]) -> list[str]:
-    """Convert titles of a file, such as ``Pressure (Decibar)``, to titles of this package; empty for unused columns."""
-    return _first_of_each(_title(cell) for cell in cells)
-
-
-def _title(cell: str) -> str:
-    match = re.fullmatch(r"\s*(.*?)\s*(?:[(\[]([^)\]]*)[)\]])?\s*", cell)
-    name, unit = (match[1], match[2] or "") if match else (cell, "")
-    quantity = next((q for pattern, q in _QUANTITIES if re.search(pattern, name.strip().lower())), "")
-    if not quantity:
-        return ""
-    known = known_unit(unit)
-    return f"{quantity} [{known}]" if known else quantity
-
-
-def known_unit(unit: str) -> str:
-    """Convert the unit of an instrument's column to its usual spelling; other units stay as they are."""
-    return _UNITS.get(unit.strip().lower(), unit.strip())
-
-
-def _first_of_each(titles: Iterable[str]) -> list[str]:
-    """Remove the titles of second columns of a quantity."""
-    out: list[str] = []
-    for title in titles:
-        quantity = title.split(" [")[0]
-        out.append("" if any(other.split(" [")[0] == quantity for other in out) else title)
-    return out
-
-
-def _numeric_rows(lines: Lines, start: int, separator: str | None) -> Rows:
-    """Rows from a line onward with at least one number; other cells become empty."""
-    rows = {}
-    for i, line in enumerate(lines[start:], start + 1):
-        cells = [cell.strip() for cell in line.split(separator)]
-        numbers = [cell if _NUMBER.fullmatch(cell) else "" for cell in cells]
-        if any(numbers):
-            rows[i] = numbers
-    return rows
-
-
-def _after(head: Iterable[str], pattern: str) -> str:
-    """Text behind a key, from the first line of a header with this key."""
-    for line in head:
-        if match := re.match(rf"(?:{pattern})(.*)", line, re.IGNORECASE):
-            return match[1].strip()
-    return ""
-
-
-def _value(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
-
-
-def _angle(words: str) -> float:
-    """Convert text such as ``74.5``, ``74 30.5N`` or ``74 30 12 S`` to degrees; NaN for other text. [degrees]"""
-    numbers = [float(n) for n in _NUMBER.findall(words)][:3]
-    if not numbers:
-        return float("nan")
-    size = sum(abs(n) / 60.0**k for k, n in enumerate(numbers))
-    negative = words.strip().startswith("-") or bool(re.search(r"[SW]\s*$", words.strip(), re.IGNORECASE))
-    return -size if negative else size
-
-
-def _position(lat: float, lon: float) -> tuple[float, float] | None:
-    return (lat, lon) if np.isfinite(lat) and np.isfinite(lon) else None
-
-
-def _place_in(head: Lines) -> tuple[float, float] | None:
-    """Place from the lines of a header with a latitude and a longitude."""
-    keys = (rf"(?:NMEA )?{axis}\s*[=:]" for axis in ("Latitude", "Longitude"))
-    lat, lon = (_angle(_after(head, key)) for key in keys)
-    return _position(lat, lon)
-
-
-def _iso(words: str, layout: str) -> str:
-    """Convert a date, with its time if present, to ISO 8601; empty if the text has no date of this layout."""
-    match = re.match(layout, words)
-    if match is None:
-        return ""
-    date = match.groupdict(default="")
-    month = date["month"] if date["month"].isdigit() else MONTHS.get(date["month"].lower())
-    if month is None:
-        return ""
-    year = int(date["year"]) + (2000 if len(date["year"]) == 2 else 0)
-    return f"{year}-{int(month):02d}-{int(date['day']):02d}" + (
-        f"T{date['time']:0>8}" if date.get("time") else ""
-    )

@@ -174,7 +174,7 @@ class LocalGrid:
             "centre_longitude_deg": frame.longitude_deg,
             "proj_string": frame.proj_string,
             "scale_error_max": float(np.max(np.abs(scale - 1.0))),
-            "time": str(np.datetime_as_string(points.time, unit="s")),
+            **({} if np.isnat(points.time) else {"time": str(np.datetime_as_string(points.time, unit="s"))}),
             **points.attrs,
             **notes,
         }

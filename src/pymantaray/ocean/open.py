@@ -16,22 +16,25 @@ from pymantaray.ocean import cf
 from pymantaray.ocean.assemble import ocean_of
 from pymantaray.ocean.convert import (
     Instants,
+    degrees,
+    has_time,
     instants,
     levels,
     listing,
+    minute,
     parse_instant,
     pick,
     without_scaled_fill,
 )
 from pymantaray.ocean.files import (
     IN_MEMORY,
+    counted_numbers,
     file_name,
-    numbers,
     open_file,
     unreadable,
 )
 from pymantaray.ocean.names import SYNTHETIC
-from pymantaray.ocean.schema import VARIABLES, validate_ocean
+from pymantaray.ocean.schema import VARIABLES, validate_ocean, with_history
 from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
 
@@ -63,7 +66,9 @@ def open_ocean(
         belong together; or ``"synthetic:beaufort"`` or ``"synthetic:fram"``. Axes may have any order and direction. A valid
         ocean written as NetCDF is returned unchanged.
     time : str or numpy.datetime64, optional
-        Instant (UTC). Default: the only time of files; 15 July 2014, 12 h for synthetic oceans.
+        Instant (UTC). Default: the only time of files, NaT for a data set without time; 15 July 2014, 12 h for synthetic
+        oceans. Data sets without time, and climatologies such as the World Ocean Atlas, take any instant: a climatology gives
+        the field that is nearest in the year.
     window : tuple of float, optional
         South, north, west, east. Only grid points inside are read. West may be greater than east, across the antimeridian.
         Default: all grid points. [degrees]
@@ -109,7 +114,7 @@ def read_ocean(
         return crop(synthetic_ocean(region, EPOCH if time is None else time), window)
     with Collection(sources, window, names) as collection:
         collection.needed(currents)
-        return collection.ocean(pick(collection.times(), time, collection.names), currents)
+        return collection.ocean_at(time, currents)
 
 
 def open_ocean_series(
@@ -147,6 +152,8 @@ def open_ocean_series(
         times = np.arange(begin, last + SYNTHETIC_STEP, SYNTHETIC_STEP)
         return tuple(crop(synthetic_ocean(region, t), window) for t in _enclosing(times, first, last, region))
     with Collection(sources, window, names) as collection:
+        if np.isnat(collection.times()).all():
+            raise OceanError(f"{collection.names}: no time coordinate; an ocean that varies needs one")
         times = _enclosing(collection.whole_times(currents), first, last, collection.names)
         oceans = tuple(collection.ocean(np.datetime64(t), currents) for t in times)
     for ocean in oceans:
@@ -251,6 +258,9 @@ class Part:
     data: xr.Dataset
     layout: cf.Layout
     times: Instants
+    """One NaT for a file without time."""
+    climatology: bool
+    """True if times are those of a mean year."""
     grid: Selection
     levels: Array
     """Increasing. [m] or [dbar]"""
@@ -267,9 +277,22 @@ class Part:
         if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             raise OceanError(f"{file_name(data)}: {layout.depth} is not monotonic; sort it")
         upward = bool(steps.size and steps[0] < 0.0)
-        grid = select(numbers(data, layout.lat), numbers(data, layout.lon), window, file_name(data))
-        times = instants(data, layout.time)
-        return cls(data, layout, times, grid, axis[::-1] if upward else axis, upward, is_pressure)
+        lat, lon = degrees(data, layout.lat, "latitude"), degrees(data, layout.lon, "longitude")
+        grid = select(lat, lon, window, file_name(data))
+        times, climatology = np.array(["NaT"], dtype="datetime64[ns]"), False
+        if has_time(data, layout.time):
+            times, climatology = instants(data, layout.time)
+        axis = axis[::-1] if upward else axis
+        return cls(data, layout, times, climatology, grid, axis, upward, is_pressure)
+
+    @property
+    def timeless(self) -> bool:
+        """True if the file has no time."""
+        return bool(np.isnat(self.times).all())
+
+    def holds(self, instant: np.datetime64) -> bool:
+        """Return True if the file has fields for an instant."""
+        return self.timeless or bool(np.any(self.times == instant))
 
     @property
     def axes(self) -> dict[str, Array]:
@@ -280,21 +303,24 @@ class Part:
         """Variable of a role, or None if the file does not have it."""
         return next((f for f in self.layout.fields if f.role == role), None)
 
-    def read(self, field: cf.Field, instant: np.datetime64) -> Array:
-        """Values (depth, lat, lon) of a variable at one of the file's instants, in the unit of the file."""
+    def read(self, field: cf.Field, instant: np.datetime64) -> tuple[Array, int]:
+        """Values (depth, lat, lon) of a variable at an instant, in the unit of the file, and the number of invalid ones."""
         layout, variables = self.layout, self.data.variables
         dims = variables[field.variable].dims
         lat, lon, depth = (variables[n].dims[0] for n in (layout.lat, layout.lon, layout.depth))
         block = {str(lat): self.grid.rows}
-        for time in variables[layout.time].dims:
+        for time in variables[layout.time].dims if layout.time and not self.timeless else ():
             i = int(np.flatnonzero(self.times == instant)[0])
             block[str(time)] = slice(i, i + 1)
-        columns = [numbers(self.data, field.variable, {**block, str(lon): c}) for c in self.grid.blocks]
-        whole = np.concatenate(columns, axis=dims.index(lon))
+        columns = [
+            counted_numbers(self.data, field.variable, {**block, str(lon): c}) for c in self.grid.blocks
+        ]
+        whole = np.concatenate([values for values, _ in columns], axis=dims.index(lon))
+        invalid = sum(count for _, count in columns)
         whole = np.moveaxis(whole, [dims.index(d) for d in (depth, lat, lon)], (-3, -2, -1))
         whole = whole.reshape(whole.shape[-3:])  # all other dimensions have one element
         whole = self.grid.in_order(whole[:: -1 if self.upward else 1])
-        return without_scaled_fill(field.variable, np.ascontiguousarray(whole))
+        return without_scaled_fill(field.variable, np.ascontiguousarray(whole)), invalid
 
 
 def _part(data: xr.Dataset, window: GeographicWindow | None) -> Part:
@@ -334,14 +360,37 @@ class Collection:
         self._stack.close()
 
     def times(self) -> Instants:
-        """All instants in the files, increasing."""
-        return np.unique(np.concatenate([part.times for part in self.parts]))
+        """All instants in the files, increasing; NaT if no file has a time."""
+        dated = [part.times for part in self.parts if not part.timeless]
+        return np.unique(np.concatenate(dated)) if dated else self.parts[0].times
+
+    def ocean_at(self, time: str | np.datetime64 | None, currents: CurrentsPolicy) -> xr.Dataset:
+        """Ocean at a requested time as in `open_ocean`, without validation."""
+        times = self.times()
+        climatology = any(part.climatology for part in self.parts)
+        if not (climatology or np.isnat(times).all()):
+            return self.ocean(pick(times, time, self.names), currents)
+        if time is None:
+            own = pick(times, None, self.names)
+            ocean = self.ocean(own, currents)
+            return with_history(ocean, f"climatology, for {minute(own)}") if climatology else ocean
+        wanted = parse_instant(time)
+        own, why = times[0], "the data set has no time"
+        if climatology:
+            distance = _phase(times) - _phase(wanted)
+            own = times[np.argmin(np.abs(distance - np.round(distance)))]
+            why = f"climatology, for {minute(own)}"
+        ocean = self.ocean(own, currents)
+        ocean["time"] = ((), wanted, ocean["time"].attrs)
+        return with_history(ocean, f"time set to {minute(wanted)}: {why}")
 
     def whole_times(self, currents: CurrentsPolicy) -> Instants:
         """Increasing instants with all required variables."""
         times = self.times()
         for role in self.needed(currents):
-            times = np.intersect1d(times, np.concatenate([p.times for p in self.parts if p.field(role)]))
+            parts = [part for part in self.parts if part.field(role)]
+            if not any(part.timeless for part in parts):
+                times = np.intersect1d(times, np.concatenate([part.times for part in parts]))
         return times
 
     def needed(self, currents: CurrentsPolicy) -> tuple[str, ...]:
@@ -359,7 +408,7 @@ class Collection:
         """File and variable of each role at an instant; all must have one grid."""
         fields: dict[str, tuple[Part, cf.Field]] = {}
         for part in self.parts:
-            for role in roles if instant in part.times else ():
+            for role in roles if part.holds(instant) else ():
                 field = part.field(role)
                 if field is not None and role not in fields:
                     fields[role] = (part, field)
@@ -389,6 +438,13 @@ class Collection:
             f" {'; '.join(cf.listed_variables(part.data) for part in self.parts[:_MAX_LISTED_FILES])}"
         )
         return OceanError(line + (f"; add them, or {rest}" if list(roles) == list(_ROLES[2:]) else ""))
+
+
+def _phase(time: Instants | np.datetime64) -> Array:
+    """Fraction of the year."""
+    year = np.asarray(time).astype("datetime64[Y]")
+    length = (year + 1).astype("datetime64[ns]") - year.astype("datetime64[ns]")
+    return np.asarray((time - year.astype("datetime64[ns]")) / length, dtype=float)
 
 
 def _check_same_grid(part: Part, role: str, first_role: str, first: tuple[Part, cf.Field]) -> None:

@@ -18,8 +18,10 @@ import pandas as pd
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.cast import CastTable
-from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE, known_unit
-from pymantaray.records.text_table import MAX_BYTES
+from pymantaray.ocean.instrument_table import known_unit
+from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE
+from pymantaray.ocean.positions import known_position
+from pymantaray.user_files import MAX_BYTES, check_regular, first_bytes
 
 _MAGIC = b"SQLite format 3\0"
 _MAX_VALUES = 12_000_000  # 7 h at 24 Hz with 20 channels
@@ -45,20 +47,16 @@ class _Cast(NamedTuple):
 
 def is_rsk(path: Path) -> bool:
     """Return True if a path is a regular file that begins like an SQLite database."""
-    try:
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            return file.read(len(_MAGIC)) == _MAGIC
-    except (OSError, ValueError):  # a name with a null character is a ValueError
-        return False
+    return first_bytes(path, len(_MAGIC)) == _MAGIC
 
 
 def read_rsk(path: Path) -> dict[str, CastTable]:
     """Read the downcasts of a file as tables by name; without downcasts in the file, all rows are one cast without a name."""
     _check(path)
     try:
-        from pyrsktools import RSK
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of its own imports
+            from pyrsktools import RSK
     except ImportError:
         raise OceanError(
             f'{path}: pyrsktools is not installed; pip install "pymantaray[rbr]", or export the file as text with Ruskin'
@@ -69,20 +67,19 @@ def read_rsk(path: Path) -> dict[str, CastTable]:
             with RSK(str(path)) as rsk:
                 rsk.readdata()
                 units = {channel.longName: str(channel.units or "") for channel in rsk.channels}
-                casts = list(_casts(rsk))
+                tables = {cast.name: _table(path, cast, units) for cast in _casts(rsk)}
     except Exception as error:  # noqa: BLE001  (the library has no error class of its own)
         raise OceanError(
             f"{path}: not a readable .rsk file: {one_line(error, 100)}; open and save it with Ruskin"
         ) from None
-    return {cast.name: _table(path, cast, units) for cast in casts}
+    return tables
 
 
 def _check(path: Path) -> None:
     """Raise an error for a database that is too large, contains computed values, or has a name that SQLite would misread."""
     if set("?#%") & set(str(path)):
         raise OceanError(f"{path}: the name contains ?, # or %, which SQLite misreads; rename the file")
-    if path.stat().st_size > MAX_BYTES:
-        raise OceanError(f"{path}: more than {MAX_BYTES:,} bytes; export one cast with Ruskin")
+    check_regular(path, OceanError, what="an .rsk file", limit=MAX_BYTES)
     try:
         with closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)) as database:
             computed = database.execute(
@@ -106,7 +103,7 @@ def _check(path: Path) -> None:
                 )
             (count,) = database.execute("SELECT count(*) FROM data").fetchone()
             width = len(database.execute("PRAGMA table_info(data)").fetchall())
-    except sqlite3.Error as error:
+    except (sqlite3.Error, ValueError, TypeError) as error:  # names that are not UTF-8, and no answer, too
         raise OceanError(f"{path}: a damaged database ({one_line(error, 60)}); download it again") from None
     if count * width > _MAX_VALUES:
         raise OceanError(
@@ -139,7 +136,7 @@ def _position_at(positions: Sequence[tuple[Any, float, float]], times: Any) -> t
     if not positions or not times.size:
         return None
     _, lat, lon = min(positions, key=lambda position: abs(position[0] - times[0]))
-    return (float(lat), float(lon)) if np.isfinite([lat, lon]).all() else None
+    return known_position(float(lat), float(lon))[0]
 
 
 def _table(path: Path, cast: _Cast, units: dict[str, str]) -> CastTable:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import wrapped
-from pymantaray.ocean.convert import is_our_unit, our_unit
+from pymantaray.ocean.convert import DEEPEST, is_our_unit, our_unit
 
 DIMS = ("depth", "lat", "lon")
+_NOTED = ("climatology, for ", "outside its valid range removed", "all variables are exactly 0 there")
 MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need four points
 
 
@@ -141,6 +142,13 @@ def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
     return ocean.assign_attrs(history=f"{before}\n{line.strip()}" if before else line.strip())
 
 
+def reading_notes(ocean: xr.Dataset) -> tuple[str, ...]:
+    """Lines of a history about a climatology and about values that a reader removed, which a user should see."""
+    return tuple(
+        line for line in str(ocean.attrs.get("history", "")).splitlines() if any(w in line for w in _NOTED)
+    )
+
+
 def layer_edges(depth: Array) -> Array:
     """Edges (n + 1,) of the layers that n levels represent, half-way to their neighbours. [m]"""
     return np.concatenate([depth[:1], 0.5 * (depth[:-1] + depth[1:]), depth[-1:]])
@@ -220,6 +228,10 @@ def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
             f" {values[int(np.argmin(rising))]:g}",
             "strictly increasing",
             "sort it and drop duplicates",
+        )
+    elif name == "depth" and values.size and values[-1] > DEEPEST:
+        yield wrong(
+            "axis", f"a level at {values[-1]:g} m", f"0 to {DEEPEST:g} m", "check its values and unit"
         )
     elif name == "depth" and values.size and values[0] != 0.0:
         yield wrong("axis", f"starts at {values[0]:g} m", "0 m, positive down", "add a level at 0 m")

@@ -274,7 +274,8 @@ class HorizontalField(NamedTuple):
             raise OceanError(
                 f"{file_name(self.data)}: axis {name} is not monotone or has fewer than 2 points; sort it"
             )
-        return to_our_unit(values, "length", unit, where=name) if is_unit_of("length", unit) else values
+        quantity = "length" if is_unit_of("length", unit) else "latitude"  # degrees or radians
+        return to_our_unit(values, quantity, unit, where=name) if is_unit_of(quantity, unit) else values
 
     def is_projected(self) -> bool:
         """True if the axes are those of a map projection."""

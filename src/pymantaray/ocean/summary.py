@@ -6,6 +6,7 @@ import xarray as xr
 
 from pymantaray.arrays import Array
 from pymantaray.geometry.frames import ELLIPSOID
+from pymantaray.ocean.convert import time_text
 from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import Equation, ocean_sound_speed
@@ -54,7 +55,7 @@ def region_table(
         "grid points, longitude": lon.size,
         "grid points, latitude": lat.size,
         "levels": int(ocean.sizes["depth"]),
-        "time [UTC]": str(np.datetime_as_string(ocean["time"].values, unit="m")),
+        "time [UTC]": time_text(ocean),
         "shallowest sea floor [m]": float(floor.min()),
         "deepest sea floor [m]": float(floor.max()),
         "lowest sound speed [m/s]": float(profile["min"].min()),
@@ -117,7 +118,7 @@ def ocean_facts(ocean: xr.Dataset, sea_floor: xr.DataArray | None = None) -> dic
         "title": str(ocean.attrs["title"]),
         "source": str(ocean.attrs["source"]),
         "made up": "yes" if ocean.attrs["synthetic"] else "no",
-        "time": f"{str(np.datetime_as_string(ocean['time'].values, unit='m')).replace('T', ' ')} UTC",
+        "time": time_text(ocean).replace("T", " ") + ("" if np.isnat(ocean["time"].values) else " UTC"),
         "latitude": f"{lat[0]:.6g} to {lat[-1]:.6g} degrees north, {lat.size} points, {_spacing(lat)} apart",
         "longitude": f"{lon[0]:.6g} to {lon[-1]:.6g} degrees east, {lon.size} points, {_spacing(lon)} apart",
         "size": f"{_width(middle, lon):.0f} km west to east at the centre, {_height(lat):.0f} km south to north",

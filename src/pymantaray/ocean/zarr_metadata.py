@@ -11,6 +11,7 @@ import numpy as np
 
 from pymantaray.errors import OceanError
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
+from pymantaray.user_files import read_bytes
 
 _METADATA = frozenset({".zarray", ".zgroup", ".zmetadata", "zarr.json"})
 _MAX_BYTES = 64 * 2**20
@@ -54,14 +55,9 @@ def _metadata_files(folder: Path) -> Iterator[Path]:
 
 def _parsed(file: Path, where: str) -> Any:
     try:
-        if not file.is_file():
-            raise OceanError(f"{where}: {file.name} is not a regular file")
-        if file.stat().st_size > _MAX_BYTES:
-            raise OceanError(
-                f"{where}: {file.name} is too large for metadata; the limit is {_MAX_BYTES:,} bytes"
-            )
-        return json.loads(file.read_bytes())  # bytes: json detects the encoding, as in the library
-    except (OSError, ValueError, RecursionError) as error:
+        # bytes: json detects the encoding, as in the library
+        return json.loads(read_bytes(file, OceanError, what="metadata", limit=_MAX_BYTES))
+    except (ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or type(error).__name__
         raise OceanError(f"{where}: {file.name} cannot be read; it may be damaged ({reason})") from None
 

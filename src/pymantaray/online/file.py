@@ -2,6 +2,7 @@
 
 import json
 import struct
+import zlib
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -13,11 +14,13 @@ from pymantaray.errors import OnlineError, RecordError
 from pymantaray.online.cells import LEAF, CellStatus, Tree
 from pymantaray.online.table import TravelTimeTable
 from pymantaray.records.writing import read_netcdf, whole_file, write_netcdf
+from pymantaray.user_files import check_regular, first_bytes, read_bytes
 
 MAGIC = b"MANTATAB"
-FORMAT = 1
+FORMAT = 2
 # magic, version, sectors, branches, cells, corners, sigmas; limits and tolerance
 _HEADER = struct.Struct("<8s6I7d")
+_CHECKSUM = struct.Struct("<I")  # CRC-32 of all bytes before it
 _COLUMNS = {
     "root": ("sector", "<u4", "1", "first branch of each sector"),
     "branch": ("branch", "<u4", "1", "axis and lower half, or content of a cell"),
@@ -69,6 +72,7 @@ def save_table(table: TravelTimeTable, path: Path | str, *, replace: bool = Fals
         "limits": "source depth, receiver depth and horizontal range [m]",
         "tolerance_m": table.tolerance,
         "record": json.dumps(table.attrs),
+        "crc32": _checksum(table),
     }
     dataset = xr.Dataset(variables, attrs=attrs)
     for variable in dataset.variables.values():
@@ -94,14 +98,12 @@ def open_table(path: Path | str) -> TravelTimeTable:
     OnlineError
         If the file is missing, is not a table, or is damaged.
     """
-    path = Path(path)
+    path = check_regular(path, OnlineError, what="a travel-time table")
     try:
-        with path.open("rb") as file:
-            packed = file.read(len(MAGIC)) == MAGIC
-        table = _unpacked(path.read_bytes()) if packed else _from_netcdf(path)
-    except (OSError, RecordError, ValueError, KeyError, struct.error) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise OnlineError(f"{path}: not a readable travel-time table: {reason}") from None
+        packed = first_bytes(path, len(MAGIC)) == MAGIC
+        table = _unpacked(read_bytes(path, OnlineError)) if packed else _from_netcdf(path)
+    except (RecordError, ValueError, KeyError, struct.error) as error:
+        raise OnlineError(f"{path}: not a readable travel-time table: {error}") from None
     fault = _fault(table)
     if fault:
         raise OnlineError(f"{path}: damaged travel-time table: {fault}; build it again")
@@ -121,14 +123,15 @@ def c_header() -> str:
 
 
 def _packed(table: TravelTimeTable) -> bytes:
-    """Header and arrays of a table, little-endian."""
+    """Header and arrays of a table, little-endian, and their checksum."""
     tree = table.tree
     counts = (tree.root.size, tree.branch.size, len(tree.corner), len(tree.value), tree.sigma.size)
     header = _HEADER.pack(MAGIC, FORMAT, *counts, *table.lower, *table.upper, table.tolerance)
-    return header + b"".join(
+    content = header + b"".join(
         np.ascontiguousarray(getattr(tree, name), dtype=dtype).tobytes()
         for name, (_, dtype, _, _) in _COLUMNS.items()
     )
+    return content + _CHECKSUM.pack(zlib.crc32(content))
 
 
 def _unpacked(content: bytes) -> TravelTimeTable:
@@ -151,6 +154,8 @@ def _unpacked(content: bytes) -> TravelTimeTable:
             raise ValueError(f"{len(content)} bytes; the header needs more")
         arrays[name] = np.frombuffer(content[start : start + size], dtype=dtype).reshape(shape)
         start += size
+    if content[start:] != _CHECKSUM.pack(zlib.crc32(content[:start])):
+        raise ValueError("its bytes do not have their checksum; copy or build it again")
     return TravelTimeTable(_triple(numbers[:3]), _triple(numbers[3:6]), numbers[6], Tree(**arrays))
 
 
@@ -162,7 +167,17 @@ def _from_netcdf(path: Path) -> TravelTimeTable:
     arrays = {name: dataset[name].values.astype(dtype) for name, (_, dtype, _, _) in _COLUMNS.items()}
     lower, upper = (_triple(attrs[name]) for name in ("lower", "upper"))
     record = json.loads(attrs.get("record", "{}"))
-    return TravelTimeTable(lower, upper, float(attrs["tolerance_m"]), Tree(**arrays), record)
+    table = TravelTimeTable(lower, upper, float(attrs["tolerance_m"]), Tree(**arrays), record)
+    if attrs["format"] != FORMAT:
+        raise ValueError(f"format {attrs['format']}; this version reads format {FORMAT}")
+    if attrs["crc32"] != _checksum(table):
+        raise ValueError("its values do not have their checksum; copy or build it again")
+    return table
+
+
+def _checksum(table: TravelTimeTable) -> int:
+    """CRC-32 of the packed form and of the record."""
+    return zlib.crc32(json.dumps(table.attrs).encode(), zlib.crc32(_packed(table)))
 
 
 def _triple(numbers: Sequence[float]) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@
  *     if (mantaray_has_range(r.status)) use(r.horizontal_range);
  *
  * No allocation, no dependency except <math.h> for sqrt, floor and fmod, no global state. mantaray_table_open checks
- * every index of the table once, so that no later look-up reads outside the bytes or runs forever.
+ * a checksum and every index of the table once, so that no later look-up reads outside the bytes or runs forever.
  * Lengths in metres, times in seconds, angles in radians. The bytes are little-endian, whatever the machine is.
  * Results equal those of the Python reader bit for bit if the compiler does not contract products and sums
  * (GCC and Clang: -ffp-contract=off).
@@ -46,7 +46,8 @@ enum mantaray_error {
     MANTARAY_NOT_A_TABLE = 1,   /* too short, or other first bytes */
     MANTARAY_OTHER_FORMAT = 2,  /* written by another version */
     MANTARAY_TRUNCATED = 3,     /* fewer bytes than the header needs */
-    MANTARAY_DAMAGED = 4        /* limits, indices or values are invalid */
+    MANTARAY_DAMAGED = 4,       /* limits, indices or values are invalid */
+    MANTARAY_CHECKSUM = 5       /* the bytes do not have their checksum, or there are more of them */
 };
 
 typedef struct {
@@ -87,6 +88,16 @@ static inline double mantaray_f64(const unsigned char *p) {
     double number;
     memcpy(&number, &bits, sizeof number);
     return number;
+}
+
+/* CRC-32 (ISO 3309, as in zlib) of some bytes. */
+static inline uint32_t mantaray_crc32(const unsigned char *p, size_t size) {
+    uint32_t crc = 0xffffffffu;
+    for (size_t i = 0; i < size; i++) {
+        crc ^= p[i];
+        for (int k = 0; k < 8; k++) crc = (crc >> 1) ^ (0xedb88320u & (0u - (crc & 1u)));
+    }
+    return crc ^ 0xffffffffu;
 }
 
 static inline int mantaray_is_finite(double x) { return x - x == 0.0; }
@@ -132,7 +143,7 @@ static inline int mantaray_table_open(mantaray_table *t, const void *bytes, size
     const size_t header = 8 + 6 * 4 + 7 * 8;
     memset(t, 0, sizeof *t);
     if (p == NULL || size < header || memcmp(p, "MANTATAB", 8) != 0) return MANTARAY_NOT_A_TABLE;
-    if (mantaray_u32(p + 8) != 1u) return MANTARAY_OTHER_FORMAT;
+    if (mantaray_u32(p + 8) != 2u) return MANTARAY_OTHER_FORMAT;
     t->sectors = mantaray_u32(p + 12);
     t->branches = mantaray_u32(p + 16);
     t->cells = mantaray_u32(p + 20);
@@ -144,9 +155,10 @@ static inline int mantaray_table_open(mantaray_table *t, const void *bytes, size
     }
     t->tolerance = mantaray_f64(p + 80);
     /* at most 4 * 2^32 * 16 bytes: no overflow in 64 bits */
-    uint64_t need = (uint64_t)header + 4u * (uint64_t)t->sectors + 4u * (uint64_t)t->branches
+    uint64_t need = (uint64_t)header + 4u + 4u * (uint64_t)t->sectors + 4u * (uint64_t)t->branches
                   + 35u * (uint64_t)t->cells + 16u * (uint64_t)t->corners + 4u * (uint64_t)t->sigmas;
     if (need > (uint64_t)size) return MANTARAY_TRUNCATED;
+    if (need < (uint64_t)size || mantaray_crc32(p, size - 4) != mantaray_u32(p + size - 4)) return MANTARAY_CHECKSUM;
     t->root = p + header;
     t->branch = t->root + 4 * (size_t)t->sectors;
     t->corner = t->branch + 4 * (size_t)t->branches;

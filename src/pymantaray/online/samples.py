@@ -67,7 +67,7 @@ class Radial:
     ----------
     medium : Medium
         Sound speed and sea bed.
-    rule : {"direct", "first", "strongest"}
+    rule : {"direct", "first", "strongest", "direct-or-first"}
         Selection of the arrival.
     max_surface_bounces, max_bottom_bounces : int
         Allowed reflections.
@@ -125,6 +125,9 @@ class Radial:
         if self.rule != "strongest":
             others = np.ones(arrivals.link.size, dtype=bool)
             others[row] = False
+            if self.rule == "direct-or-first":  # a reflection never replaces a direct arrival
+                reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
+                others &= reflected == bounces[arrivals.link].any(axis=1)
             later, next_row = choose_arrivals(arrivals, self.rule, detected=others)
             lead[later] = arrivals.travel_time[next_row] - time[later]
             lead_gradient[later] = derivatives[next_row] - by_place[later]

@@ -5,10 +5,18 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pymantaray.errors import OnlineError
-from pymantaray.records.writing import whole_file
+import numpy as np
 
-KIND, FORMAT = "pymantaray online state", 1
+from pymantaray.errors import OnlineError
+from pymantaray.estimation.kalman import SIZE as KALMAN_SIZE
+from pymantaray.messages import one_line
+from pymantaray.online.filter import Kind, Outcome
+from pymantaray.records.writing import whole_file
+from pymantaray.user_files import read_text
+
+KIND, FORMAT = "pymantaray online state", 2
+
+_N_VALUES = {Kind.ODOMETRY: 12, Kind.DEPTH: 2, Kind.FIX: 6, Kind.RANGE: 3}
 
 
 def write_state(content: dict[str, Any], path: Path | str) -> None:
@@ -21,12 +29,10 @@ def write_state(content: dict[str, Any], path: Path | str) -> None:
 
 def read_state(path: Path | str) -> dict[str, Any]:
     """Read a state."""
+    lines = read_text(path, OnlineError, what="a saved estimator").splitlines()
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
         head = json.loads(lines[0])
         kind, version = head["kind"], head["format"]
-    except OSError as error:
-        raise OnlineError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, IndexError, KeyError, TypeError):
         kind, version = None, None
     if kind != KIND:
@@ -35,8 +41,72 @@ def read_state(path: Path | str) -> dict[str, Any]:
         raise OnlineError(f"{path}: format {version}; this version of pymantaray reads format {FORMAT}")
     if len(lines) != 2 or head.get("sha256") != _checksum(lines[1]):
         raise OnlineError(f"{path}: damaged: its content does not have its checksum; use an earlier file")
-    content: dict[str, Any] = json.loads(lines[1])
+    try:
+        content: dict[str, Any] = json.loads(lines[1])
+    except (ValueError, RecursionError) as error:
+        raise OnlineError(f"{path}: not a usable state: {one_line(error, 80)}; use an earlier file") from None
     return content
+
+
+def fault_of(content: Any) -> str:
+    """First fault of a state that would make an estimator fail later; empty without one."""
+    try:
+        return _fault(content)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+        return one_line(f"{type(error).__name__} {error}", 80)
+
+
+def _fault(content: dict[str, Any]) -> str:
+    vehicles, beacons = content["vehicles"], content["beacons"]
+    if not (isinstance(vehicles, list) and isinstance(beacons, list)):
+        return "the names of vehicles and beacons are not lists"
+    names = [*vehicles, *beacons]
+    if not vehicles or len(set(names)) != len(names) or not all(isinstance(name, str) for name in names):
+        return "the names of vehicles and beacons are not different texts"
+    if not isinstance(content["model"], str):
+        return f"model is {content['model']!r}"
+    base, fixed = content["base"], np.array(content["fixed"], dtype=float).reshape(-1, 3)
+    n, size = len(vehicles), len(names) - len(fixed)
+    shapes = {
+        "rotation": (size, 3, 3),
+        "position": (size, 3),
+        "covariance": (KALMAN_SIZE * size, KALMAN_SIZE * size),
+        "time": (n,),
+        "begin": (n,),
+    }
+    for name, shape in shapes.items():
+        values = np.array(base[name], dtype=float)
+        if values.shape != shape or not np.isfinite(values).all():
+            return f"base.{name} is not a finite array of shape {shape}"
+    if not np.isfinite(fixed).all():
+        return "fixed is not finite"
+    for name in ("lag", "longest_step", "horizon"):
+        if not np.isfinite(float(content[name])) or (name != "horizon" and content[name] <= 0.0):
+            return f"{name} is {content[name]!r}"
+    gate = content["gate"]
+    if gate is not None and not float(gate) > 0.0:
+        return f"gate is {gate!r}"
+    if any(name not in Outcome.__members__ or type(k) is not int for name, k in content["total"].items()):
+        return "total is not numbers of outcomes"
+    rows = [*content["events"], *content["waiting"]]
+    early = next((row for row in rows if not row[0] >= content["horizon"]), None)
+    if early is not None:
+        return f"event {one_line(early, 60)} is before the horizon"
+    return next((fault for row in rows if (fault := _event(row, len(names), n))), "")
+
+
+def _event(row: Any, n_members: int, n_vehicles: int) -> str:
+    """Fault of an event; empty without one."""
+    time, kind, members, values = row
+    fitting = (
+        kind in set(Kind)
+        and len(members) == (2 if kind == Kind.RANGE else 1)
+        and all(type(m) is int and 0 <= m < n_members for m in members)
+        and members[-1] < n_vehicles
+        and np.isfinite(np.array([time, *values], dtype=float)).all()
+        and len(values) == _N_VALUES[Kind(kind)]
+    )
+    return "" if fitting else f"event {one_line(row, 60)}"
 
 
 def _checksum(text: str) -> str:

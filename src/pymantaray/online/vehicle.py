@@ -14,17 +14,21 @@ from numpy.typing import ArrayLike
 from pymantaray.acoustics import Medium
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
+from pymantaray.estimation.graph import LARGEST
 from pymantaray.estimation.kalman import SIZE
 from pymantaray.estimation.range_models import RangeModel, TransmitterSpeed
 from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.online.filter import Event, Kind, Outcome, RangePrediction, State
 from pymantaray.online.range_model import range_model_of
-from pymantaray.online.saved_state import read_state, write_state
+from pymantaray.online.saved_state import fault_of, read_state, write_state
 from pymantaray.online.table import TravelTimeTable
 from pymantaray.online.timeline import Timeline
 
 Ranges = TravelTimeTable | Medium | RangeModel | float
+
+
+_LATEST = 1e12  # s; 30,000 years, with digits of 0.1 ms
 
 
 class StartPose(NamedTuple):
@@ -104,6 +108,8 @@ class OnlineEstimator:
         Time of the start poses. [s]
     lag : float
         Longest delay of a measurement. [s]
+    longest_step : float
+        Longest step of odometry. A later time is refused, because it would make all measurements before it too late. [s]
     gate : float
         A range whose innovation exceeds this number of standard deviations is not used; ``inf`` uses all ranges.
 
@@ -131,6 +137,7 @@ class OnlineEstimator:
         *,
         start: float = 0.0,
         lag: float = 60.0,
+        longest_step: float = 600.0,
         gate: float = 4.0,
     ) -> None:
         fleet = {"vehicle": vehicles} if isinstance(vehicles, StartPose) else dict(vehicles)
@@ -141,15 +148,16 @@ class OnlineEstimator:
                 raise OnlineError(f"{name}: the name of a vehicle and of a beacon; names must differ")
         _check_time("start", start)
         check_number(OnlineError, "lag", lag, "s", positive=True)
+        check_number(OnlineError, "longest_step", longest_step, "s", positive=True)
+        self._longest_step = float(longest_step)
         if not gate > 0.0:
             raise OnlineError(f"gate is {gate:g} standard deviations; it must be positive")
         for name, beacon in beacons.items():
             check_number(OnlineError, f"sigma of beacon {name}", beacon.sigma, "m")
+            _sized(f"sigma of beacon {name}", [beacon.sigma], (1,))
         unknown = [name for name, beacon in beacons.items() if beacon.sigma > 0.0]
         fixed = [name for name in beacons if name not in unknown]
-        places = [
-            checked_array(OnlineError, f"beacon {name}", beacons[name].position, (3,)) for name in fixed
-        ]
+        places = [_sized(f"beacon {name}", beacons[name].position, (3,)) for name in fixed]
         model, uncertainty = range_model_of(ranges)
         self._vehicles, self._beacons = list(fleet), unknown + fixed
         self._timeline = Timeline(
@@ -203,14 +211,20 @@ class OnlineEstimator:
         Raises
         ------
         OnlineError
-            If a value is not finite, or another step ends at this time.
+            If a value is not finite or too large, another step ends at this time, or the step is longer than ``longest_step``.
         """
         who = self._vehicle(vehicle)
         what = f"odometry of {self._vehicles[who]}"
         _check_time(what, time)
+        front = self._timeline.front(who)
+        if time > front + self._longest_step:
+            raise OnlineError(
+                f"{what}: time {time:.10g} s is {time - front:.4g} s after the end of the last step; allowed are"
+                f" {self._longest_step:g} s (longest_step): check the clock"
+            )
         values = (
-            checked_array(OnlineError, f"{what}: translation", translation, (3,)),
-            checked_array(OnlineError, f"{what}: rotation", rotation, (3,)),
+            _sized(f"{what}: translation", translation, (3,)),
+            _sized(f"{what}: rotation", rotation, (3,)),
             _sigmas(f"{what}: sigma", sigma, 6, zero=True),
         )
         return self._add(time, Kind.ODOMETRY, (who,), np.concatenate(values).tolist())
@@ -304,6 +318,7 @@ class OnlineEstimator:
         what = f"range from {source} to {self._vehicles[who]}"
         _check_time(what, time)
         check_number(OnlineError, f"{what}: travel time", travel_time, "s")
+        _sized(f"{what}: travel time", [travel_time, sound_speed or 0.0], (2,))
         if sound_speed is not None:
             check_number(OnlineError, f"{what}: sound speed", sound_speed, "m/s", positive=True)
         elif isinstance(self._timeline.ranging.model, TransmitterSpeed):
@@ -407,6 +422,7 @@ class OnlineEstimator:
             "beacons": self._beacons,
             "model": type(line.ranging.model).__name__,
             "lag": line.lag,
+            "longest_step": self._longest_step,
             "gate": line.gate if math.isfinite(line.gate) else None,
             "horizon": line.horizon,
             "fixed": line.ranging.fixed.tolist(),
@@ -439,6 +455,8 @@ class OnlineEstimator:
             If the file is missing, damaged, of another format, or the range model has another type.
         """
         content = read_state(path)
+        if fault := fault_of(content):
+            raise OnlineError(f"{path}: not a usable state: {fault}; use an earlier file")
         model, uncertainty = range_model_of(ranges)
         if type(model).__name__ != content["model"]:
             raise OnlineError(
@@ -450,6 +468,7 @@ class OnlineEstimator:
         )
         self = cls.__new__(cls)
         self._vehicles, self._beacons = content["vehicles"], content["beacons"]
+        self._longest_step = float(content["longest_step"])
         self._timeline = Timeline(
             State(rotation, position, covariance, tuple(base["time"]), tuple(base["begin"])),
             RangePrediction(model, uncertainty, np.array(content["fixed"]).reshape(-1, 3)),
@@ -468,7 +487,7 @@ class OnlineEstimator:
         who, size = self._vehicle(vehicle), 1 if kind == Kind.DEPTH else 3
         what = f"{kind.name.lower()} of {self._vehicles[who]}"
         _check_time(what, time)
-        values = checked_array(OnlineError, what, place, (size,)), _sigmas(f"{what}: sigma", sigma, size)
+        values = _sized(what, place, (size,)), _sigmas(f"{what}: sigma", sigma, size)
         return self._add(time, kind, (who,), np.concatenate(values).tolist())
 
     def _add(self, time: float, kind: Kind, members: tuple[int, ...], values: list[float]) -> Outcome:
@@ -514,7 +533,7 @@ def _start_state(fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], 
     rotation, position = np.tile(np.eye(3), (size, 1, 1)), np.zeros((size, 3))
     covariance = np.zeros((SIZE * size, SIZE * size))
     for k, (name, pose) in enumerate(fleet.items()):
-        position[k] = checked_array(OnlineError, f"position of {name}", pose.position, (3,))
+        position[k] = _sized(f"position of {name}", pose.position, (3,))
         quaternion = checked_array(OnlineError, f"quaternion of {name}", pose.quaternion, (4,))
         try:
             rotation[k] = matrix_from_quaternion(quaternion)
@@ -526,7 +545,7 @@ def _start_state(fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], 
         variance = _sigmas(f"sigma of {name}", pose.sigma, SIZE, zero=True) ** 2
         covariance[own, own] = (to_world * variance) @ to_world.T
     for k, (name, beacon) in enumerate(unknown.items(), start=n):
-        position[k] = checked_array(OnlineError, f"beacon {name}", beacon.position, (3,))
+        position[k] = _sized(f"beacon {name}", beacon.position, (3,))
         own = slice(SIZE * k + 3, SIZE * (k + 1))
         covariance[own, own] = np.eye(3) * beacon.sigma**2
     return State(rotation, position, covariance, (start,) * n, (start,) * n)
@@ -537,14 +556,25 @@ def _events(rows: Sequence[Any]) -> list[Event]:
 
 
 def _check_time(what: str, time: float) -> None:
-    if not math.isfinite(time):
-        raise OnlineError(f"{what}: time is {time}; it must be a finite number of seconds")
+    if not abs(time) <= _LATEST:  # NaN does not pass
+        raise OnlineError(
+            f"{what}: time is {time}; it must be a finite number of seconds, at most {_LATEST:g}"
+        )
+
+
+def _sized(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """Finite values that are not too large: the squares of larger ones leave no digits of a covariance, or overflow."""
+    array = checked_array(OnlineError, what, values, shape)
+    largest = float(np.abs(array).max(initial=0.0))
+    if largest > LARGEST:
+        raise OnlineError(f"{what}: {largest:g}; allowed are magnitudes up to {LARGEST:g}")
+    return array
 
 
 def _sigmas(what: str, sigma: ArrayLike, size: int, *, zero: bool = False) -> Array:
     """Standard deviations, one or one each; zero is allowed on request."""
     given = np.asarray(sigma, dtype=float)
-    values = checked_array(OnlineError, what, np.full(size, given) if given.ndim == 0 else given, (size,))
+    values = _sized(what, np.full(size, given) if given.ndim == 0 else given, (size,))
     if (values < 0.0).any() or (not zero and (values == 0.0).any()):
         raise OnlineError(f"{what} is {values.min():g}; it must be {'zero or ' if zero else ''}positive")
     return values

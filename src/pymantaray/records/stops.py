@@ -6,6 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+handled = threading.Event()
+"""Set once Python runs the handler of a stop request."""
+_DEFERRED: list[int] = []
+
+
+def deferred() -> bool:
+    """True within a block that defers stop requests."""
+    return bool(_DEFERRED)
+
 
 @contextmanager
 def deferred_stops() -> Iterator[None]:
@@ -24,14 +33,17 @@ def deferred_stops() -> Iterator[None]:
 
     def wait(number: int, frame: FrameType | None) -> None:
         waiting.append(number)
+        handled.set()
         if len(waiting) > 1:
             handlers[signal.Signals(number)](number, frame)
 
     for number in handlers:
         signal.signal(number, wait)
+    _DEFERRED.append(1)
     try:
         yield
     finally:
+        _DEFERRED.pop()
         for number, handler in handlers.items():
             signal.signal(number, handler)
         if len(waiting) == 1:

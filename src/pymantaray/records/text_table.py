@@ -7,18 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pymantaray.errors import RecordError
+from pymantaray.errors import MantaRayError, RecordError
 from pymantaray.records.csv_text import unguarded
+from pymantaray.user_files import read_bytes
 
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
     from numpy.typing import NDArray
 
-MAX_BYTES = 200_000_000
-"""A 24 Hz CTD writes 600,000 rows of at most 300 bytes on a cast to 12 km and back at 1 m/s."""
 MONTHS = {name: k + 1 for k, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}  # noqa: SIM905
 """Number of a month by the first three letters of its English name."""
+_LATEST = 1e11  # s; 1970 plus this is the year 5138
+_SINCE_1970 = {"milliseconds": 1e14, "microseconds": 1e17, "nanoseconds": math.inf}
+"""Upper limits of stamps."""
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 
@@ -106,6 +108,7 @@ class TextTable:
             seconds = numbers_of(cells)
             number = np.isfinite(seconds)
             if number.all():
+                check_seconds(seconds, f"{self.path}: {column}", RecordError)
                 return seconds
             dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
             wrong = ~number if 2 * np.count_nonzero(number) > number.size else number | dates.isna()
@@ -118,6 +121,17 @@ class TextTable:
         if dates.dt.tz is not None:
             dates = dates.dt.tz_convert("UTC").dt.tz_localize(None)
         return dates.to_numpy(dtype="datetime64[ns]")
+
+
+def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRayError]) -> None:
+    """Raise an error for time stamps that are too large for seconds since 1970, or since any other epoch in use."""
+    latest = max(map(abs, times.tolist()), default=0.0)
+    if latest > _LATEST:
+        unit = next(name for name, limit in _SINCE_1970.items() if latest < limit)
+        raise error(
+            f"{where} is up to {latest:.17g}, which is not in seconds but looks like {unit} since 1970; divide the times so"
+            " that they are in seconds, or write dates such as 2014-07-15T12:00:00Z"
+        )
 
 
 def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
@@ -173,17 +187,7 @@ def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
 
 def read_text(path: Path) -> str:
     """Read a text file; other files raise an error."""
-    try:
-        if path.exists() and not (path.is_file() or path.is_fifo()):
-            what = "is a folder" if path.is_dir() else "not a regular file"
-            raise RecordError(f"{path}: {what}; name a text table such as a .csv file")
-        with path.open("rb") as file:
-            raw = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # a name with a null character is a ValueError
-        cause = getattr(error, "strerror", None) or error
-        raise RecordError(f"{path}: cannot be read: {cause}; name an existing file") from None
-    if len(raw) > MAX_BYTES:
-        raise RecordError(f"{path}: more than {MAX_BYTES:,} bytes; use a smaller file")
+    raw = read_bytes(path, RecordError, what="a text table such as a .csv file")
     if raw.startswith(b"SQLite format 3"):
         raise RecordError(f"{path}: a database, not a text table; name a text table such as a .csv file")
     if b"\0" in raw[:4096]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import RecordError, WriteError
 from pymantaray.records.stops import deferred_stops
+from pymantaray.user_files import check_regular, exists
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -74,7 +75,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
 
 
 def _check_target(path: Path, *, replace: bool) -> None:
-    if path.is_symlink() or path.exists():
+    if path.is_symlink() or exists(path):
         if not replace:
             raise WriteError(f"{path}: already exists; give another name")
         if not (path.is_symlink() or path.is_file()):
@@ -188,9 +189,10 @@ def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
     """
     import xarray as xr
 
+    check_regular(path, RecordError, what="a NetCDF file")
     try:
         with deferred_stops(), NETCDF_LOCK, xr.open_dataset(path, engine="netcdf4", **options) as dataset:
             return dataset.load()
-    except (OSError, ValueError, RuntimeError) as error:  # netCDF4 reports damaged data as RuntimeError
+    except Exception as error:  # noqa: BLE001  netCDF4 and xarray raise many types for damaged data
         reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]
         raise RecordError(f"{path}: not a readable NetCDF file: {reason}") from None

@@ -85,7 +85,9 @@ def write_ocean_plots(
     level = min(_LEVEL, 0.5 * deepest) if depth is None else float(depth)
     if not 0.0 <= level <= deepest:
         raise ReportError(f"depth {level:g} m is not in the water; allowed 0 to {deepest:g} m")
-    time = str(np.datetime_as_string(ocean["time"].values, unit="s"))
+    time = (
+        "" if np.isnat(ocean["time"].values) else str(np.datetime_as_string(ocean["time"].values, unit="s"))
+    )
     header = style.ocean_header({**ocean.attrs, "time": time})
     draw: dict[str, Callable[[], Figure]] = {
         "ocean_profiles": lambda: sound_speed_profiles(

@@ -28,7 +28,7 @@ def assemble(
     ranging: Ranging,
     noise: NoiseModel,
     *,
-    gnss_depth: float | NDArray[np.float64] = 1.0,
+    gnss_depth: float | NDArray[np.float64] = 0.1,
     altitude: float | NDArray[np.float64] = 0.0,
 ) -> Measurements:
     """

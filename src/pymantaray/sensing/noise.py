@@ -32,7 +32,8 @@ class NoiseModel(
     """
     Noise levels of all measurements, described in the modules of the sensors; the defaults are the paper's table, except the survey.
 
-    Lengths are in metres, angles in radians, drifts per second; fractions are of an edge's length or angle.
+    Lengths are in metres, angles in radians, drifts per second; fractions are of the
+    component of an edge's motion.
 
     Examples
     --------

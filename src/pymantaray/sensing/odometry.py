@@ -12,17 +12,23 @@ from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Errors as fractions of an edge's rotation angle and length [-], and per time [rad/s, m/s]."""
+    """Errors as fractions of each component of an edge's motion [-], and per time [rad/s, m/s]."""
 
     odometry_rotation_fraction: float = level(
-        1e-6, "Error of an edge's rotation as a fraction of its angle. [-]", may_be_zero=True
+        1e-6,
+        "Error about each body axis as a fraction of the edge's rotation about it. [-]",
+        may_be_zero=True,
     )
     odometry_rotation_drift: float = level(5e-7, "Error of rotation per time. [rad/s]")
     odometry_xy_fraction: float = level(
-        0.05, "Error forward and to the right as a fraction of an edge's length. [-]", may_be_zero=True
+        0.05,
+        "Error forward and to the right as a fraction of the edge's motion along that axis. [-]",
+        may_be_zero=True,
     )
     odometry_z_fraction: float = level(
-        0.001, "Error downward as a fraction of an edge's length. [-]", may_be_zero=True
+        0.001,
+        "Error downward as a fraction of the edge's motion downward. [-]",
+        may_be_zero=True,
     )
     odometry_translation_drift: float = level(0.0125, "Error of translation per time. [m/s]")
 
@@ -32,9 +38,9 @@ class OdometryNoise:
         r"""
         Composite standard deviation of odometry edges, in the tangent of their noise-free relative poses.
 
-        The paper's :math:`\sigma_i = \sqrt{(f_i \lVert m \rVert)^2 + (d_i \Delta t)^2}`. The paper does not define the
-        magnitude of the motion: here it is the length of the edge's translation for translations
-        and of its rotation vector for rotations.
+        The paper's :math:`\sigma_i = \sqrt{(f_i \lvert m_i \rvert)^2 + (d_i \Delta t)^2}`, where
+        :math:`m_i` is component i of the edge's rotation vector or translation, in the axes of its
+        first pose.
 
         Parameters
         ----------
@@ -50,14 +56,16 @@ class OdometryNoise:
         ndarray, shape (..., n_time - 1, 6)
             Standard deviations, of rotation before translation. [rad, m]
         """
-        turned = np.linalg.norm(so3_log(matrix_from_quaternion(rotation)), axis=-1)
-        moved = np.linalg.norm(np.asarray(translation, dtype=float), axis=-1)
-        elapsed = np.diff(np.asarray(time, dtype=float))
-        turn = np.hypot(self.odometry_rotation_fraction * turned, self.odometry_rotation_drift * elapsed)
-        drift = self.odometry_translation_drift * elapsed
-        across = np.hypot(self.odometry_xy_fraction * moved, drift)
-        vertical = np.hypot(self.odometry_z_fraction * moved, drift)
-        return np.stack([turn, turn, turn, across, across, vertical], axis=-1)
+        motion = np.concatenate(
+            [so3_log(matrix_from_quaternion(rotation)), np.asarray(translation, dtype=float)], axis=-1
+        )
+        fraction = np.repeat(
+            [self.odometry_rotation_fraction, self.odometry_xy_fraction, self.odometry_z_fraction],
+            [3, 2, 1],
+        )
+        drift = np.repeat([self.odometry_rotation_drift, self.odometry_translation_drift], 3)
+        elapsed = np.diff(np.asarray(time, dtype=float))[:, None]
+        return np.asarray(np.hypot(fraction * motion, drift * elapsed))
 
 
 def measure(scene: Scene, noise: OdometryNoise) -> Columns:

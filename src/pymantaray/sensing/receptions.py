@@ -197,12 +197,12 @@ def with_leaks(
 
 
 def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: float) -> Receptions:
-    """Receptions whose sound leaves within half the width of a cone [rad] about the chord of its link, and those without a ray."""
+    """Receptions whose sound leaves within an angle [rad] of the chord of its link, and those without a ray."""
     step = (receiver - source)[receptions.link]
     forth = receptions.direction == Direction.FORTH
     slope = _elevation(np.where(forth[:, None], step, -step))
     off = np.abs(receptions.departure_angle - slope)
-    return receptions.at({"reception": ~(off > 0.5 * cone) | (receptions.arrival < 0)})
+    return receptions.at({"reception": ~(off > cone) | (receptions.arrival < 0)})
 
 
 def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
@@ -216,7 +216,11 @@ def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
     """Receptions with at most one selected per link and direction; its probability is that of its detection, others have 0."""
     lossless = np.isnan(receptions.loss_db).all()
     strength = receptions.spreading_db if lossless else receptions.loss_db
-    keys = [receptions.travel_time] if rule != "strongest" else [strength, receptions.travel_time]
+    keys = [receptions.travel_time]
+    if rule == "strongest":
+        keys.insert(0, strength)
+    if rule == "direct-or-first":
+        keys.insert(0, (receptions.path == SoundPath.REFLECTED).astype(float))
     selected = np.zeros(receptions.link.size, dtype=np.int8)
     selected[first_rows(receptions.group, keys, admitted(receptions, rule)).row] = 1
     probability = np.where(selected == 1, receptions.detection, 0.0)

@@ -51,14 +51,14 @@ class ReceptionOptions(NamedTuple):
         Maximum spreading of an eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
     max_surface_bounces, max_bottom_bounces : int
         Maximum numbers of reflections of an arrival.
-    arrival : {"direct", "first", "strongest"}
+    arrival : {"direct", "first", "strongest", "direct-or-first"}
         Rule that selects the arrival of a range, see `pymantaray.acoustics.select`.
     detector : Detector, optional
         Model of the probability of detection. Default: every arrival is detected.
     leakage : Leakage, optional
         Model of sound that arrives without a ray, at the detector's frequency. Default: no such sound.
     cone : float, optional
-        Width of the fan of launch angles of the transmitter, centred on the chord. Rays launched outside the fan are lost. [rad]
+        Half-angle of the fan of launch angles of the transmitter, centred on the chord. Rays launched outside the fan are lost. [rad]
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
     solved : EarlierLinks, optional
@@ -156,7 +156,8 @@ def find_receptions(
     Notes
     -----
     With the rule ``direct``, travel time and status of a link do not depend on the allowed bounces: a link without a direct arrival
-    has the status that it has if no bounces are allowed.
+    has the status that it has if no bounces are allowed. With ``direct-or-first``, travel times of links with a direct arrival do
+    not depend on them.
     """
     if reception.solved is not None:
         fresh = reception._replace(solved=None)
@@ -164,7 +165,7 @@ def find_receptions(
     ends, n = (source, receiver), len(source)
     follows = currents is not None or reception.detector is not None
     bounced = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0
-    looks_again = reception.arrival == "direct" and bounced
+    looks_again = reception.arrival in ("direct", "direct-or-first") and bounced
     total = n * (1 + looks_again + follows)
 
     def progress_from(before: int) -> CountProgress | None:
@@ -174,11 +175,12 @@ def find_receptions(
     arrivals, near = _rays(reception, medium, ends, most, progress_from(0))
     status = _status(arrivals, reception.arrival)
     if looks_again:
-        lost = np.flatnonzero(status != RayStatus.OK)
+        lost = np.flatnonzero(_status(arrivals, "direct") != RayStatus.OK)
         some = source[lost], receiver[lost]
         bare, near_bare = _rays(reception, medium, some, (0, 0), progress_from(2 * n - lost.size))
         near[lost] |= near_bare
-        status[lost] = bare.status
+        reflected = (status[lost] == RayStatus.OK) & (reception.arrival != "direct")
+        status[lost] = np.where(reflected, np.int8(RayStatus.OK), bare.status)
         arrivals = arrivals.with_more(vars(bare) | {"link": lost[bare.link]})
     last = progress_from(n * (1 + looks_again))
     along = _along_rays(reception, medium, currents, ends, arrivals, last)

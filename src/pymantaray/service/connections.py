@@ -5,7 +5,7 @@ import time
 from contextlib import suppress
 from typing import Any
 
-from waitress.channel import HTTPChannel
+from waitress.channel import ClientDisconnected, HTTPChannel
 from waitress.task import ErrorTask
 
 from pymantaray.service.messages import error_body
@@ -15,6 +15,13 @@ TIMEOUT = 120  # seconds without a complete request until a connection is closed
 
 class JsonErrorTask(ErrorTask):  # type: ignore[misc]
     """Answer of malformed or oversized requests, in the same form as other errors."""
+
+    def service(self) -> None:
+        """Answer; a client that has left needs no answer. Waitress would log the path, which a malformed request may lack."""
+        try:
+            super().service()
+        except ClientDisconnected:
+            self.close_on_finish = True
 
     def execute(self) -> None:
         """Write the error as JSON and close the connection."""

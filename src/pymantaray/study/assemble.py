@@ -1,7 +1,6 @@
 """Conversion of a configuration to the objects of other folders."""
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.config.sections import StudyConfig
@@ -13,7 +12,8 @@ from pymantaray.records import Trajectories
 from pymantaray.sensing import Schedule
 from pymantaray.study.tracks import read_fleet
 from pymantaray.water.instants import utc_instant
-from pymantaray.water.ocean import OceanFields, local_ocean
+from pymantaray.water.metres import section_in_metres
+from pymantaray.water.ocean import OceanFields, build_ocean, local_ocean, open_geographic
 
 
 def gnss_depth(depth: float, ocean: OceanFields, truth: Trajectories) -> float | NDArray[np.float64]:
@@ -48,11 +48,13 @@ def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
     return config.fleet.planned() | marks
 
 
-def fleet_findings(
-    config: StudyConfig, geographic: xr.Dataset, sea_floor: xr.DataArray | None
-) -> list[Finding]:
-    """Findings of the check of a run's vehicles in an ocean; none for existing trajectories."""
-    local = local_ocean(config.ocean, geographic, sea_floor)
+def fleet_findings(config: StudyConfig) -> list[Finding]:
+    """Findings of the check of a run's vehicles in its ocean; none for existing trajectories."""
+    section = config.ocean
+    if section_in_metres(section):
+        local = build_ocean(section, 0.0).local
+    else:
+        local = local_ocean(section, *open_geographic(section))
     refusals = fleet_refusals(config.fleet.build(), local, config.mission.physics_step_s)
     return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]
 

@@ -282,7 +282,7 @@ class Beliefs:
         )
         geographic = cast_ocean(
             replace(cast, lat=frame.latitude_deg, lon=frame.longitude_deg),
-            bottom_depth=bottom,
+            bathymetry=bottom,
             half_extent=(north, east),
             below="constant",
             time=mission_start(ocean),

@@ -1,6 +1,14 @@
 """Construction of estimators, with their range models and uncertainties, from the conditions of a configuration."""
 
-from pymantaray.config.estimators import AnyRangeModel, ConditionSection, ExactBelief, FixedLagSolver
+from typing import Literal
+
+from pymantaray.config.estimators import (
+    AnyRangeModel,
+    ConditionSection,
+    ExactBelief,
+    FixedLagSolver,
+    GtsamSolver,
+)
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeModel
 from pymantaray.estimation.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
@@ -48,13 +56,7 @@ class EstimatorFactory:
             model=model,
             uncertainty=uncertainty,
             correlated=section.variance.kind == "correlated",
-            method=Method(
-                LOSSES.get(section.loss),
-                incremental=section.solver.kind == "incremental"
-                or getattr(section.solver, "incremental", False),
-                lag=3600.0 * section.solver.lag_h if isinstance(section.solver, FixedLagSolver) else None,
-                kalman=section.solver.kind == "kalman-filter",
-            ),
+            method=self._method(section),
             initial=(truth.position, truth.quaternion) if start == "truth" else None,
             model_is_right=section.variance.kind == "fixed"
             and section.range_sigma is None
@@ -65,6 +67,20 @@ class EstimatorFactory:
             range_sigma=section.range_sigma,
             mean_of_directions=section.directions == "mean",
             dead_reckoned=section.solver.kind == "dead-reckoning",
+        )
+
+    def _method(self, section: ConditionSection) -> Method:
+        """Solver and loss of a condition."""
+        solver = self._run.config.solver_of(section)
+        gtsam: Literal["converged", "default"] | None = None
+        if isinstance(solver, GtsamSolver):
+            gtsam = "converged" if solver.converged else "default"
+        return Method(
+            LOSSES.get(section.loss),
+            incremental=solver.kind == "incremental" or getattr(solver, "incremental", False),
+            lag=3600.0 * solver.lag_h if isinstance(solver, FixedLagSolver) else None,
+            kalman=solver.kind == "kalman-filter",
+            gtsam=gtsam,
         )
 
     def true_unknowns(self, section: ConditionSection, realization: int) -> dict[str, float]:

@@ -12,6 +12,7 @@ import pandas as pd
 from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
+from pymantaray.estimation.pyfg import warn_of_depths
 from pymantaray.exchange.centre import write_sidecar
 from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
@@ -154,6 +155,8 @@ def _parquet(run: Run, realization: int, folder: Path) -> None:
 
 def _pyfg(run: Run, realization: int, folder: Path) -> None:
     _check_ranges(run)
+    for name, graph in noisy_graphs(run, run.noisy_measurements(realization)).items():
+        warn_of_depths(graph, f"{name}.pyfg")
     write_graphs(run, realization, folder)
 
 

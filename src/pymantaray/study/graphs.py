@@ -1,14 +1,17 @@
 """Noisy factor graphs of a realization, and their PyFG files."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph
 from pymantaray.estimation.pyfg import write_pyfgs
 from pymantaray.records import Measurements
-from pymantaray.study.store import Run
+
+if TYPE_CHECKING:
+    from pymantaray.study.store import Run
 
 
-def noisy_graphs(run: Run, noisy: Measurements) -> dict[str, FactorGraph]:
+def noisy_graphs(run: "Run", noisy: Measurements) -> dict[str, FactorGraph]:
     """Graphs of a run's standard conditions that have ranges."""
     conditions = {c.name: CONDITIONS[c.name] for c in run.config.conditions if c.standard}
     return {
@@ -16,7 +19,7 @@ def noisy_graphs(run: Run, noisy: Measurements) -> dict[str, FactorGraph]:
     }
 
 
-def write_graphs(run: Run, realization: int, folder: Path, before: str = "") -> None:
+def write_graphs(run: "Run", realization: int, folder: Path, before: str = "") -> None:
     """Write a realization's graphs as PyFG text with the true poses as values; file names begin with ``before``."""
     noisy = run.noisy_measurements(realization)
     truth = GraphValues(

@@ -305,7 +305,7 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
 
 
 FAN = np.radians(np.linspace(-15.0, 15.0, 41))
-"""Launch angles of the fan behind the eigenrays, about the chord: the paper's cone. [rad]"""
+"""Launch angles of the fan behind the eigenrays, about the chord, as in the paper. [rad]"""
 
 
 def picture_of_most_bent_link(

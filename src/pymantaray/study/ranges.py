@@ -104,6 +104,7 @@ def ranges_config(
     ocean: WaterSource | Mapping[str, Any],
     *,
     enu: bool = False,
+    names: Sequence[str] = (),
     **options: Any,
 ) -> StudyConfig:
     """Configuration of a study of ranges only, for trajectories in files, see `measure`; ``mantaray ranges`` runs it."""
@@ -115,7 +116,8 @@ def ranges_config(
         tree["ocean"] = {"currents": "rest", **tree["ocean"]}
     tree["study"] = {"name": "ranges", **sections.get("study", {})}
     tree["conditions"] = []
-    tree["fleet"] = {"trajectories": [str(path) for path in trajectories], "enu": enu}
+    files = [str(path) for path in trajectories]
+    tree["fleet"] = {"trajectories": files, "enu": enu, "names": list(names)}
     for key, value in dotted_keys(options).items():
         tree = with_key(tree, key, value)
     return parse_study(tree, "ranges")

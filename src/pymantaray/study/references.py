@@ -42,6 +42,7 @@ _ABSORPTION = {
 _SURFACE = {"bubbles": ("apl-uw1994",), "coherent": ("pierson1964",)}
 _SPECIAL = re.compile(r"([&%#_])")
 _SOLVERS = {
+    "gtsam": ("dellaert2012",),
     "incremental": ("dellaert2012", "kaess2012"),
     "fixed-lag": ("dellaert2012",),
     "kalman-filter": ("sola2017",),
@@ -187,7 +188,7 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
     if config.detection is not None:
         yield from _sonar(config.detection, config.acoustics)
     for condition in config.conditions:
-        yield from _condition(condition)
+        yield from _condition(condition, config.solver_of(condition).kind)
     if config.solves:
         yield "sturm2012", "absolute trajectory error"
 
@@ -221,7 +222,7 @@ def _sonar(s: DetectionSection, losses: AcousticsSection) -> Iterator[tuple[str,
         yield "itu-p526", "sound behind an edge"
 
 
-def _condition(e: ConditionSection) -> Iterator[tuple[str, str]]:
+def _condition(e: ConditionSection, solver: str) -> Iterator[tuple[str, str]]:
     """References of one condition."""
     if isinstance(e.belief, FileBelief):
         for source in e.belief.source:
@@ -233,8 +234,8 @@ def _condition(e: ConditionSection) -> Iterator[tuple[str, str]]:
         yield "munk1995", "travel times that depend on uncertain water"
     if e.loss == "gnc":
         yield "yang2020", "graduated non-convexity"
-    for key in _SOLVERS.get(e.solver.kind, ()):
-        yield key, f"solver {e.solver.kind}"
+    for key in _SOLVERS.get(solver, ()):
+        yield key, f"solver {solver}"
 
 
 @cache

@@ -1,6 +1,7 @@
 """Run of a whole study: mission, realizations and files."""
 
 import logging
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
@@ -123,6 +124,7 @@ def run_study(
             worker_memory_mib=pool.peak_memory_mib,
         )
         content["solve_cpu_seconds"] = _cpu_seconds(solved)
+        content["from_batch_m"] = _from_batch(solved)
         content["outcome"] = summarize(known, estimates)
         write_json(content, stage / MANIFEST)
         wait(reading)
@@ -177,6 +179,16 @@ def _cpu_seconds(solved: Mapping[int, RealizationResult]) -> dict[str, list[floa
     return {
         name: [round(one[name].seconds, 3) for one in ordered] for name in (ordered[0] if ordered else ())
     }
+
+
+def _from_batch(solved: Mapping[int, RealizationResult]) -> dict[str, list[float]]:
+    """Largest distance of each usable solve by GTSAM from that of the batch solver, by condition. [m]"""
+    out: dict[str, list[float]] = {}
+    for number in sorted(solved):
+        for name, solution in solved[number].solutions.items():
+            if math.isfinite(solution.from_batch):
+                out.setdefault(name, []).append(solution.from_batch)
+    return out
 
 
 def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) -> Estimates:

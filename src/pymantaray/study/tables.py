@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import (
     attitude_table,
     bound_table,
@@ -25,7 +26,7 @@ from pymantaray.evaluation import (
 )
 from pymantaray.records import Estimates, SharedUnknowns, SolveStatus
 from pymantaray.records.result_table import ResultTable
-from pymantaray.study.cone import WIDTHS_DEG, cone_table, has_cone_table
+from pymantaray.study.influence import influence_table
 from pymantaray.study.settings import NOISE, TIMING, settings_table
 
 if TYPE_CHECKING:
@@ -35,13 +36,8 @@ _ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p5_m p25_m p75_m p95_m m
 _BRIEF_ERRORS = "mean_m median_m rmse_m rmse_standard_error_m p95_m"
 SUMMARY = ("dropouts", "range_error", "ate_pooled", "ping_error")
 """Tables that a command prints and a notebook shows after a run."""
-OF_MISSION = ("cone", "bound")
+OF_MISSION = ("bound",)
 """Tables that take time and do not depend on the realizations."""
-_FANS = {
-    "all_angles_percent": "all angles [%]",
-    "paper_percent": "paper [%]",
-    **{f"fan_{width:g}_deg_percent": f"{width:g} degrees wide [%]" for width in WIDTHS_DEG},
-}
 
 
 @dataclass(frozen=True)
@@ -122,8 +118,9 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
 
 
 def cost_table(run: "Run") -> pd.DataFrame:
-    """Settings of each condition, its seed and the CPU time of its solves."""
+    """Settings of each condition, its seed, the CPU time of its solves, and the distance of GTSAM from the batch solver."""
     own = [c for c in run.config.conditions if not c.standard]
+    apart = run.manifest.get("from_batch_m", {})
     sections = {c.name: c.model_dump(mode="json", exclude_defaults=True) for c in own}
     rows = []
     for name, seconds in run.manifest.get("solve_cpu_seconds", {}).items():
@@ -136,6 +133,7 @@ def cost_table(run: "Run") -> pd.DataFrame:
                 "realizations": len(seconds),
                 "cpu_median_s": float(np.median(seconds)),
                 "cpu_total_s": float(np.sum(seconds)),
+                **({"from_batch_m": max(apart[name])} if name in apart else {}),
             }
         )
     return pd.DataFrame(rows)
@@ -185,6 +183,11 @@ def _solves(run: "Run") -> bool:
 
 def _has_covariances(run: "Run") -> bool:
     return run.config.solves and run.covariances is not None
+
+
+def _has_range_graphs(run: "Run") -> bool:
+    standard = (c.name for c in run.config.conditions if c.standard)
+    return run.config.solves and any(CONDITIONS[name].ranges is not None for name in standard)
 
 
 def _has_unknowns(run: "Run") -> bool:
@@ -258,13 +261,6 @@ TABLES: dict[str, TableDefinition] = {
         words={"percent": "dropouts [%]"},
         paper="Table IV",
     ),
-    "cone": TableDefinition(
-        "Dropouts [%] if transmitters send at all angles, and in fans of these widths about the straight line; the paper counts a link as"
-        " lost if a fan in a cone of 15 degrees has no direct arrival",
-        lambda run: cone_table(run),
-        has_cone_table,
-        words=_FANS,
-    ),
     "ranging_draws": TableDefinition(
         "Dropouts and range errors of each realization, which has its own draw of rough ice. All other tables and figures of ranges are"
         " those of realization 0",
@@ -330,6 +326,13 @@ TABLES: dict[str, TableDefinition] = {
         "Settings and seed of each condition, and CPU time of its solves; mantaray study run config.toml repeats them",
         cost_table,
         lambda run: run.config.solves and "solve_cpu_seconds" in run.manifest,
+        folded=True,
+    ),
+    "influence": TableDefinition(
+        "Measurements of realization 0 with the largest whitened residual, leverage or Cook's distance, by condition; a large"
+        " distance means that the estimate depends on this measurement",
+        influence_table,
+        _has_range_graphs,
         folded=True,
     ),
     "solves": TableDefinition(

@@ -29,12 +29,14 @@ def read_fleet(fleet: FleetSection) -> Tracks:
         except OSError as error:
             raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
         stamps.append((status.st_mtime_ns, status.st_size))
-    return _read(fleet.trajectories, tuple(stamps), enu=fleet.enu)
+    return _read(fleet.trajectories, tuple(stamps), enu=fleet.enu, names=fleet.names)
 
 
 @lru_cache(maxsize=1)
-def _read(files: tuple[str, ...], _stamps: tuple[tuple[int, int], ...], *, enu: bool) -> Tracks:
-    return read_trajectories(files, enu=enu)
+def _read(
+    files: tuple[str, ...], _stamps: tuple[tuple[int, int], ...], *, enu: bool, names: tuple[str, ...]
+) -> Tracks:
+    return read_trajectories(files, enu=enu, names=names)
 
 
 class MissionSize(NamedTuple):

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -15,10 +14,11 @@ import tomli_w
 from pymantaray.config.common import NONE
 from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, with_key
-from pymantaray.config.load import preset_names
+from pymantaray.config.load import STUDY_FILES, preset_names
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.study import StudyConfig, load_study, parse_study
 from pymantaray.study.tracks import with_tracks
+from pymantaray.user_files import parse_toml, read_text
 
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
 _COLUMNS = frozenset(
@@ -272,26 +272,19 @@ def load_sweep(file: str | Path, **changes: Any) -> Sweep:
         If its base is not a study.
     """
     path = Path(file)
-    try:
-        return parse_sweep(path.read_text(encoding="utf-8"), str(path), path.parent, changes)
-    except UnicodeDecodeError:
-        raise SweepError(f"{path}: cannot be read: not UTF-8 text") from None
-    except (OSError, ValueError) as error:
-        raise SweepError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    text = read_text(path, SweepError, what="a sweep file")
+    return parse_sweep(text, str(path), path.parent, changes)
 
 
 def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] | None = None) -> Sweep:
     """Sweep from a file's text, with changes of the base; names of files in the text are relative to a folder."""
-    try:
-        tree = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise SweepError(f"{label}: not valid TOML: {error}") from None
+    tree = parse_toml(text, label, SweepError)
     if unknown := set(tree) - set(KEYS):
         raise SweepError(f"{label}: {min(unknown)}: unknown key; allowed: {', '.join(KEYS)}")
     base, cross, zipped, seeds = (tree.get(key) for key in ("base", "cross", "zip", "seeds"))
     folder = folder / tree.get("folder", "")
     if isinstance(base, str):
-        base = folder / base if Path(base).suffix == ".toml" else base
+        base = folder / base if Path(base).suffix in STUDY_FILES else base
     elif isinstance(base, dict):
         base = parse_study(base, f"{label}: base", folder)
     else:
@@ -305,7 +298,7 @@ def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] 
             raise SweepError(f"{label}: {key}: must be {what}")
     if isinstance(base, str) and base not in preset_names():
         raise SweepError(
-            f"{label}: base: found {base!r}; allowed: a file that ends in .toml, {', '.join(preset_names())}"
+            f"{label}: base: found {base!r}; allowed: a file that ends in {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
         )
     if changes:
         base = (base if isinstance(base, StudyConfig) else load_study(base)).with_(**changes)

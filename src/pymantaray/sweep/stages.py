@@ -149,8 +149,10 @@ def _pack_ocean(ocean: OceanFields) -> dict[str, xr.Dataset]:
 
 def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
     region = pd.read_csv(io.StringIO(groups.pop("region").attrs["csv"]), index_col=0)
-    groups["geographic"] = xr.decode_cf(groups["geographic"], decode_timedelta=False)
-    return OceanFields(groups["geographic"], groups["local"], groups["profile"], region, groups.get("series"))
+    geographic = groups.get("geographic")  # none for water in metres
+    if geographic is not None:
+        geographic = xr.decode_cf(geographic, decode_timedelta=False)
+    return OceanFields(geographic, groups["local"], groups["profile"], region, groups.get("series"))
 
 
 def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -33,8 +32,12 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
 from pymantaray.ocean.open import Source
+from pymantaray.ocean.schema import reading_notes
+from pymantaray.user_files import exists
 from pymantaray.water.instants import utc_instant
+from pymantaray.water.metres import local_of, metres_of, section_in_metres
 from pymantaray.water.uniform import (
+    columns_spread,
     geographic_of,
     one_profile,
     profile_region,
@@ -118,6 +121,8 @@ def build_ocean(
     ``data`` is an ocean in memory that replaces the section's source. The interpolation of the medium affects thinned
     profiles.
     """
+    if (metres := metres_of(section, data)) is not None:
+        return local_fields(section, metres)
     if data is None and is_profile(section):
         return profile_fields(section, one_profile(section), interpolation)
     for key in ("thin", "smooth"):
@@ -142,13 +147,25 @@ def build_ocean(
         profile=profile,
         region=region_table(geographic, equation=section.equation, profile=whole),
         series=series,
+        notes=tuple(f"{geographic.attrs['title']}: {line}" for line in reading_notes(geographic)),
     )
 
 
 def is_profile(section: OceanSection) -> bool:
     """True if the source is a profile or cast: horizontally uniform water."""
     first = section.source[0]
-    return Path(first).is_file() and holds_casts(first)
+    return exists(first) and not section_in_metres(section) and holds_casts(first)
+
+
+def local_fields(section: OceanSection, data: xr.Dataset) -> OceanFields:
+    """Build an ocean from a data set in metres."""
+    local = with_tide(section.internal_tide, with_section_ice(section, local_of(section, data)))
+    return OceanFields(
+        geographic=None,
+        local=local,
+        profile=columns_spread(local),
+        region=profile_region(local),
+    )
 
 
 def profile_fields(section: OceanSection, profile: Profile, interpolation: Interpolation) -> OceanFields:
@@ -208,6 +225,11 @@ def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArr
 
 def open_start(section: OceanSection) -> xr.Dataset:
     """Open the geographic ocean at a study's start; for a cast, horizontally uniform."""
+    if section_in_metres(section):
+        raise OceanError(
+            f"{section.source[0]}: water in metres has no latitude, longitude, temperature and salinity, which this task"
+            " needs; use an ocean that has them"
+        )
     if is_profile(section):
         return geographic_of(section, one_profile(section))
     return _open(section, 0.0, None)[0][0]

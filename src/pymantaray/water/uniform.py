@@ -15,6 +15,7 @@ from pymantaray.arrays import Array
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice, with_roughness
 from pymantaray.ocean.local import assemble_local
@@ -79,7 +80,7 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
     where = label(section, profile)
     if section.bathymetry is None:
         raise OceanError(
-            f"{where}: a profile has no sea bed; give its depth in metres with --sea-floor (in Python: bathymetry; in TOML:"
+            f"{where}: a profile has no sea bed; give its depth in metres with --bathymetry (in Python: bathymetry; in TOML:"
             " ocean.bathymetry)"
         )
     if section.time_varying:
@@ -147,7 +148,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
             if profile.water is None
             else "position, which this task needs; give --centre LAT LON (in Python: centre)"
             if place is None
-            else "sea bed of one depth, which this task needs; give it in metres with --sea-floor (in Python: bathymetry)"
+            else "sea bed of one depth, which this task needs; give it in metres with --bathymetry (in Python: bathymetry)"
         )
         raise OceanError(f"{label(section, profile)}: the profile has no {lacks}")
     temperature, salinity = profile.water
@@ -156,7 +157,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
         start = utc_instant(section.time)
     cast = Cast(profile.name, *place, start, profile.depth, temperature, salinity)
     options: dict[str, Any] = {} if section.half_extent is None else {"half_extent": section.half_extent}
-    return cast_ocean(cast, bottom_depth=bottom, below="constant", equation=section.equation, **options)
+    return cast_ocean(cast, bathymetry=bottom, below="constant", equation=section.equation, **options)
 
 
 def profile_spread(local: xr.Dataset) -> xr.Dataset:
@@ -169,6 +170,26 @@ def profile_spread(local: xr.Dataset) -> xr.Dataset:
         "count": count.drop_vars(("north", "east"))
     }
     return xr.Dataset(spread, attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")})
+
+
+def columns_spread(local: xr.Dataset) -> xr.Dataset:
+    """Sound speed of the levels above the sea floor of a local ocean, as in `sound_speed_profile_spread`."""
+    speed, over = local["sound_speed"], ("north", "east")
+    bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
+    places = np.stack(np.meshgrid(*(local[name].values for name in over), indexing="ij"), axis=-1)
+    wet = local["depth"].values <= bed.depth_at(places.reshape(-1, 2)).reshape(*places.shape[:2], 1)
+    speed = speed.where(xr.DataArray(wet, dims=speed.dims))
+    count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
+    spread = {
+        "mean": speed.sum(over) / count.where(count > 0),
+        "min": speed.reduce(np.fmin.reduce, over),
+        "max": speed.reduce(np.fmax.reduce, over),
+    }
+    return xr.Dataset(
+        {name: values.assign_attrs(local["sound_speed"].attrs) for name, values in spread.items()}
+        | {"count": count},
+        attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")},
+    )
 
 
 def profile_region(local: xr.Dataset) -> pd.DataFrame:

@@ -171,8 +171,9 @@ def open_water(source: Source, **options: Any) -> Water:
     ----------
     source : str, Path, sequence of them, xarray.Dataset, SoundConfig or Medium
         Ocean files that belong together; a profile or cast; ``"synthetic:beaufort"`` or ``"synthetic:fram"``; the name of a
-        preset or a study's TOML file; an ocean in memory, either geographic or local as from `to_local`; a configuration
-        (`load_sound`); or a medium, which allows no options.
+        preset or a study's TOML file; an ``environment.json`` of the paper's authors; a data set in memory, either an ocean
+        on latitude and longitude or in metres (north, east, depth; sound_speed; optional currents and sea floor); a
+        configuration (`load_sound`); or a medium, which allows no options.
     **options
         Keys of the sections ``[ocean]`` and ``[acoustics]`` of a study, such as ``bathymetry=2680.0``, ``ice=1.5``,
         ``interpolation="linear"`` and ``max_surface_bounces=2``, and the sections ``mission``, ``ranging`` and ``detection`` as
@@ -304,8 +305,6 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
 
 
 def _in_memory(data: xr.Dataset, options: dict[str, Any]) -> Water:
-    if "sound_speed" in data and {"north", "east"} <= set(data.dims):
-        return open_local(data, **options)
     config = configuration_of(IN_MEMORY, options)
     return _assembled(config, mission_ocean(config, data), data)
 

@@ -56,13 +56,13 @@ datasets = [{ path = "mine", variables = ["water_temp", "salinity", "water_u", "
 
 
 @pytest.mark.parametrize(("text", "line"), [
-    ("not = [toml", "mine.toml: not TOML"),
+    ("not = [toml", "mine.toml: not valid TOML"),
     ("[servers]\nopendap = 'http://a'", "mine.toml: servers: Extra inputs are not permitted"),
     ("[addresses]", "mine.toml: addresses.opendap: Field required"),
     ("[addresses]\nopendap = 'file:///etc/passwd'", "is not a valid URL"),
     (EXPERIMENT.replace("2020-01-01T00:00:00", "'soon'"), "mine.toml: experiments.0.first"),
     (EXPERIMENT.replace('"water_v"', '"water_u"'), "water_u, water_u; it must have each of"),
-    (None, "mine.toml: cannot be read"),
+    (None, "mine.toml: no such file"),
 ])  # fmt: skip
 def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, line):
     if text is not None:

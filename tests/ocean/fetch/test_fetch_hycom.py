@@ -157,7 +157,7 @@ def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
     ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; the limit is 20,000,000; use a smaller window"),
     ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
     ({"out": "nowhere/ocean.nc"}, "no such folder; create it first"),
-    ({"servers": "ftp://example.org"}, "cannot be read"),
+    ({"servers": "ftp://example.org"}, "no such file"),
     ({"servers": "http://"}, "is not a valid URL"),
     ({"time": "last summer"}, "is not an instant"),
     ({"time": "1980-01-01"}, "no experiment covers 1980-01-01T00:00; available: expt_53.X 1994-01-01"),

@@ -11,7 +11,9 @@ import numpy as np
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.records.base import Column, Record, column
+from pymantaray.user_files import read_bytes
 
+MAX_OUTPUT_BYTES = 2_000_000_000
 _GRID = "source_depth source_north source_east receiver_bearing receiver_depth receiver_range"
 _DECLINATION = "angle from the horizontal, positive down,"
 _RECORD_MARK = bytes([4, 0, 0, 0])  # length of the first record of a binary file, four letters with its kind
@@ -229,10 +231,7 @@ class _Binary:
 
 
 def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise AcousticsError(f"{path}: cannot be read: {error.strerror}") from None
+    return read_bytes(path, AcousticsError, what="an output of Bellhop", limit=MAX_OUTPUT_BYTES)
 
 
 def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:

@@ -166,7 +166,13 @@ def _vertical(covariance: Array) -> Any:
 
 def _m_estimator(loss: Loss) -> Any:
     kinds = gtsam.noiseModel.mEstimator
-    kind: Any = {"huber": kinds.Huber, "cauchy": kinds.Cauchy, "geman-mcclure": kinds.GemanMcClure}[loss.kind]
+    kind: Any = {
+        "huber": kinds.Huber,
+        "cauchy": kinds.Cauchy,
+        "geman-mcclure": kinds.GemanMcClure,
+        "tukey": kinds.Tukey,
+        "welsch": kinds.Welsch,
+    }[loss.kind]
     return kind.Create(loss.scale)
 
 

@@ -93,7 +93,7 @@ class Entering:
     def __init__(self, graph: FactorGraph, start: Any, update_time: Array) -> None:
         self._start, self._n_poses = start, graph.n_poses
         self._graph, self._update_time = graph, update_time
-        self._with_prior = set(graph["survey"].subject.tolist())
+        self._with_prior = {v for table in graph.of_ends(("landmark",)) for v in table.subject.tolist()}
         self._time = graph.pose_time
         prior, edge = graph["prior"], graph["edge"]
         priors = poses_of(prior.column("quaternion"), prior.column("position"))
@@ -122,14 +122,14 @@ class Entering:
             return self._start.atPoint3(key)
         graph, n = self._graph, self._n_poses
 
-        def past(name: str) -> Factors:
-            table = graph[name]
+        def past(table: Factors) -> Factors:
             first, second = table.variables.T
             there = [pose < n and self._time[pose] <= now for pose in first.tolist()]
             return table[(second == key) & np.array(there, dtype=bool)]
 
-        sighting, ranges = past("sighting"), past("range")
-        if len(sighting):
+        ranges = past(graph["range"])
+        sightings = [past(table) for table in graph.of_ends(("pose", "landmark"))]
+        if sighting := next((table for table in sightings if len(table)), None):
             pose = self._current(int(sighting.variables[0, 0]), new, smoother)
             return pose.transformFrom(sighting.column("position")[0])
         position = np.zeros((n, 3))

@@ -14,6 +14,7 @@ import pydantic
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.convert import HYCOM_NAMES, minute
+from pymantaray.user_files import read_toml
 
 
 class _Table(pydantic.BaseModel):
@@ -137,13 +138,8 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
     if named and re.match(r"https?:", str(named)):
         table["addresses"] = {"opendap": str(named)}
     elif named:
-        try:  # tables are replaced as a whole, so that entries of two servers do not mix
-            table |= tomllib.loads(Path(named).read_text(encoding="utf-8"))
-        except OSError as error:
-            line = f"cannot be read ({error.strerror}); name a TOML file of servers"
-            raise OceanError(f"{where}: {line}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise OceanError(f"{where}: not TOML ({error})") from None
+        # tables are replaced as a whole, so that entries of two servers do not mix
+        table |= read_toml(str(named), OceanError)
     try:
         catalogue = Catalogue.model_validate(table)
     except pydantic.ValidationError as error:

@@ -23,7 +23,7 @@ HYCOM_DEPTHS = (
 )
 """The 40 levels of HYCOM's public data sets. [m]"""
 _LON_STEP, _LAT_STEP = 0.08, 0.04  # degrees, as in HYCOM
-EPOCH = "2014-07-15T12:00"
+EPOCH = "2014-07-15T00:00"
 """The paper's snapshot (UTC); tables of eddies and fronts give positions at this instant."""
 
 

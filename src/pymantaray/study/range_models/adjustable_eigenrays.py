@@ -63,7 +63,7 @@ class AdjustableEigenrays:
 
     def sensitivity(self, links: RangeEndpoints) -> Array:
         """Derivatives of the travel times by the amplitudes (n, n_modes), zero without an arrival. [s²/m]"""
-        pairs = pairs_of(links)
+        pairs = pairs_of(links, self._believed.medium)
         paths, pair = self._model.paths(pairs)
         of_pairs = np.zeros((pairs.source.shape[0], self.amplitude_sigma.size))
         of_pairs[pair] = travel_time_sensitivity(paths, self._shapes_at)

@@ -49,7 +49,7 @@ class CandidateRays:
 
     def candidates(self, links: RangeEndpoints) -> CandidateArrivals:
         """Candidates of all links."""
-        pairs = pairs_of(links)
+        pairs = pairs_of(links, self._medium)
         receptions = self._receptions(pairs.source, pairs.receiver)
         forth = np.where(pairs.backward, Direction.BACK, Direction.FORTH).astype(np.int64)
         row, exchanges = all_exchanges(receptions, pairs.pair, forth, self._timing)

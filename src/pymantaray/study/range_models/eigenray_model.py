@@ -57,7 +57,7 @@ class EigenrayModel:
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """Travel times, with the slowness vectors at the ends as gradients, the current's part in these left out."""
-        pairs = pairs_of(links)
+        pairs = pairs_of(links, self.medium)
         arrivals = self._solved(pairs)
         n = pairs.source.shape[0]
         delay = self._delays(pairs, arrivals)
@@ -109,11 +109,20 @@ class EigenrayModel:
         return current_delays(quadrature(paths), self._currents, arrivals.link.size)
 
 
-def pairs_of(links: RangeEndpoints) -> Pairs:
-    """Unordered pairs of the links' ends, sorted by position, each from the end from which it is solved."""
-    backward = solved_backwards(links.transmitter, links.receiver)
-    source = np.where(backward[:, None], links.receiver, links.transmitter)
-    receiver = np.where(backward[:, None], links.transmitter, links.receiver)
+def pairs_of(links: RangeEndpoints, medium: Medium) -> Pairs:
+    """
+    Unordered pairs of the links' ends, sorted by position, each from the end from which it is solved.
+
+    The estimate of a vehicle at the surface can be above it by the noise of its depth sensor. Such an
+    end is moved down to the surface.
+    """
+    transmitter, receiver = (
+        np.column_stack([end[:, :2], np.fmax(end[:, 2], medium.surface_depth(end))])
+        for end in (links.transmitter, links.receiver)
+    )
+    backward = solved_backwards(transmitter, receiver)
+    source = np.where(backward[:, None], receiver, transmitter)
+    receiver = np.where(backward[:, None], transmitter, receiver)
     distinct, pair = np.unique(np.hstack([source, receiver]), axis=0, return_inverse=True)
     return Pairs(
         np.ascontiguousarray(distinct[:, :3]),

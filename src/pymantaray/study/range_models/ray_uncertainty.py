@@ -36,7 +36,7 @@ class RayUncertainty:
 
     def covariances(self, links: RangeEndpoints, epoch: NDArray[np.intp]) -> list[Array]:
         """Covariances of the links of each epoch (n_links, n_links); there and back is the same ray. [s²]"""
-        pairs = pairs_of(links)
+        pairs = pairs_of(links, self._model.medium)
         paths, pair = self._model.paths(pairs)
         points = quadrature(paths)
         squared_slowness = np.sum(points.slowness**2, axis=1)

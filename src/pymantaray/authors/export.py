@@ -1,0 +1,232 @@
+"""Export of a study to the paper's authors' program: ``sim.json``, ``environment.json`` and its arrays."""
+
+import json
+import logging
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pymantaray.arrays import Array
+from pymantaray.config.authors import HOLD_STEPS, LETTERS, REFLECTED
+from pymantaray.config.fleet import DriftingVehicle, FloatVehicle, StationVehicle, TwistVehicle
+from pymantaray.config.load import load_study
+from pymantaray.config.sections import StudyConfig
+from pymantaray.errors import ExchangeError, WriteError
+from pymantaray.fleet import FloatCycle, Vehicle
+from pymantaray.jobs.folder import MANIFEST, staged_folder
+from pymantaray.ocean.environment import environment_arrays, is_environment, read_arrays, write_environment
+from pymantaray.study.store import Run, open_run
+from pymantaray.water.water import mission_ocean
+
+LOG = logging.getLogger(__name__)
+SIMULATION = "sim.json"
+_BEAMS, _MAX_BEAMS, _SPREAD_DEG = 100, 400, 15.0  # of the authors' configurations
+_GNSS_DEPTH = 0.1  # m, of the program
+
+
+def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -> Path:
+    """
+    Write the files with which the paper's authors' program simulates a study.
+
+    The log lists what the program does in another way.
+
+    Parameters
+    ----------
+    source : Run, StudyConfig, str or pathlib.Path
+        A run or its folder, a study, a preset, or a study's file.
+    folder : str or pathlib.Path
+        A new or empty folder for ``sim.json``, ``environment.json`` and the folder ``environment``. Names in them are relative to
+        it, so start the program there.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder.
+
+    Raises
+    ------
+    ExchangeError
+        If the program has no such vehicle, schedule or water.
+    WriteError
+        If a file cannot be written.
+    """
+    run = _run_of(source)
+    config = source if isinstance(source, StudyConfig) else run.config if run else load_study(str(source))
+    simulation = _simulation(config)
+    arrays = _environment(config, run)
+    with staged_folder(folder) as (stage, final):
+        try:
+            write_environment(arrays, stage)
+            (stage / SIMULATION).write_text(json.dumps(simulation, indent=1) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise WriteError(f"{final}: cannot be written: {error.strerror or error}") from None
+    for note in _notes(config, arrays):
+        LOG.warning("%s: %s", config.study.name, note)
+    return final
+
+
+def _run_of(source: Run | StudyConfig | str | Path) -> Run | None:
+    if isinstance(source, Run | StudyConfig):
+        return source if isinstance(source, Run) else None
+    return open_run(Path(source)) if (Path(source) / MANIFEST).is_file() else None
+
+
+def _environment(config: StudyConfig, run: Run | None) -> dict[str, dict[str, Array]]:
+    """Arrays of the water; those of an ``environment.json`` are unchanged."""
+    section = config.ocean
+    changed = section.bathymetry is not None or section.half_extent is not None
+    source = section.source[0]
+    if is_environment(source) and not changed and (run is None or Path(source).is_file()):
+        return read_arrays(source)
+    return environment_arrays(mission_ocean(config).local if run is None else run.ocean)
+
+
+def _simulation(config: StudyConfig) -> dict[str, Any]:
+    """Content of ``sim.json``."""
+    mission, acoustics, noise = config.mission, config.acoustics, config.noise.model
+    _check(config)
+    period = mission.sampling_period_s
+    frequency = 1.0 / period
+    spread = _SPREAD_DEG if acoustics.cone_deg is None else acoustics.cone_deg
+    sensors = {
+        "gt_freq_hz": frequency,
+        "odom_freq_hz": frequency,
+        "gps_freq_hz": frequency,
+        "odom_noise_stddev": noise.odometry_translation_drift * period,
+        "gps_xy_noise_stddev": noise.gnss_sigma,
+        "gps_z_noise_stddev": noise.gnss_sigma,
+    }
+    if mission.gnss_depth != _GNSS_DEPTH:  # only later versions of the program read this key
+        sensors["gps_surface_range_meters"] = mission.gnss_depth
+    pfg: dict[str, Any] = {
+        "use_ground_truth_odometry": True,
+        "range_variance": _variance(noise.range_sigma),
+        "odom_rotation_variance": _variance(noise.odometry_rotation_drift * period),
+        "pose_prior_cov_diag": [_variance(noise.first_position_sigma)] * 3
+        + [_variance(noise.first_rotation_sigma)] * 3,
+    }
+    if config.landmarks:
+        pfg["landmark_prior_cov_diag"] = [_variance(noise.landmark_sigma)] * 3
+    vehicles = zip(config.fleet.vehicles, config.fleet.build(), strict=True)
+    return {
+        "run_name": config.study.name,
+        "output_dir": "output",
+        "env_config_file": "environment.json",
+        "rng_seed": config.study.seed,
+        "timing": {
+            "end_time_hours": mission.duration_h,
+            "physics_dt": mission.physics_step_s,
+            "ping_interval_min": 60.0 * mission.ping_interval_h,
+        },
+        "acoustics": {
+            "tof_mode": "one_way",
+            "num_beams": _BEAMS,
+            "max_beams": _MAX_BEAMS,
+            "beam_spread_deg": spread,
+            "allow_multipath": acoustics.arrival in REFLECTED,
+        },
+        "sensors": sensors,
+        "robots": [
+            _robot(section, vehicle, mission.physics_step_s, 3600.0 * mission.duration_h)
+            for section, vehicle in vehicles
+        ],
+        "landmarks": [[mark.east, mark.north, mark.depth] for mark in config.landmarks],
+        "pfg": pfg,
+    }
+
+
+def _variance(sigma: float) -> float:
+    """Square of a standard deviation, to 12 digits."""
+    return float(f"{sigma * sigma:.12g}")
+
+
+def _check(config: StudyConfig) -> None:
+    """Raise an error for what the program does not have."""
+    mission, name = config.mission, config.study.name
+    first = mission.ping_start_h
+    faults = {
+        "fleet.trajectories: the program simulates its robots; give vehicles": bool(
+            config.fleet.trajectories
+        ),
+        f"fleet.vehicles: {len(config.fleet.vehicles)} vehicles; the program has {len(LETTERS)} at most": len(
+            config.fleet.vehicles
+        )
+        > len(LETTERS),
+        "mission.schedule: the program pings at one interval; remove it": mission.schedule is not None,
+        "mission.ping_start_h: the program first pings after one interval; remove it": first is not None
+        and first != mission.ping_interval_h,
+        "ocean.time_varying: the water of the program is constant; set it to false": config.ocean.time_varying,
+        "ocean.internal_tide: the water of the program is constant; remove it": config.ocean.internal_tide
+        is not None,
+        "ocean.ice: the program has no ice; remove it": config.ocean.ice is not None,
+    }
+    for fault, is_there in faults.items():
+        if is_there:
+            raise ExchangeError(f"{name}: {fault}")
+
+
+def _robot(section: Any, vehicle: Vehicle, step: float, duration: float) -> dict[str, Any]:
+    """Robot of the program that moves like a vehicle."""
+    north, east, depth = map(float, vehicle.position)
+    position = [east, north, depth]
+    if isinstance(section, StationVehicle):
+        return {"type": "constant_vel", "position": position, "velocity": [0.0, 0.0, 0.0]}
+    if isinstance(section, TwistVehicle) and not (section.current or any(section.twist[:3])):
+        forward, right, down = section.twist[3:]
+        cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
+        velocity = [forward * sin + right * cos, forward * cos - right * sin, down]
+        return {"type": "constant_vel", "position": position, "velocity": velocity}
+    drift = {"type": "current_drift", "position": position}
+    if isinstance(section, DriftingVehicle) and section.drogue_depth in (None, section.depth):
+        # a surface hold that outlasts the mission
+        return {
+            **drift,
+            "target_depth": depth + 1.0,
+            "surface_depth": depth,
+            "start_offset_seconds": duration + 1.0,
+        }
+    if isinstance(section, FloatVehicle):
+        cycle = vehicle.behaviour
+        assert isinstance(cycle, FloatCycle)
+        return {
+            **drift,
+            "target_depth": cycle.target_depth,
+            "hold_seconds": _hold(cycle.hold_depth_time, step),
+            "surface_hold_seconds": _hold(cycle.hold_surface_time, step),
+            "vertical_speed": cycle.vertical_speed,
+            "surface_depth": cycle.surface_depth,
+            "start_offset_seconds": cycle.start_delay,
+        }
+    raise ExchangeError(
+        f"vehicle {vehicle.name!r}: the program has no robot that moves like it; use floats, stations, drifting vehicles at"
+        " the depth of their drogue, or a twist over ground without rotation"
+    )
+
+
+def _hold(seconds: float, step: float) -> float:
+    """Hold of the program for one of a vehicle, to whole microseconds. [s]"""
+    return max(round(seconds - HOLD_STEPS * step, 6), 0.0)
+
+
+def _notes(config: StudyConfig, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:
+    """Differences between the study and the program, one line each."""
+    noise, acoustics = config.noise.model, config.acoustics
+    if len(config.fleet.vehicles) > LETTERS.index("L"):
+        yield "the program gives the 12th robot the letter L, which means a landmark in its graphs"
+    if config.ranging.timing == "two-way":
+        yield "ranging.timing is written as one_way, because the program gives twice the distance for two_way"
+    if any((noise.odometry_rotation_fraction, noise.odometry_xy_fraction, noise.odometry_z_fraction)):
+        yield "odometry noise is written without its fractions of the motion, which the program adds in Python"
+    if config.fleet.floats.depth_gain != 10.0 or any(
+        getattr(v, "depth_gain", None) not in (None, 10.0) for v in config.fleet.vehicles
+    ):
+        yield "depth_gain is not written: the program has 10 per second"
+    if acoustics.currents or acoustics.earth != "flat" or config.detection is not None:
+        yield "currents along rays, a spherical Earth and detection are not written: the program does not have them"
+    if config.mission.gnss_depth != _GNSS_DEPTH:
+        yield "sensors.gps_surface_range_meters is written, which only later versions of the program read"
+    if any(mark.sigma is not None for mark in config.landmarks):
+        yield "landmarks have one variance in the program, that of noise.landmark_sigma"
+    if arrays["bathymetry"]["data"].min() <= 0.0 if "bathymetry" in arrays else False:
+        yield "the water has land, at which the program stops"

@@ -1,0 +1,462 @@
+"""Reading of a ``sim.json`` of the paper's authors' program as the nested dictionaries of a study."""
+
+import math
+import re
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+from pydantic import Field, model_validator
+
+from pymantaray.config.checks import NAME, checked
+from pymantaray.config.common import NonNegativeFloat, PositiveFloat, Section
+from pymantaray.config.keys import Tree
+from pymantaray.errors import OceanError, StudyError
+
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+"""Letters of the program's robots."""
+_LANDMARK_LETTER = LETTERS.index("L")
+_DEPTH_GAIN = 10.0  # 1/s, of the program
+HOLD_STEPS = 1
+"""Steps by which a hold of the program is longer than its time: it counts from the step after the arrival."""
+REFLECTED = ("first", "direct-or-first")
+"""Arrivals that may have reflections."""
+_MULTIPATH_BOUNCES = 3  # of each boundary; weaker arrivals do not come first
+
+Position = Annotated[tuple[float, float, float], Field(strict=False)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class Timing(Section):
+    """Section ``timing``."""
+
+    end_time_hours: PositiveFloat = 8.0
+    """Duration. [h]"""
+    physics_dt: PositiveFloat = 0.1
+    """Step of the motion. [s]"""
+    ping_interval_min: PositiveFloat = 30.0
+    """Interval of pings; the first is after one interval. [min]"""
+    bounds_check_interval_sec: PositiveFloat = 100.0
+    """Interval of the check that robots are in the grid. [s]"""
+
+
+class Acoustics(Section):
+    """Section ``acoustics``."""
+
+    tof_mode: Literal["one_way", "two_way"] = "one_way"
+    """Travel times."""
+    num_beams: Count = 80
+    """First number of beams."""
+    max_beams: Count = 180
+    """Last number of beams."""
+    beam_spread_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 20.0
+    """Half-angle of the fan in azimuth and elevation. [degrees]"""
+    allow_multipath: bool = False
+    """True if the first arrival with reflections replaces a missing direct one."""
+    debug_range_error_pct: NonNegativeFloat = 0.0
+    """Range error above which the program writes files for debugging. [%]"""
+    dry_run: bool = False
+    """True if ranges are straight distances."""
+
+    @model_validator(mode="after")
+    def _has_beams(self) -> Self:
+        if self.max_beams < self.num_beams:
+            raise ValueError(
+                f"max_beams is {self.max_beams}, less than num_beams, {self.num_beams}: the program then traces no ray;"
+                " increase max_beams"
+            )
+        if self.dry_run:
+            raise ValueError("dry_run is true: ranges would be straight distances; remove it to trace rays")
+        return self
+
+
+class Sensors(Section):
+    """Section ``sensors``."""
+
+    gt_freq_hz: PositiveFloat = 0.01
+    """Frequency of poses. [Hz]"""
+    odom_freq_hz: PositiveFloat = 0.01
+    """Frequency of odometry. [Hz]"""
+    gps_freq_hz: PositiveFloat = 0.5
+    """Frequency of GNSS fixes. [Hz]"""
+    odom_noise_stddev: PositiveFloat = 0.01
+    """Standard deviation of each axis of an odometry edge. [m]"""
+    gps_xy_noise_stddev: PositiveFloat = 0.5
+    """Standard deviation of each horizontal axis of a fix. [m]"""
+    gps_z_noise_stddev: NonNegativeFloat = 2.0
+    """Standard deviation of the depth of a fix. [m]"""
+    gps_surface_range_meters: PositiveFloat = 0.1
+    """Depth above which robots have fixes. [m]"""
+
+
+class ConstantVelocity(Section):
+    """Robot with a constant velocity in the world."""
+
+    position: Position
+    """East, north, depth. [m]"""
+    velocity: Position
+    """East, north, down. [m/s]"""
+
+
+class CurrentDrift(Section):
+    """Float that drifts with the current."""
+
+    position: Position
+    """East, north, depth. [m]"""
+    target_depth: NonNegativeFloat = 50.0
+    """Depth of the lower hold. [m]"""
+    hold_seconds: NonNegativeFloat = 60.0
+    """Time at the target depth. [s]"""
+    surface_hold_seconds: NonNegativeFloat = 60.0
+    """Time at the surface. [s]"""
+    vertical_speed: PositiveFloat = 0.5
+    """Limit of the vertical speed. [m/s]"""
+    surface_depth: NonNegativeFloat = 0.01
+    """Depth of the surface hold. [m]"""
+    start_offset_seconds: NonNegativeFloat = 0.0
+    """Length of the first surface hold; without it the dive begins at once. [s]"""
+
+    @model_validator(mode="after")
+    def _goes_down(self) -> Self:
+        if self.target_depth <= self.surface_depth:
+            raise ValueError(
+                f"target_depth is {self.target_depth:g} m; it must be greater than surface_depth, {self.surface_depth:g} m"
+            )
+        if self.position[2] > self.target_depth:
+            raise ValueError(
+                f"position has depth {self.position[2]:g} m, below target_depth, {self.target_depth:g} m; increase the target"
+            )
+        return self
+
+
+class Pfg(Section):
+    """Section ``pfg``."""
+
+    use_ground_truth_odometry: bool = True
+    """True if odometry edges have no noise."""
+    range_variance: PositiveFloat = 1.0
+    """Variance of a range. [m2]"""
+    odom_rotation_variance: PositiveFloat = 1e-8
+    """Variance of each axis of the rotation of an odometry edge. [rad2]"""
+    gps_rotation_variance: PositiveFloat = 1e6
+    """Variance of the rotation of a GNSS prior. [rad2]"""
+    pose_prior_cov_diag: (
+        Annotated[tuple[NonNegativeFloat, ...], Field(min_length=6, max_length=6, strict=False)] | None
+    ) = None
+    """Variances of the first pose, translation before rotation. [m2, rad2]"""
+    landmark_prior_cov_diag: (
+        Annotated[tuple[NonNegativeFloat, ...], Field(min_length=3, max_length=3, strict=False)] | None
+    ) = None
+    """Variances of a landmark's position. [m2]"""
+
+
+class Simulation(Section):
+    """Content of a ``sim.json`` without its robots."""
+
+    output_dir: str
+    """Folder of the output."""
+    env_config_file: Annotated[str, Field(min_length=1)]
+    """Water."""
+    run_name: Annotated[str, Field(min_length=1)] = "sim"
+    """Name."""
+    rng_seed: Annotated[int, Field(ge=0)] = 10020
+    """Seed of the sensors' noise."""
+    bellhop_memory_mib: Count = 80
+    """Memory of Bellhop. [MiB]"""
+    timing: Timing = Timing()
+    """Durations and periods."""
+    acoustics: Acoustics = Acoustics()
+    """Beams."""
+    sensors: Sensors = Sensors()
+    """Frequencies and noise of sensors."""
+    robots: Annotated[tuple[dict[str, Any], ...], Field(min_length=1, max_length=len(LETTERS), strict=False)]
+    """Vehicles."""
+    landmarks: Annotated[tuple[Position, ...], Field(strict=False)] = ()
+    """Positions of landmarks."""
+    pfg: Pfg = Pfg()
+    """Variances."""
+
+
+_ROBOTS: dict[str, type[ConstantVelocity | CurrentDrift]] = {
+    "constant_vel": ConstantVelocity,
+    "current_drift": CurrentDrift,
+}
+WITHOUT_MEANING = {
+    "output_dir": "give the folder of a run with out",
+    "bellhop_memory_mib": "no Bellhop",
+    "timing.bounds_check_interval_sec": "checked in every step",
+    "acoustics.num_beams": "eigenrays are exact",
+    "acoustics.max_beams": "eigenrays are exact",
+    "acoustics.debug_range_error_pct": "all rays are in the run",
+    "sensors.gps_z_noise_stddev": "the depth sensor measures depth",
+    "pfg.gps_rotation_variance": "fixes have no rotation",
+    "pfg.use_ground_truth_odometry": "each realization has noise",
+}
+"""Keys without meaning in a study, and why."""
+
+
+class StudyImport(NamedTuple):
+    """Study from a ``sim.json``."""
+
+    tree: Tree
+    """Nested dictionaries of the study."""
+    unused: tuple[str, ...]
+    """Keys of the file without meaning in a study."""
+    notes: tuple[str, ...]
+    """Differences from the program, one line each."""
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Notes and unused keys for a user, one line each."""
+        unused = "; ".join(f"{key} ({WITHOUT_MEANING[key]})" for key in self.unused)
+        return (*self.notes, *([f"without meaning here: {unused}"] if unused else []))
+
+
+def read_simulation(path: Path) -> StudyImport:
+    """
+    Read a ``sim.json`` as the nested dictionaries of a study.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+
+    Returns
+    -------
+    StudyImport
+
+    Raises
+    ------
+    StudyError
+        If a key is unknown, or the program refuses a value or cannot use it.
+    OceanError
+        If the water cannot be read.
+    """
+    from pymantaray.ocean.environment import find_file, read_json
+
+    try:
+        content = read_json(path)
+    except OceanError as error:
+        raise StudyError(str(error)) from None
+    label = str(path)
+    simulation = checked(Simulation, content, label, path.parent)
+    robots = [_robot(robot, f"{label}: robots[{i}]") for i, robot in enumerate(simulation.robots)]
+    period = _sampling_period(simulation, label)
+    environment = find_file(simulation.env_config_file, path)
+    if not environment.is_file():
+        raise StudyError(f"{label}: env_config_file: no file {environment}; correct the name")
+    notes = [*_notes(simulation, period), *_water_notes(simulation, robots, environment, label)]
+    tree = _study(simulation, robots, period, environment, path)
+    given = (key for key in WITHOUT_MEANING if _is_given(content, key))
+    return StudyImport(tree, tuple(given), tuple(notes))
+
+
+def _is_given(content: Any, key: str) -> bool:
+    for part in key.split("."):
+        if not isinstance(content, dict) or part not in content:
+            return False
+        content = content[part]
+    return True
+
+
+def _robot(robot: dict[str, Any], label: str) -> ConstantVelocity | CurrentDrift:
+    kind = robot.get("type")
+    if kind not in _ROBOTS:
+        found = f"found {kind!r}" if "type" in robot else "missing"
+        raise StudyError(f"{label}.type: {found}; allowed: {' or '.join(map(repr, _ROBOTS))}")
+    return checked(_ROBOTS[kind], {key: value for key, value in robot.items() if key != "type"}, label, None)
+
+
+def _fraction(value: float) -> Fraction:
+    """Decimal fraction of a number, without its binary error."""
+    return Fraction(repr(value))
+
+
+def _sampling_period(simulation: Simulation, label: str) -> float:
+    """Longest period of samples that contains poses, pings and the end. [s]"""
+    timing, sensors = simulation.timing, simulation.sensors
+    step = _fraction(timing.physics_dt)
+    for key in ("gt_freq_hz", "odom_freq_hz", "gps_freq_hz"):
+        steps = 1 / (_fraction(getattr(sensors, key)) * step)
+        if steps < 1 or steps.denominator != 1:
+            raise StudyError(
+                f"{label}: sensors.{key} is {getattr(sensors, key):g} Hz, {float(1 / steps):g} times the frequency of steps,"
+                f" 1 / timing.physics_dt; the program refuses it; use a whole fraction of {float(1 / step):g} Hz"
+            )
+    if sensors.gt_freq_hz != sensors.odom_freq_hz and not simulation.pfg.use_ground_truth_odometry:
+        raise StudyError(
+            f"{label}: sensors.odom_freq_hz is {sensors.odom_freq_hz:g} Hz and gt_freq_hz {sensors.gt_freq_hz:g} Hz: the program"
+            " would give odometry to wrong poses; use one frequency"
+        )
+    periods = (
+        1 / _fraction(sensors.gt_freq_hz),
+        60 * _fraction(timing.ping_interval_min),
+        3600 * _fraction(timing.end_time_hours),
+    )
+    scale = math.lcm(*(value.denominator for value in periods))
+    period = Fraction(math.gcd(*(int(value * scale) for value in periods)), scale)
+    if (period / step).denominator != 1:
+        raise StudyError(
+            f"{label}: timing: ping_interval_min and end_time_hours have no common period with gt_freq_hz that is a multiple"
+            f" of physics_dt, {timing.physics_dt:g} s; change one of them"
+        )
+    return float(period)
+
+
+def _notes(simulation: Simulation, period: float) -> Iterator[str]:
+    """Values that the program treats wrongly, and differences."""
+    sensors, acoustics, robots = simulation.sensors, simulation.acoustics, simulation.robots
+    if acoustics.tof_mode == "two_way":
+        yield "acoustics.tof_mode is two_way: the program gives twice the distance; here the range is the distance"
+    if len(robots) > _LANDMARK_LETTER:
+        yield "robots: the program gives the 12th robot the letter L, which means a landmark; here it is a vehicle"
+    poses = 1.0 / sensors.gt_freq_hz
+    if not math.isclose(poses, period):
+        yield (
+            f"timing: poses every {poses:g} s do not contain all pings and the end, so the program ties ranges to earlier poses;"
+            f" here poses are every {period:g} s"
+        )
+    for key in ("odom_freq_hz", "gps_freq_hz"):
+        own = 1.0 / getattr(sensors, key)
+        if not math.isclose(own, period):
+            yield f"sensors.{key}: every {own:g} s; here at the poses, every {period:g} s"
+    for key, rows in (("pose_prior_cov_diag", "first poses"), ("landmark_prior_cov_diag", "landmarks")):
+        variances = getattr(simulation.pfg, key)
+        if variances is None and (key.startswith("pose") or simulation.landmarks):
+            wrong = "writes variances of 0" if key.startswith("pose") else "writes no prior"
+            yield f"pfg.{key}: missing, and the program {wrong}; here {rows} have the default noise"
+        elif variances is not None and any(
+            len(set(variances[k : k + 3])) > 1 for k in range(0, len(variances), 3)
+        ):
+            yield f"pfg.{key}: axes differ; their mean is used, as PyFactorGraph does"
+
+
+def _water_notes(
+    simulation: Simulation, robots: list[ConstantVelocity | CurrentDrift], environment: Path, label: str
+) -> Iterator[str]:
+    """Check positions in the grid; yield what the program cannot do in it."""
+    from pymantaray.geometry.boundary import BoundarySurface
+    from pymantaray.ocean.environment import read_environment
+    from pymantaray.ocean.metres import ocean_in_metres
+
+    arrays = read_environment(environment)
+    local = ocean_in_metres(arrays, environment.name)
+    bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
+    north, east = arrays["north"].values, arrays["east"].values
+
+    def fault(position: tuple[float, float, float]) -> str | None:
+        x, y, z = position
+        if not (east[0] <= x <= east[-1] and north[0] <= y <= north[-1]):
+            return f"outside the grid, x {east[0]:g} to {east[-1]:g} m and y {north[0]:g} to {north[-1]:g} m"
+        floor = float(bed.depth_at([y, x])[0])
+        if not 0.0 <= z <= floor:
+            return f"outside the water, z 0 to {floor:g} m there"
+        return None
+
+    for name, positions in (("landmarks", simulation.landmarks), ("robots", [r.position for r in robots])):
+        for i, position in enumerate(positions):
+            if (where := fault(position)) is not None:
+                raise StudyError(
+                    f"{label}: {name}[{i}]: position {position[0]:g}, {position[1]:g}, {position[2]:g} is {where}; move it"
+                )
+    if bed.depth.min() <= 0.0:
+        yield f"{environment.name}: the water has land, at which the program stops"
+    seconds = 3600.0 * simulation.timing.end_time_hours
+    for i, robot in enumerate(robots):
+        if isinstance(robot, ConstantVelocity):
+            x, y, z = (p + seconds * v for p, v in zip(robot.position, robot.velocity, strict=True))
+            if (where := fault((x, y, z))) is not None:
+                yield f"robots[{i}]: its last position is {where}; the program stops there, here only the robot does"
+
+
+def _study(
+    simulation: Simulation,
+    robots: list[ConstantVelocity | CurrentDrift],
+    period: float,
+    environment: Path,
+    path: Path,
+) -> Tree:
+    """Nested dictionaries of a study."""
+    timing, acoustics, sensors, pfg = (
+        simulation.timing,
+        simulation.acoustics,
+        simulation.sensors,
+        simulation.pfg,
+    )
+    # edges between poses of the study have a part of the variance of an edge of the program
+    per_edge = math.sqrt(period * sensors.gt_freq_hz) / period
+    reflections = {"arrival": REFLECTED[1]} | dict.fromkeys(
+        ("max_surface_bounces", "max_bottom_bounces"), _MULTIPATH_BOUNCES
+    )
+    noise = {
+        "range_sigma": math.sqrt(pfg.range_variance),
+        "gnss_sigma": sensors.gps_xy_noise_stddev,
+        "odometry_rotation_fraction": 0.0,
+        "odometry_rotation_drift": math.sqrt(pfg.odom_rotation_variance) * per_edge,
+        "odometry_xy_fraction": 0.0,
+        "odometry_z_fraction": 0.0,
+        "odometry_translation_drift": sensors.odom_noise_stddev * per_edge,
+    }
+    priors = {"first_position_sigma": pfg.pose_prior_cov_diag, "landmark_sigma": pfg.landmark_prior_cov_diag}
+    priors["first_rotation_sigma"] = None if pfg.pose_prior_cov_diag is None else pfg.pose_prior_cov_diag[3:]
+    noise |= {
+        key: math.sqrt(sum(variances[:3]) / 3.0) for key, variances in priors.items() if variances is not None
+    }
+    return {
+        "study": {
+            "name": _name(simulation.run_name),
+            "description": f"Imported from {path.name} of the paper's authors' program",
+            "seed": simulation.rng_seed,
+        },
+        "ocean": {"source": [str(environment)]},
+        "mission": {
+            "duration_h": timing.end_time_hours,
+            "physics_step_s": timing.physics_dt,
+            "sampling_period_s": period,
+            "ping_interval_h": timing.ping_interval_min / 60.0,
+            "gnss_depth": sensors.gps_surface_range_meters,
+        },
+        "acoustics": {
+            "interpolation": "linear",
+            "spreading_cutoff_db": "none",
+            "cone_deg": acoustics.beam_spread_deg,
+            **(reflections if acoustics.allow_multipath else {}),
+        },
+        "ranging": {"timing": acoustics.tof_mode.replace("_", "-")},
+        "noise": noise,
+        "fleet": {
+            "vehicles": [
+                _vehicle(r, name, timing.physics_dt) for r, name in zip(robots, LETTERS, strict=False)
+            ]
+        },
+        "landmarks": [
+            {"name": f"L{i}", "north": north, "east": east, "depth": depth}
+            for i, (east, north, depth) in enumerate(simulation.landmarks)
+        ],
+    }
+
+
+def _name(run_name: str) -> str:
+    """Name of a study from that of a run."""
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", run_name).lstrip("._-")
+    return name if re.match(NAME, name) else "sim"
+
+
+def _vehicle(robot: ConstantVelocity | CurrentDrift, name: str, step: float) -> Tree:
+    """Nested dictionaries of a vehicle."""
+    east, north, depth = robot.position
+    placed: Tree = {"name": name, "north": north, "east": east, "depth": depth}
+    if isinstance(robot, ConstantVelocity):
+        v_east, v_north, v_down = robot.velocity
+        return {"kind": "twist", **placed, "twist": [0.0, 0.0, 0.0, v_north, v_east, v_down]}
+    return {
+        "kind": "float",
+        **placed,
+        "target_depth": robot.target_depth,
+        "start_delay_h": robot.start_offset_seconds / 3600.0,
+        "hold_depth_h": (robot.hold_seconds + HOLD_STEPS * step) / 3600.0,
+        "hold_surface_h": (robot.surface_hold_seconds + HOLD_STEPS * step) / 3600.0,
+        "vertical_speed": robot.vertical_speed,
+        "surface_depth": robot.surface_depth,
+        "depth_gain": _DEPTH_GAIN,
+    }

@@ -1,0 +1,201 @@
+"""Every kind of factor, and a new one of each form, in every reader: counted with the right weight, or refused by name."""
+
+from dataclasses import replace
+
+import factories
+import numpy as np
+import pytest
+from refusals import refused
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import build_graph, covariances_at
+from pymantaray.estimation.certificate import certify
+from pymantaray.estimation.chordal_problem import ChordalProblem
+from pymantaray.estimation.g2o import write_g2o
+from pymantaray.estimation.graph import KINDS, FactorGraph, check_kinds
+from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
+from pymantaray.estimation.solution import Method
+from pymantaray.estimation.solve import GraphSolver
+from pymantaray.estimation.starts import chordal, dead_reckon_graph
+from pymantaray.evaluation import DegreesOfFreedom, graph_degrees_of_freedom
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
+
+N_TIMES = 6
+METHODS = {
+    "batch": Method(),
+    "robust": Method(loss=Loss("huber", 1.345)),
+    "incremental": Method(incremental=True),
+    "lag": Method(lag=1e5),
+    "incremental lag": Method(lag=1e5, incremental=True),
+    "kalman": Method(kalman=True),
+}
+COPIED = sorted(set(KINDS) - {"range"})
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    return factories.make_fleet(n_vehicles=1, n_times=N_TIMES, n_landmarks=1)
+
+
+@pytest.fixture(scope="module")
+def graph(fleet):
+    return build_graph(fleet.noisy, "straight")
+
+
+@pytest.fixture(params=COPIED)
+def copied(request, monkeypatch):
+    """Name of a kind, of which "new" is a copy that files cannot hold."""
+    kind = replace(KINDS[request.param], what="new", plural="new ones", word=None, axes=(), source=None)
+    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
+    return request.param
+
+
+def one_more(graph, name, truth, like=None):
+    """One factor, of the last pose or the landmark, that measures 1 m and 0.1 rad more than the truth."""
+    kind, n = KINDS[like or name], graph.n_poses
+    last = n if kind.ends[-1] == "landmark" else n - 1
+    ends = [n - 2 if kind.ends == ("pose", "pose") else 0, last][-len(kind.ends) :]
+    place = np.concatenate([truth.position, truth.landmark_position])
+    turn = matrix_from_quaternion(truth.quaternion)
+    stride, rotation = place[last], turn[min(last, n - 1)]
+    if len(ends) == 2:
+        stride, rotation = turn[ends[0]].T @ (stride - place[ends[0]]), turn[ends[0]].T @ rotation
+    measured = {
+        "position": stride + 1.0,
+        "quaternion": quaternion_from_matrix(rotation @ so3_exp(np.array([0.0, 0.0, 0.1]))),
+        "depth": stride[2] + 1.0,
+        "distance": np.linalg.norm(stride) + 1.0,
+    }
+    columns = [[measured[column]] for column, _, _ in kind.columns]
+    table = kind.table([ends], columns, [1e-6 * np.eye(kind.rows)])
+    new = graph[name].kind
+    return graph.with_factors(**{name: graph[name].joined(replace(table, kind=new))})
+
+
+def solved(graph, truth, method):
+    """Estimate of a method as one vector; a refusal is its message."""
+    try:
+        solution = GraphSolver().solve(graph, truth, method=method, model_is_right=False)
+    except EstimationError as error:
+        return str(error)
+    assert solution.usable, (method, solution.status)
+    return np.concatenate(
+        [
+            solution.position.ravel(),
+            matrix_from_quaternion(solution.quaternion).ravel(),
+            solution.landmark_position.ravel(),
+        ]
+    )
+
+
+def test_a_factor_of_a_new_kind_counts_as_one_of_its_form_in_every_solver(graph, fleet, copied):
+    """As in the kind of which it is a copy; a solver that ignores it would leave the estimate where it is."""
+    known, new = (one_more(graph, name, fleet.truth, copied) for name in (copied, "new"))
+    for name, method in METHODS.items():
+        without, one, other = (solved(g, fleet.truth, method) for g in (graph, known, new))
+        if isinstance(other, str):
+            assert "new ones" in other, (name, other)
+            continue
+        assert np.abs(other - without).max() > 0.01, (name, "is ignored")
+        if not isinstance(one, str):
+            # iSAM2 relinearizes above a threshold, and starts at the priors of first poses
+            np.testing.assert_allclose(
+                other, one, rtol=0, atol=5e-3 if method.incremental else 1e-5, err_msg=name
+            )
+
+
+def test_covariances_and_freedom_count_a_new_kind(graph, fleet, copied):
+    known, new = (one_more(graph, name, fleet.truth, copied) for name in (copied, "new"))
+    truth = fleet.truth
+    poses = np.arange(graph.n_poses)[:, None]
+    one, other, less = (covariances_at(g, truth, poses).pose for g in (known, new, graph))
+    np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-12)
+    fell = (1.0 - np.diagonal(other[-1, 0]) / np.diagonal(less[-1, 0])).max()
+    assert fell > 1e-6 or copied == "survey"
+    assert known.degrees_of_freedom == new.degrees_of_freedom > graph.degrees_of_freedom
+    assert graph_degrees_of_freedom(new, truth) == pytest.approx(
+        graph_degrees_of_freedom(known, truth), rel=1e-6
+    )
+
+
+def test_the_certificate_counts_a_new_kind_or_says_that_it_cannot(graph, fleet, copied):
+    bare = factories.without(graph, "depth")
+    known, new = (one_more(bare, name, fleet.truth, copied) for name in (copied, "new"))
+    one, other = certify(known, fleet.truth), certify(new, fleet.truth)
+    if copied == "depth":
+        assert not one.certified
+        assert not other.certified
+        assert other.reason == "new ones are not quadratic in the relaxation"
+        refused(EstimationError, "cannot hold new ones", ChordalProblem, new)
+        return
+    assert other.cost == pytest.approx(one.cost, rel=1e-9)
+    assert other.cost > certify(bare, fleet.truth).cost + 1e-3
+    assert other.certified == one.certified
+
+
+def test_the_bound_of_dead_reckoning_leaves_out_a_new_sensor(monkeypatch):
+    fleet = factories.make_fleet(n_vehicles=1, n_times=N_TIMES, n_landmarks=1, gnss_every=2)
+    truth = factories.trajectories(fleet.position, time=fleet.noise_free.time, quaternion=fleet.quaternion)
+    before = {
+        name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet for name in ("odometry", "straight")
+    }
+    kind = replace(KINDS["fix"], what="new", plural="new ones", word=None)
+    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
+    monkeypatch.setattr("pymantaray.estimation.build.KINDS", {**KINDS, "new": kind})
+    after = {name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet for name in before}
+    assert after["odometry"] == pytest.approx(before["odometry"], rel=1e-9)
+    assert after["straight"] != pytest.approx(before["straight"], rel=1e-6)
+
+
+def test_starts_use_a_new_kind_as_one_of_its_form(graph, fleet, copied):
+    known, new = (one_more(graph, name, fleet.truth, copied) for name in (copied, "new"))
+    if copied in ("prior", "edge"):  # starts use those of odometry and of first poses alone
+        return
+    for start in (chordal, dead_reckon_graph):
+        one, other = (start(g, fleet.truth).values for g in (known, new))
+        np.testing.assert_allclose(other.position, one.position, rtol=0, atol=1e-6)
+
+
+def test_files_hold_a_new_kind_or_say_that_they_cannot(graph, fleet, copied, tmp_path):
+    new = one_more(graph, "new", fleet.truth, copied)
+    line = "cannot hold 1 new ones"
+    refused(EstimationError, line, write_pyfg, new, tmp_path / "a.pyfg", initial=fleet.truth)
+    refused(EstimationError, "1 new ones", write_g2o, new, tmp_path / "a.g2o", initial=fleet.truth)
+    back = FactorGraph.from_dataset(new.to_dataset())
+    np.testing.assert_array_equal(back["new"].measured, new["new"].measured)
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_text_holds_each_factor_once(graph, fleet, name, tmp_path):
+    more = one_more(graph, name, fleet.truth)
+    write_pyfg(more, tmp_path / "a.pyfg", initial=fleet.truth)
+    back, _ = read_pyfg(tmp_path / "a.pyfg")
+    assert {k: len(table) for k, table in back.tables.items()} == {k: len(t) for k, t in more.tables.items()}
+    n_lines = len((tmp_path / "a.pyfg").read_text().splitlines())
+    assert n_lines == more.n_variables + more.n_factors
+
+
+def test_a_data_set_with_a_kind_of_another_version_is_refused(graph, fleet, monkeypatch):
+    kind = replace(KINDS["depth"], what="new", plural="new ones", word=None)
+    with monkeypatch.context() as patch:
+        patch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
+        data = one_more(graph, "new", fleet.truth, "depth").to_dataset()
+    refused(
+        EstimationError, "factors of a kind 'new'; this version has prior,", FactorGraph.from_dataset, data
+    )
+
+
+@pytest.mark.parametrize(("changes", "message"), [
+    ({}, "kinds depth and new have the same word VERTEX_SE3:QUAT:PRIOR and axes in files"),
+    ({"axes": (4,)}, "kind new: lines of VERTEX_SE3:QUAT:PRIOR with axes .4,. cannot hold z of pose"),
+    ({"axes": ()}, "kind new: lines of .* cannot hold z of pose"),
+    ({"word": "EDGE_DEPTH"}, "kind new: lines of EDGE_DEPTH"),
+    ({"word": None, "plural": "depth priors"}, "kinds depth and new have the same name depth priors"),
+    ({"word": None, "what": "depth"}, "kinds depth and new have the same name depth"),
+])  # fmt: skip
+def test_kinds_that_a_file_cannot_tell_apart_are_refused(graph, fleet, monkeypatch, changes, message):
+    kind = replace(KINDS["depth"], **{"what": "new", "plural": "new ones", **changes})
+    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
+    refused(EstimationError, message, check_kinds)
+    refused(EstimationError, message, GraphSolver().solve, graph, fleet.truth)

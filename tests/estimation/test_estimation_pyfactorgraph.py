@@ -1,0 +1,125 @@
+"""What PyFactorGraph reads: isotropic covariances against GTSAM by its rules, and depths as ranges."""
+
+import logging
+
+import gtsam
+import numpy as np
+import pytest
+from factories import make_fleet
+from refusals import refused
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation import GraphSolver, build_graph, open_graph, read_pyfg, solve_graph, write_pyfg
+from pymantaray.estimation.pyfactorgraph import depths_as_ranges
+
+
+def precisions(covariance):
+    """Precisions as PyFactorGraph's matrix_utils.py computes them from x y z rx ry rz."""
+    matrix = np.zeros((6, 6))
+    matrix[np.triu_indices(6)] = covariance
+    return 3.0 / np.trace(matrix[:3, :3]), 3.0 / (2.0 * np.trace(matrix[3:, 3:]))
+
+
+def noise(covariance):
+    """Noise of GTSAM, rotation first, with twice the rotation's precision, as the authors' pyfg_to_gtsam.py has it."""
+    translation, rotation = precisions(covariance)
+    sigmas = [1.0 / np.sqrt(2.0 * rotation)] * 3 + [1.0 / np.sqrt(translation)] * 3
+    return gtsam.noiseModel.Diagonal.Sigmas(np.array(sigmas))
+
+
+def pose(fields):
+    x, y, z, qx, qy, qz, qw = map(float, fields)
+    return gtsam.Pose3(gtsam.Rot3.Quaternion(qw, qx, qy, qz), np.array([x, y, z]))
+
+
+def solve_by_its_rules(text):
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    key = lambda name: gtsam.symbol(name[0], int(name[1:]))
+    for word, *f in (line.split() for line in text.splitlines()):
+        if word == "VERTEX_SE3:QUAT":
+            values.insert(key(f[1]), pose(f[2:]))
+        elif word == "VERTEX_XYZ":
+            values.insert(key(f[0]), np.array(f[1:], dtype=float))
+        elif word == "VERTEX_SE3:QUAT:PRIOR":
+            graph.addPriorPose3(key(f[1]), pose(f[2:9]), noise(np.array(f[9:], dtype=float)))
+        elif word == "VERTEX_XYZ:PRIOR":
+            variance = np.array(f[5:], dtype=float)[[0, 3, 5]].mean()
+            graph.addPriorPoint3(
+                key(f[1]), np.array(f[2:5], dtype=float), gtsam.noiseModel.Isotropic.Variance(3, variance)
+            )
+        elif word == "EDGE_SE3:QUAT":
+            model = noise(np.array(f[10:], dtype=float))
+            graph.add(gtsam.BetweenFactorPose3(key(f[1]), key(f[2]), pose(f[3:10]), model))
+        else:
+            model = gtsam.noiseModel.Isotropic.Variance(1, float(f[4]))
+            factor = gtsam.RangeFactor3D if f[2][0] == "L" else gtsam.RangeFactorPose3
+            graph.add(factor(key(f[1]), key(f[2]), float(f[3]), model))
+    settings = gtsam.LevenbergMarquardtParams()
+    settings.setRelativeErrorTol(1e-15)
+    settings.setAbsoluteErrorTol(1e-15)
+    solution = gtsam.LevenbergMarquardtOptimizer(graph, values, settings).optimize()
+    names = [line.split()[2] for line in text.splitlines() if line.startswith("VERTEX_SE3:QUAT ")]
+    return np.array([solution.atPose3(key(name)).translation() for name in names])
+
+
+@pytest.fixture
+def file(tmp_path):
+    fleet = make_fleet(seed=4, n_landmarks=2, gnss_every=6)
+    path = tmp_path / "graph.pyfg"
+    graph = build_graph(fleet.noisy, "straight")
+    write_pyfg(graph, path, initial=fleet.truth)
+    return path, graph, fleet.truth
+
+
+def test_isotropic_covariances_give_the_estimate_by_its_rules(file):
+    path, graph, truth = file
+    # without fixes, because GTSAM's prior of a pose without rotation is not one of its position
+    write_pyfg(graph.with_factors(fix=graph["fix"][:0]), path, initial=truth)
+    content = open_graph(path, covariances="isotropic")
+    expected = solve_by_its_rules(path.read_text())
+    ours = solve_graph(content, start="file").values.position
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-3)
+    full = solve_graph(open_graph(path), start="file").values.position
+    assert np.abs(ours - full).max() > 0.1  # the option matters
+    assert content.left_out == {"depth priors (PyFactorGraph reads precision 0)": len(graph["depth"])}
+
+
+def test_a_fix_has_the_mean_variance_on_each_axis(tmp_path):
+    """GNSS of 0.1, 0.1 and 0.0033 m becomes 0.082 m."""
+    text = (
+        "VERTEX_SE3:QUAT 0 A0 0 0 0 0 0 0 1\n"
+        "VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1"
+        f" 0.01 0.001 0 0 0 0 0.01 0 0 0 0 {0.0033**2} 0 0 0 1e-4 0 0 2e-4 0 3e-4\n"
+    )
+    (tmp_path / "g.pyfg").write_text(text)
+    covariance = open_graph(tmp_path / "g.pyfg", covariances="isotropic").graph["prior"].covariance[0]
+    sigma = np.sqrt((2.0 * 0.1**2 + 0.0033**2) / 3.0)
+    assert sigma == pytest.approx(0.082, abs=5e-4)
+    np.testing.assert_allclose(covariance, np.diag([2e-4] * 3 + [sigma**2] * 3), rtol=1e-12, atol=0)
+    line = "covariances 'round'; allowed: full, isotropic"
+    refused(EstimationError, line, open_graph, tmp_path / "g.pyfg", covariances="round")
+
+
+def test_planar_rotations_stay_and_translations_are_averaged(tmp_path):
+    (tmp_path / "g.pyfg").write_text(
+        "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2:PRIOR 0 A0 0 0 0 0.01 0.004 0 0.03 0 0.0005\n"
+    )
+    variance = open_graph(tmp_path / "g.pyfg", covariances="isotropic").graph["prior"].variance[0]
+    assert variance[[2, 3, 4]] == pytest.approx([0.0005, 0.02, 0.02])
+
+
+def test_depth_priors_warn_and_ranges_keep_them(file, tmp_path, caplog):
+    path, graph, truth = file
+    with caplog.at_level(logging.WARNING):
+        write_pyfg(graph, path, initial=truth)
+    assert f"PyFactorGraph reads its {len(graph['depth'])} depth priors with a precision of 0" in caplog.text
+    caplog.clear()
+    write_pyfg(graph, tmp_path / "kept.pyfg", initial=truth, depths="ranges")
+    assert not caplog.records
+    kept, _ = read_pyfg(tmp_path / "kept.pyfg")
+    assert len(kept["depth"]) == 0
+    assert len(kept["range"]) == len(graph["range"]) + len(graph["depth"])
+    with_depths, with_ranges = (
+        GraphSolver().solve(g, v).position for g, v in ((graph, truth), depths_as_ranges(graph, truth))
+    )
+    np.testing.assert_allclose(with_ranges, with_depths, rtol=0, atol=2e-3)
