@@ -311,14 +311,14 @@ def _begin(domain, section, i, work, results):
 
 
 @kernel
-def _start(domain, bounces, settings, ends, place, across, work, flights, results):
+def _start(domain, bounces, settings, ends, place, work, flights, results):
     """
-    Start to solve link i of place (i, k); return True if its rays now wait in place k of the queue, False if it is solved.
+    Start to solve link i of place (i, k, across); return True if its rays now wait in place k of the queue, False if it is solved.
 
     Rays along a chord, those of a LINEAR medium, and all rays if flights is None are traced one by one. Links whose rays leave the plane
     are put off until across is True: the lanes of the queue must not depend on each other.
     """
-    i = place[0]
+    i, _, across = place
     for j in range(at.N_INFO):
         results.info[i, j] = np.nan
     results.info[i, at.RAYS], results.info[i, at.COMPLETE], results.info[i, at.RESOLVED] = 0.0, 1.0, 1.0
@@ -340,7 +340,7 @@ def _start(domain, bounces, settings, ends, place, across, work, flights, result
         found = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
     elif flights is not None and domain.kind == at.SMOOTH:  # otherwise, Numba omits this branch
         fan = put_fan(n_nodes, search.coarse, _first_gap(s), work)
-        put_flight(section, place, fan, cross, work, flights)
+        put_flight(section, place[:2], fan, cross, work, flights)
         return True
     else:
         found = find_brackets(s, walls, course, n_nodes, _first_gap(s), search, work)
@@ -646,22 +646,23 @@ def _solve(domain, bounces, settings, ends, share, work, flights, results):
     following, every = share
     if flights is None or domain.kind == at.LINEAR:
         for i in range(following, source.shape[0], every):
-            _start(domain, bounces, settings, _ends(settings, ends, i), (i, 0), True, work, flights, results)
+            _start(domain, bounces, settings, _ends(settings, ends, i), (i, 0, True), work, flights, results)
             _finish(settings, source, receiver, i, results)
     else:
-        _solve_queue(domain, bounces, settings, ends, share, False, work, flights, results)
+        _solve_queue(domain, bounces, settings, ends, share, False, (work, flights), results)
         put_off = False
         for i in range(following, source.shape[0], every):
             put_off = put_off or results.status[i] == _LATER
         if put_off:
-            _solve_queue(domain, bounces, settings, ends, share, True, work, flights, results)
+            _solve_queue(domain, bounces, settings, ends, share, True, (work, flights), results)
 
 
 @kernel
-def _solve_queue(domain, bounces, settings, ends, share, across, work, flights, results):
+def _solve_queue(domain, bounces, settings, ends, share, across, room, results):
     """Solve the links of a share whose rays remain in their planes, or with across those that were put off because they leave them."""
     source, receiver = ends
     following, every = share
+    work, flights = room
     columns, count = share_store(domain, source, receiver, work, flights)
     rows, busy = flights.links, True
     while busy:
@@ -682,7 +683,7 @@ def _solve_queue(domain, bounces, settings, ends, share, across, work, flights, 
                 following += every
                 if across and results.status[i] != _LATER:
                     continue
-                waits = _start(domain, bounces, settings, place, (i, k), across, own, flights, results)
+                waits = _start(domain, bounces, settings, place, (i, k, across), own, flights, results)
                 if not waits and results.status[i] != _LATER:
                     _finish(settings, source, receiver, i, results)
             busy = busy or row[at.FLIGHT_LINK] >= 0.0

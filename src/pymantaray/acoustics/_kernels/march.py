@@ -115,14 +115,12 @@ def _level(s, z):
 def _derivative(s, data, rows, at_stage, state, side):
     """Write the right-hand side of sixteen rays to the rows of a stage; return (h c)^2 minus its lower limit.
 
-    side contains the cross-track offsets and slownesses of rays that leave the plane, about which the field is expanded to second order;
-    for None, Numba omits this.
+    side contains cross-track offsets and slownesses, to second order of which the field is expanded; for None, Numba omits this.
     """
     w, p, xi, eta = state
     stage, pos = at_stage
     slopes = _SLOPES + 4 * stage
-    last = s.depth.size - 1
-    top, low = s.depth[0], s.depth[last]
+    top, low = s.depth[0], s.depth[s.depth.size - 1]
     z = w + load(rows, _SOURCE)
     inside = choose(z < top, top, z)
     inside = choose(inside < low, inside, low)
@@ -144,8 +142,7 @@ def _derivative(s, data, rows, at_stage, state, side):
     cy, squares = 0.0, p * p
     if side is not None:
         y, q = side
-        half = 0.5 * y
-        b0, b1, b2, b3 = blend(data, place + 8.0, stride, (u, half * u, t, half * t))
+        b0, b1, b2, b3 = blend(data, place + 8.0, stride, (u, 0.5 * y * u, t, 0.5 * y * t))
         cy = b0 + x * (b1 + x * (b2 + x * b3))
         a0, a1, a2, a3 = a0 + y * b0, a1 + y * b1, a2 + y * b2, a3 + y * b3
         squares = squares + q * q
