@@ -219,18 +219,22 @@ def lost_rays(rays, found) -> list[Lost]:
     return lost
 
 
+def rays_near(fan, source, receiver, angle, look=SECTION) -> Rays:
+    """Rays of a `SectionFan` near a launch angle in three dimensions, one of those that count as one ray."""
+    away = receiver[:2] - source[:2]
+    place, azimuth = np.array([np.hypot(*away), receiver[2]]), np.arctan2(*away[::-1])
+    near = fan.near(source, azimuth, place, angle, look.half_width, 8.0, look.n_rays)
+    order = np.argsort(near.angle)
+    return selected(near, order[np.diff(near.angle[order], prepend=-np.inf) > ONE_RAY])
+
+
 def lost_after_a_second_look(fan, links, rays, found, look=SECTION) -> list[Lost]:
-    """Strong rays that a finer `SectionFan` in three dimensions finds near rays of a fan, and that are not among found rays."""
+    """Strong rays that a finer fan in three dimensions finds near rays of another fan, and that are not among found rays."""
     lost = {}
     for i in missing(rays, found, look.time, look.level):
         link = rays.link[i]
-        away, depth = np.split(links.receiver[link] - [*links.source[link][:2], 0.0], [2])
-        place = np.array([np.hypot(*away), *depth])
-        azimuth = np.arctan2(away[1], away[0])
-        near = fan.near(links.source[link], azimuth, place, rays.angle[i], look.half_width, 8.0, look.n_rays)
-        order = np.argsort(near.angle)
-        apart = order[np.diff(near.angle[order], prepend=-np.inf) > ONE_RAY]
-        near = selected(near, apart)._replace(link=np.full(apart.size, link))
+        near = rays_near(fan, links.source[link], links.receiver[link], rays.angle[i], look)
+        near = near._replace(link=np.full(near.angle.size, link))
         lost |= {(x.link, round(x.time, 6), round(x.level, 1)): x for x in lost_rays(near, found)}
     return [lost[key] for key in sorted(lost)]
 
