@@ -63,8 +63,10 @@ def test_the_ray_of_a_narrow_pair_that_one_search_lacks_is_added(known):
 
 
 def test_reflected_rays_of_the_other_search_are_not_added():
-    merged = both_ends.merged(results((SHADOW, 0, [])), np.array([0]), results((OK, 0, [(2.0, 0.1, 0.1, 1)])))
-    assert merged.counts.tolist() == [0]
+    merged = both_ends.merged(
+        results((OK, 0, [(1.0, 0.1, 0.1, 0)])), np.array([0]), results((OK, 0, [(2.0, 0.1, 0.1, 1)]))
+    )
+    assert times(merged, 0) == [1.0]
 
 
 @pytest.mark.parametrize(
