@@ -1,83 +1,217 @@
-"""Count the direct rays that the two-point solver loses, by comparison with brute-force fans, and time the solver on the same links.
+"""Count the direct rays that the two-point solver loses at ranges to 30 km, and time it.
 
 Run with ``python benchmarks/bench_lost_rays.py [MEDIUM ...]``. The media are ``0`` to ``9``, synthetic water with several extrema of the sound
-speed that vary horizontally, and ``gulf``, the Gulf Stream file in ../shared/data beside the repository. In each medium, ``--fans`` fans of
-100,000 rays go to 480 receivers each (`tests/section_fan.py`, which shares no code with the solver). The table lists, for each medium, links,
-rays of the fans within 15 dB, how many of these the solver loses within 12 and within 15 dB, and the solver's CPU time per link.
-With ``--keep FILE`` each finished fan is appended to a file, and a later run with the same file continues after the last one.
+speed that vary horizontally, and ``gulf``, the Gulf Stream file in ../shared/data beside the repository. Rays within 14.5 dB are counted in
+one of three ways, whose tables list links by range:
+
+- By default, ``--links`` random links per medium are solved from one end, from the other (``canonical=False``), and as by default. A
+  search loses a ray that another one finds. This needs no oracle, and counts no ray that all searches lose.
+- ``--write LINKS.npz`` writes these links for `fans_on_gpu.py` and ends. ``--rays LINKS.npz RAYS.npz`` compares the solver with the result:
+  fans of 131,072 rays in three dimensions, one from each end of each link. A ray counts as lost if a finer fan
+  (`tests/section_fan.py`, which shares no code with the solver) finds it as well.
+- ``--fans N`` needs no GPU: N fans of 131,072 rays per medium go to 480 receivers each, in the vertical section from one end. The rest
+  is as above.
 """
 
 import argparse
-import json
 import sys
 import time
+from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from lost_rays import GULF_STREAM, ends, gulf_stream, lost_rays, random_fans, several_extrema
-from section_fan import SectionFan
+from lost_rays import (
+    GULF_STREAM,
+    SECTION,
+    SPACE,
+    Links,
+    Lost,
+    found_rays,
+    gulf_stream,
+    is_strong,
+    lost_after_a_second_look,
+    lost_rays,
+    missing,
+    random_fans,
+    random_links,
+    rays_of,
+    several_extrema,
+)
+from section_fan import Rays, SectionFan
 
-from pymantaray.acoustics import find_eigenrays
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.records import Arrivals
 
 MEDIA = (*(str(k) for k in range(10)), "gulf")
+EDGES = np.array([1e3, 6e3, 12e3, 18e3, 25e3, 30e3 + 1.0])  # m
 
 
-def count_fan(name: str, fan: SectionFan, number: int) -> dict:
-    """Count and time the links of one fan."""
-    (links,) = random_fans(fan, 1, number)
-    both = ends(links.source, links.azimuth, links.receivers)
-    find_eigenrays(fan.medium, both[0][:1], both[1][:1])  # compiles
+class Count(NamedTuple):
+    """Links of a medium: distance [m], whether a ray exists, whether the search is complete, lost rays, and CPU time [s]."""
+
+    distance: NDArray[np.float64]
+    has_ray: NDArray[np.bool_]
+    complete: NDArray[np.bool_]
+    lost: list[Lost]
+    seconds: float
+
+
+def solved(medium: Medium, links: Links, *, canonical: bool = True) -> tuple[Arrivals, float]:
+    """Arrivals of links, and the CPU time of one thread."""
+    find_eigenrays(medium, links.source[:1], links.receiver[:1])  # compiles
     start = time.process_time()
-    find_eigenrays(fan.medium, *both, threads=1)
-    seconds = time.process_time() - start
-    lost = [level for _, _, level in lost_rays(fan, links)]
-    return {
-        "medium": name,
-        "fan": number,
-        "links": len(links.receivers),
-        "rays": int(links.strong.sum()),
-        "lost": [float(level) for level in lost],
-        "seconds": seconds,
+    arrivals = find_eigenrays(medium, *links, canonical=canonical, threads=1)
+    return arrivals, time.process_time() - start
+
+
+def count(links: Links, rays: list[Rays], solution: tuple[Arrivals, float], lost: list[Lost]) -> Count:
+    """Count of one search; rays are those of all searches and fans."""
+    has_ray = np.zeros(len(links.source), dtype=bool)
+    for part in rays:
+        has_ray[part.link[is_strong(part)]] = True
+    arrivals, seconds = solution
+    return Count(links.distance, has_ray, arrivals.complete, lost, seconds)
+
+
+def both_ends(medium: Medium, links: Links) -> dict[str, Count]:
+    """Rays of links that a search loses and another one finds."""
+    solutions = {
+        "from one end": solved(medium, links, canonical=False),
+        "from the other": solved(medium, links.exchanged(), canonical=False),
+        "by default": solved(medium, links),
     }
+    rays = {key: found_rays(arrivals) for key, (arrivals, _) in solutions.items()}
+    counts = {}
+    for key, solution in solutions.items():
+        others = [other for name, other in rays.items() if name not in (key, "by default")]
+        lost = [ray for other in others for ray in lost_rays(other, rays[key])]
+        counts[key] = count(links, list(rays.values()), solution, lost)
+    return counts
 
 
-def print_medium(name: str, fans: list[dict]) -> None:
-    total = {key: sum(fan[key] for fan in fans) for key in ("links", "rays", "seconds")}
-    lost = [level for fan in fans for level in fan["lost"]]
-    strong = sum(level < 12.0 for level in lost)
-    print(
-        f"{name:6} {len(fans):3d} fans {total['links']:6d} links {total['rays']:6d} rays within 15 dB: lost {strong} within 12 dB,"
-        f" {len(lost)} within 15 dB; {1e6 * total['seconds'] / total['links']:6.0f} us of CPU a link",
-        flush=True,
+def against_rays(name: str, medium: Medium, links: Links, table: dict[str, NDArray]) -> dict[str, Count]:
+    """Rays of both fans of each link that the solver loses."""
+    solution, fan, lost = solved(medium, links), SectionFan(medium), []
+    found = found_rays(solution[0])
+    rays = [rays_of(table[f"{name}_{end}"]) for end in ("source", "receiver")]
+    for part, ends in zip(rays, (links, links.exchanged()), strict=True):
+        lost += lost_after_a_second_look(fan, ends, part, found, SPACE)
+    limits = SPACE.time, SPACE.level
+    apart = [len(missing(a, b, *limits)) for a, b in (rays, rays[::-1])]
+    number = sum(int(is_strong(part).sum()) for part in rays)
+    print(f"{name}: {number} rays of fans, {sum(apart)} of which only the fan from one end finds", flush=True)
+    return {"by default, against fans from both ends": count(links, rays, solution, lost)}
+
+
+def against_fans(medium: Medium, number: int) -> dict[str, Count]:
+    """Rays of fans in the vertical section that the solver loses."""
+    fan, counts = SectionFan(medium), []
+    for each in random_fans(fan, number):
+        solution = solved(medium, each.links)
+        lost = lost_after_a_second_look(fan, each.links, each.rays, found_rays(solution[0]), SECTION)
+        counts.append(count(each.links, [each.rays], solution, lost))
+    return {"by default, against fans in the section": joined(counts)}
+
+
+def joined(counts: list[Count]) -> Count:
+    """Count of the links of all media."""
+    first, lost = 0, []
+    for part in counts:
+        lost += [ray._replace(link=ray.link + first) for ray in part.lost]
+        first += part.distance.size
+    columns = (np.concatenate(column) for column in zip(*(part[:3] for part in counts), strict=True))
+    return Count(*columns, lost, sum(part.seconds for part in counts))
+
+
+def print_table(title: str, c: Count) -> None:
+    """Links by range as a table in Markdown."""
+    kinds = (
+        {x.link for x in c.lost},
+        {x.link for x in c.lost if x.level < 12.0},
+        {x.link for x in c.lost if x.dropout},
+        {x.link for x in c.lost if x.first},
     )
+    print(f"\n{title}: {1e6 * c.seconds / c.distance.size:.0f} us of CPU per link\n")
+    print(
+        "| range [km] | links | with rays | not complete | lose one | within 12 dB | false dropouts | lose the first |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
+    for low, high in pairwise(EDGES):
+        mine = (c.distance >= low) & (c.distance < high)
+        numbers = [sum(mine[link] for link in links) for links in kinds]
+        here = [mine.sum(), (mine & c.has_ray).sum(), (mine & ~c.complete).sum(), *numbers]
+        print(f"| {low / 1e3:.0f} to {high / 1e3:.0f} | " + " | ".join(f"{n:,}" for n in here) + " |")
+
+
+def print_lost(name: str, lost: list[Lost]) -> None:
+    for ray in sorted(lost):
+        kind = "false dropout" if ray.dropout else "first arrival" if ray.first else ""
+        print(
+            f"  {name} link {ray.link}: {ray.time:.7f} s, {ray.level:.1f} dB, {ray.angle:.6f} rad {kind}",
+            flush=True,
+        )
+
+
+def write(path: Path, media: dict[str, Medium], links: dict[str, Links]) -> None:
+    """Write grids and links for `fans_on_gpu.py`."""
+    out = {"media": np.array(list(media))}
+    for name, m in media.items():
+        columns = {
+            "north": m.north,
+            "east": m.east,
+            "depth": m.depth,
+            "speed": m.sound_speed,
+            "bed_north": m.bed.north,
+            "bed_east": m.bed.east,
+            "bed": m.bed.depth,
+            "source": links[name].source,
+            "receiver": links[name].receiver,
+        }
+        out |= {f"{name}_{key}": values for key, values in columns.items()}
+    np.savez_compressed(path, **out)
+
+
+def parsed() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("media", nargs="*", choices=[*MEDIA, []], default=list(MEDIA))
+    parser.add_argument("--links", type=int, default=900, help="random links per medium")
+    parser.add_argument("--seed", type=int, default=1, help="of the random links")
+    way = parser.add_mutually_exclusive_group()
+    way.add_argument("--write", type=Path, metavar="LINKS.npz", help="only write the links")
+    way.add_argument("--rays", type=Path, nargs=2, metavar=("LINKS.npz", "RAYS.npz"))
+    way.add_argument("--fans", type=int, help="fans per medium")
+    return parser.parse_args()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("media", nargs="*", choices=[*MEDIA, []], default=list(MEDIA))
-    parser.add_argument("--fans", type=int, default=2, help="fans per medium")
-    parser.add_argument("--keep", type=Path, help="file of finished fans")
-    options = parser.parse_args()
-    lines = options.keep.read_text().splitlines() if options.keep and options.keep.is_file() else []
-    done = [json.loads(line) for line in lines]
-    table = []
+    options = parsed()
+    if "gulf" in options.media and not GULF_STREAM.is_file():
+        print(f"gulf: nothing done, no {GULF_STREAM}")
+        options.media.remove("gulf")
+    grid, table = (np.load(path) for path in options.rays) if options.rays else (None, None)
+    media, links, results = {}, {}, {}
     for name in options.media:
-        if name == "gulf" and not GULF_STREAM.is_file():
-            print(f"gulf: nothing done, no {GULF_STREAM}")
-            continue
-        fan = SectionFan(gulf_stream() if name == "gulf" else several_extrema(int(name)))
-        fans = [row for row in done if row["medium"] == name and row["fan"] < options.fans]
-        for number in range(options.fans):
-            if number in {row["fan"] for row in fans}:
-                continue
-            fans.append(count_fan(name, fan, number))
-            if options.keep:
-                with options.keep.open("a") as file:
-                    file.write(json.dumps(fans[-1]) + "\n")
-        print_medium(name, fans)
-        table += fans
-    print_medium("all", table)
+        media[name] = medium = gulf_stream() if name == "gulf" else several_extrema(int(name))
+        if options.rays:
+            links[name] = Links(grid[f"{name}_source"], grid[f"{name}_receiver"])
+            counts = against_rays(name, medium, links[name], table)
+        elif options.fans:
+            counts = against_fans(medium, options.fans)
+        else:
+            links[name] = random_links(medium, options.links, [options.seed, MEDIA.index(name)])
+            counts = {} if options.write else both_ends(medium, links[name])
+        for key, part in counts.items():
+            results.setdefault(key, []).append(part)
+            print_lost(f"{key}, {name}", part.lost)
+    if options.write:
+        write(options.write, media, links)
+    for key, parts in results.items():
+        print_table(key, joined(parts))
 
 
 if __name__ == "__main__":

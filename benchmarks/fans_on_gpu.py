@@ -1,8 +1,8 @@
 """
-Brute-force fans of rays in three dimensions on a GPU, one fan for each link: the oracle of `bench_lost_rays.py` without a limit of range.
+Brute-force fans of rays in three dimensions on a GPU, one from each end of each link: the oracle of `bench_lost_rays.py` at any range.
 
 Run with ``python benchmarks/fans_on_gpu.py LINKS.npz RAYS.npz`` on a machine with CuPy and SciPy; the package is not needed. LINKS.npz is
-written by ``bench_lost_rays.py --write``. Nothing here is shared with the solver: SciPy's splines through the grid values give the field,
+written by ``bench_lost_rays.py --write LINKS.npz``, and ``--rays LINKS.npz RAYS.npz`` compares. Nothing here is shared with the solver: SciPy's splines through the grid values give the field,
 a fixed-step RK4 integrates the rays, each ray is turned out of the plane until it ends in it, and every change of sign of the miss
 between neighbouring rays is a ray. A fan of ``--rays`` rays covers launch angles up to 0.35 rad on both sides of the horizontal.
 """
@@ -248,20 +248,21 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument("links")
     parser.add_argument("out")
-    parser.add_argument("--rays", type=int, default=65_536)
+    parser.add_argument("--rays", type=int, default=131_072, help="of a fan")
     parser.add_argument("--first", type=int, help="only so many links of each medium")
-    parser.add_argument("--reverse", action="store_true", help="start from the receivers")
     options = parser.parse_args()
     grid = np.load(options.links)
     results = {}
     for name in grid["media"]:
-        start = time.perf_counter()
-        ends = grid[f"{name}_source"][: options.first], grid[f"{name}_receiver"][: options.first]
-        rows = fans(Medium(grid, name), *(ends[::-1] if options.reverse else ends), options.rays)
-        results[str(name)] = rows[rows[:, 3] < 20.0]
-        strong = (rows[:, 3] < 15.0) & (rows[:, 5] == 0.0)
-        seconds = time.perf_counter() - start
-        print(f"{name}: {len(ends[0])} links, {strong.sum()} rays within 15 dB, {seconds:.1f} s", flush=True)
+        medium = Medium(grid, name)
+        ends = [grid[f"{name}_{end}"][: options.first] for end in ("source", "receiver")]
+        for end, pair in (("source", ends), ("receiver", ends[::-1])):
+            start = time.perf_counter()
+            rows = fans(medium, *pair, options.rays)
+            results[f"{name}_{end}"] = rows[rows[:, 3] < 20.0]
+            strong = (rows[:, 3] < 15.0) & (rows[:, 5] == 0.0)
+            seconds = time.perf_counter() - start
+            print(f"{name}, from the {end}: {strong.sum()} rays within 15 dB, {seconds:.1f} s", flush=True)
         np.savez_compressed(options.out, **results)
 
 

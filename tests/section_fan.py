@@ -125,8 +125,8 @@ class SectionFan:
             total = np.zeros((r.size, *self.coefficients.shape[2:]))
             for n in range(m.north.size):
                 here = np.flatnonzero(np.abs(wn[i, :, n]) > 0.0)
-                part = np.einsum("re,ekp->rkp", we[j, here], self.coefficients[n])
-                total[here] += wn[i, here, n][:, None, None] * part
+                part = we[j, here] @ self.coefficients[n].reshape(m.east.size, -1)
+                total[here] += wn[i, here, n][:, None, None] * part.reshape(here.size, *total.shape[1:])
             return total
 
         c = value(0, 0)
@@ -147,9 +147,10 @@ class SectionFan:
         d = layers[k]
         return d[0] + x * (d[1] + x * (d[2] + x * d[3]))
 
-    def trace(self, source, azimuth, angle, q, step, stops, full=False):
-        """States (n, stops, 8) of rays after numbers of steps."""
-        section = self.section(source, azimuth, step, int(stops[-1]), full)
+    def trace(self, source, azimuth, angle, q, step, stops, section=None):
+        """States (n, stops, 8) of rays after numbers of steps, in the vertical section or another one."""
+        if section is None:
+            section = self.section(source, azimuth, step, int(stops[-1]))
         bed = self._bed(source, azimuth, step, int(stops[-1]))
         c_source = self._speed(section[0], source[2])
         out = np.empty((angle.size, stops.size, 8))
@@ -183,8 +184,9 @@ class SectionFan:
         stops, step = np.array([n_steps]), receiver[0] / n_steps
         angles = angle + np.linspace(-half_width, half_width, n_rays)
         q = 0.0 * angles
+        section = self.section(source, azimuth, step, n_steps, full=True)
         for turn in range(4):
-            out, c_source, section = self.trace(source, azimuth, angles, q, step, stops, full=True)
+            out, c_source, _ = self.trace(source, azimuth, angles, q, step, stops, section)
             came = np.isfinite(out[:, 0, Z])
             if not came.any():
                 break

@@ -80,6 +80,7 @@ def test_times_are_the_solvers_beside_the_columns_that_came_in(rays, folder):
     for name, expected in {
         "travel_time_s": first.travel_time,
         "near_cutoff": np.where(first.status == RayStatus.OK, 0.0, np.nan),
+        "complete": np.where(first.status == RayStatus.OK, 1.0, np.nan),
         "chord_travel_time_s": first.chord_travel_time,
         "straight_range_m": np.linalg.norm(receiver - source, axis=1),
         "refracted_range_m": first.travel_time * first.source_sound_speed,

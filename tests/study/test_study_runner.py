@@ -76,7 +76,10 @@ def test_solves_are_healthy_and_ranges_help(tiny_run):
 def test_summary_lists_every_solve_that_is_not_healthy(tiny_run):
     status = tiny_run.estimates.solve_status.copy()
     status[1, 0], status[3, 1] = SolveStatus.FAILED, SolveStatus.OVER_CHI_SQUARE
-    of_run = {name: getattr(tiny_run, name) for name in ("measurements", "truth", "hearing", "candidates")}
+    of_run = {
+        name: getattr(tiny_run, name)
+        for name in ("measurements", "truth", "hearing", "candidates", "arrivals")
+    }
     summary = summarize(SimpleNamespace(**of_run), replace(tiny_run.estimates, solve_status=status))
     assert summary["unhealthy_solves"] == [
         {"condition": "no-ranges", "realization": 0, "status": "FAILED"},

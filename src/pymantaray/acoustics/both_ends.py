@@ -47,22 +47,20 @@ def merged(results: Results, links: NDArray[np.intp], other: Results) -> Results
         elif not counts[i]:
             info[i, at.MARGIN] = np.fmin(info[i, at.MARGIN], other.info[k, at.MARGIN])
             status[i] = max(status[i], other.status[k], key=_KNOWLEDGE.index)
-        info[i, at.RESOLVED] = other.info[k, at.RESOLVED]
+        info[i, at.RESOLVED] = min(info[i, at.COMPLETE], other.info[k, at.RESOLVED])
     return type(results)(np.concatenate(rows), counts, status, info)
 
 
 def _only_in(rows: Array, known: Array) -> Array:
-    """Direct rays that have no partner of their own among known rays."""
-    free = np.ones(len(known), dtype=bool)
-    alone = []
-    for row in rows[rows[:, at.SURFACE_BOUNCES] + rows[:, at.BOTTOM_BOUNCES] == 0.0]:
-        distance = np.abs(known[:, _IDENTITY] - row[_IDENTITY])
-        near = free & (distance < (_SAME_TIME, _SAME_ANGLE, _SAME_ANGLE)).all(axis=1)
-        if near.any():
-            free[np.argmin(np.where(near, distance[:, 0], np.inf))] = False
-        else:
-            alone.append(row)
-    return np.array(alone).reshape(-1, rows.shape[1])
+    """Direct rays that have no partner of their own among known rays; the nearest in time are partners first."""
+    direct = rows[rows[:, at.SURFACE_BOUNCES] + rows[:, at.BOTTOM_BOUNCES] == 0.0]
+    distance = np.abs(direct[:, None, _IDENTITY] - known[None, :, _IDENTITY])
+    pairs = np.argwhere((distance < (_SAME_TIME, _SAME_ANGLE, _SAME_ANGLE)).all(axis=2))
+    alone, free = np.ones(len(direct), dtype=bool), np.ones(len(known), dtype=bool)
+    for i, j in pairs[np.argsort(distance[*pairs.T, 0], kind="stable")]:
+        if alone[i] and free[j]:
+            alone[i] = free[j] = False
+    return direct[alone]
 
 
 def without_certificate(results: Results) -> Results:

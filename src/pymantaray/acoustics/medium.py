@@ -433,7 +433,9 @@ class Medium:
 
         points = as_positions("position", position)
         ends = (points, points) if self.earth is None else self.earth.flattened_ends(points, points)
-        blocks = solve_on_processor(self.domain(), None, Settings(math.inf, 1e-3, True, False), *ends)
+        blocks = solve_on_processor(
+            self.domain(), None, Settings(math.inf, 1e-3, canonical=True, shallower=False), *ends
+        )
         speed: Array = np.concatenate([block.info[:, SOURCE_SPEED] for block in blocks])
         return speed if self.earth is None else speed / self.earth.stretch(points[:, 2])
 

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from pymantaray.water import Water
 
     Array = NDArray[np.float64]
-    Status = NDArray[np.int8]
 
 app = Commands(help="Compute travel times and rays between positions.")
 app.command("plot")(plot)
@@ -74,7 +73,7 @@ def times(task: TaskOptions) -> None:
         wide = job.solve(cutoff + NEAR_DB)
         near, arrivals = is_near_cutoff(wide, cutoff, "first"), within_cutoff(wide, cutoff)
     table = times_table(job.table.frame, job.source, job.receiver, arrivals, near, medium=job.medium)
-    job.finish(arrivals.first().to_dataset() if task.out.suffix == ".nc" else table, arrivals.status)
+    job.finish(arrivals.first().to_dataset() if task.out.suffix == ".nc" else table, arrivals)
 
 
 @app.command()
@@ -86,7 +85,7 @@ def eigen(task: TaskOptions) -> None:
     job = _begin("eigen", task)
     arrivals = job.solve()
     result = arrivals.to_dataset() if task.out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
-    job.finish(result, arrivals.status, arrivals=arrivals.link.size)
+    job.finish(result, arrivals, arrivals=arrivals.link.size)
 
 
 @dataclass(frozen=True)
@@ -130,9 +129,9 @@ def trace(task: TaskOptions, rays: FanOptions) -> None:
         raise AcousticsError("--cutoff-db does not apply to --fan; remove one of them")
     angles = None if rays.fan is None else fan_angles(*rays.fan)
     job = _begin("trace", task, receivers=rays.aimed)
-    status = None
+    found = None
     if angles is None:
-        traced, status = job.trace()
+        traced, found = job.trace()
     else:
         job.record["fan"] = {
             "from_to_count": rays.fan,
@@ -141,7 +140,7 @@ def trace(task: TaskOptions, rays: FanOptions) -> None:
         }
         traced = job.trace_fans(angles, rays.azimuth, rays.distance)
     result = paths_dataset(traced) if task.out.suffix == ".nc" else paths_table(traced)
-    job.finish(result, status, rays=traced.row.size, nodes=traced.paths.arrival.size)
+    job.finish(result, found, rays=traced.row.size, nodes=traced.paths.arrival.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,14 +191,14 @@ class Job:
             self.medium, self.source, self.receiver, arrivals, currents, tolerance=self.task.search.tolerance
         )
 
-    def trace(self) -> "tuple[TracedRays, Status]":
-        """Paths of all arrivals, and the outcome of each link."""
+    def trace(self) -> "tuple[TracedRays, Arrivals]":
+        """Paths of all arrivals, and the arrivals."""
         from pymantaray.acoustics import trace_paths
         from pymantaray.cli.rays_tables import TracedRays, number_within
 
         arrivals, tolerance = self.solve(), self.task.search.tolerance
         paths = trace_paths(self.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
-        return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals.status
+        return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals
 
     def trace_fans(self, angles: "Array", azimuth: float | None, distance: float | None) -> "TracedRays":
         """Fan from the source of every row, with an azimuth [degrees] and length [m], by default towards the receiver."""
@@ -233,24 +232,25 @@ class Job:
             joined(fans, size), np.repeat(np.arange(n), size), np.tile(np.arange(size), n), np.tile(angles, n)
         )
 
-    def finish(self, result: "pd.DataFrame | xr.Dataset", status: "Status | None", **also: int) -> None:
-        """Write the result, and print the outcomes of the links and the name of the output."""
+    def finish(self, result: "pd.DataFrame | xr.Dataset", found: "Arrivals | None", **also: int) -> None:
+        """Write the result, and print the outcomes of the links, notes, and the name of the output."""
         from pymantaray.cli.rays_tables import status_words, write_result
         from pymantaray.records.digits import counted
 
-        outcomes = Counter([] if status is None else status_words(status))
+        outcomes = Counter([] if found is None else status_words(found.status))
         write_result(
-            result, self.task.out, self.record | ({} if status is None else {"outcomes": dict(outcomes)})
+            result, self.task.out, self.record | ({} if found is None else {"outcomes": dict(outcomes)})
         )
         with self.task.printing.printer() as printed:
             counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())
             more = ", ".join(counted(count, noun.removesuffix("s")) for noun, count in also.items())
-            ends = "source" if status is None else "link"
+            ends = "source" if found is None else "link"
+            notes = [*self.notes, *([] if found is None else found.incomplete_note())]
             printed.line(
                 f"{counted(len(self.source), ends)}: {'; '.join(filter(None, (counts, more)))}",
-                **{f"{ends}s": len(self.source), "outcomes": outcomes, "notes": list(self.notes), **also},
+                **{f"{ends}s": len(self.source), "outcomes": outcomes, "notes": notes, **also},
             )
-            for note in self.notes:
+            for note in notes:
                 printed.line(note)
             printed.paths(file=self.task.out)
 

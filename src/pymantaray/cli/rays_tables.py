@@ -120,6 +120,9 @@ def times_table(
             "launch_angle_deg": np.degrees(of_first(arrivals.launch_angle)),
             "shadow_margin_m": arrivals.shadow_margin,
             "near_cutoff": _flag(near_cutoff, time.notna()),
+            "complete": pd.Series(arrivals.complete.astype(int), dtype="Int64").where(
+                arrivals.status != RayStatus.OUTSIDE
+            ),
         }
     )
     return _beside(links, added)

@@ -416,7 +416,7 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
 
 
 def _warnings(run: "Run") -> list[str]:
-    """Warnings about failed solves, stopped vehicles and changes of trajectories on reading."""
+    """Warnings about failed solves, stopped vehicles, incomplete searches and changes of trajectories on reading."""
     from pymantaray.records.status import SOLVE_STATUS_WORDS, SolveStatus
 
     outcome = run.manifest["outcome"]
@@ -425,6 +425,7 @@ def _warnings(run: "Run") -> list[str]:
         for name, stop in outcome["stopped_vehicles"].items()
     ]
     lines += run.manifest.get("fleet", {}).get("notes", [])
+    lines += run.arrivals.incomplete_note()
     by_kind: dict[tuple[str, str], list[int]] = {}
     for solve in outcome["unhealthy_solves"]:
         by_kind.setdefault((solve["condition"], solve["status"]), []).append(solve["realization"])

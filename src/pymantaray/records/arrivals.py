@@ -85,6 +85,20 @@ class Arrivals(Record):
             raise AssertionError("a link's status and its arrivals disagree")
         return first
 
+    def incomplete_note(self) -> list[str]:
+        """
+        Describe links whose search is not complete.
+
+        Returns
+        -------
+        list[str]
+            One line, or none.
+        """
+        count = int(np.count_nonzero(~self.complete))
+        if not count:
+            return []
+        return [f"{count} of {self.status.size} links may have more rays: their search is not complete"]
+
     def with_more(self, more: Mapping[str, Any]) -> Self:
         """
         Add arrivals, in order of link and travel time.

@@ -14,7 +14,7 @@ class RayStatus(IntEnum):
     WEAK = 4  # rays exist, but all are below the spreading cut-off
     STOPPED = 5  # one of the vehicles has stopped and is silent
     UNHEARD = 6  # an existing arrival was not detected, by chance (detection by the sonar equation)
-    UNRESOLVED = 7  # the search stopped without an arrival because there were too many rays
+    UNRESOLVED = 7  # no arrival was found, but the search is not complete from either end
     LEAKED = 8  # no ray arrives, but sound leaks past the nearest ray (a model, off by default)
     # no ray arrives, but scattered sound, which is louder than leaked sound (a model, off by default)
     SCATTERED = 9
@@ -46,7 +46,7 @@ RAY_STATUS_WORDS = {
     RayStatus.STOPPED: RayStatusWords("vehicle stopped", "One of the vehicles has stopped and is silent."),
     RayStatus.UNHEARD: RayStatusWords("not detected", "A ray arrives, but the receiver does not detect it."),
     RayStatus.UNRESOLVED: RayStatusWords(
-        "search stopped early", "The search stopped without an arrival because there were too many rays."
+        "search not complete", "No ray was found, but launch angles remained where one may be."
     ),
     RayStatus.LEAKED: RayStatusWords(
         "leaked, no ray", "No ray arrives, but sound leaks past the nearest ray."

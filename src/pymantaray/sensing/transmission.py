@@ -38,7 +38,7 @@ from pymantaray.sensing.receptions import (
 LinkEnds = tuple[Array, Array]
 """Positions of the sources and of the receivers of links, each of shape (n_links, 3). [m]"""
 _BLOCK = 512  # links whose ray paths are in memory at a time
-_WITHOUT_RAY = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
+_WITHOUT_RAY = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED, RayStatus.UNRESOLVED)
 
 
 class ReceptionOptions(NamedTuple):

@@ -479,7 +479,7 @@ def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
     """
     Count outcomes of links, vehicles and solves, for the manifest and for warnings.
 
-    ``links``: attempts by `RayStatus`; ``stopped_vehicles``: status and time by name; ``unhealthy_solves``:
+    ``links``: attempts by `RayStatus`; ``incomplete_searches``: links that may have more rays than were found; ``stopped_vehicles``: status and time by name; ``unhealthy_solves``:
     condition, realization and `SolveStatus` of each solve that is not OK. With a detector,
     ``expected_unheard``: mean number per realization of attempts whose arrival is not detected; if receivers make
     mistakes, ``expected_mistaken``: mean number of attempts that mistake another arrival for the direct one.
@@ -509,6 +509,7 @@ def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
     return {
         "range_attempts": int(status.size),
         "links": {member.name: int(np.count_nonzero(status == member)) for member in RayStatus},
+        "incomplete_searches": int(np.count_nonzero(~run.arrivals.complete)),
         **chance,
         "stopped_vehicles": stopped,
         "unhealthy_solves": unhealthy,

@@ -27,6 +27,7 @@ from pymantaray.acoustics._kernels.refine import (
     RESOLUTION,
     Launch,
     Widened,
+    coupled_db,
     cross_slowness,
     cubic_angle,
     finish,
@@ -555,6 +556,8 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     row, slope = work.rows[count], work.y[at.XI]
     finish(row, work.y, launch, course, link, 0.0)
     row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
+    if course.cross:
+        row[at.SPREADING_DB] += coupled_db(s, walls, course, launch, accuracy.fine, work)
     # the slope at one ray may be an error of the ray beside a crest; a ray that is weak anyway needs no check
     if not polished and row[at.SPREADING_DB] <= cutoff[0]:
         narrow(s, walls, course, bracket, launch, accuracy.fine, work)
@@ -598,7 +601,7 @@ def _put_rows(n, i, work, results):
     """Write n arrivals to the results of link i, as many as there is room for."""
     if n > results.rows.shape[1]:
         n = results.rows.shape[1]
-        results.info[i, at.COMPLETE] = 0.0
+        results.info[i, at.COMPLETE], results.info[i, at.RESOLVED] = 0.0, 0.0
     results.counts[i] = n
     for j in range(n):
         for k in range(at.N_ARRIVAL):

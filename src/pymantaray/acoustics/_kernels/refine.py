@@ -409,6 +409,25 @@ def tube(s, walls, course, launch, tol, work):
 
 
 @kernel
+def coupled_db(s, walls, course, launch, tol, work):
+    """Change of the spreading of the ray in work because each launch parameter moves its end in both directions, by differences. [dB]
+
+    Horizontal refraction couples them: the slope of the miss at a fixed cross-track slowness is not that of rays that end in the plane.
+    """
+    y, ray, angle, q = work.y, full_ray_end(work), launch.angle, launch.q
+    w0, y0, xi, width = y[at.W], y[at.Y], y[at.XI], y[at.DY_DQ]
+    step = _DIFFERENCE_STEP * min(1.0, 3.0 * course.length / max(abs(xi), 1e-300))
+    ok1, _, _, _ = trace(s, walls, course, angle + step, q, tol, ray)
+    side_rate = (y[at.Y] - y0) / step
+    ok2, _, _, _ = trace(s, walls, course, angle, q + step, tol, ray)
+    depth_rate = (y[at.W] - w0) / step
+    if not (ok1 and ok2):
+        return 0.0
+    plain = xi * width
+    return 10.0 * math.log10(max(abs(plain - depth_rate * side_rate), 1e-300) / max(abs(plain), 1e-300))
+
+
+@kernel
 def finish(row, y, launch, course, link, inset):
     """Fill a row with the ray that ended in state y, moved by its small miss onto the receiver, which is inset beyond the target.
 

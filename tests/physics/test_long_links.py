@@ -1,0 +1,145 @@
+"""Direct rays of long links in water with fronts, against `section_fan.SectionFan` in three dimensions, from both ends."""
+
+import numpy as np
+import pytest
+from lost_rays import (
+    GULF_STREAM,
+    TIME,
+    Look,
+    found_rays,
+    gulf_stream,
+    is_strong,
+    lost_rays,
+    missing,
+    random_links,
+    rays_near,
+    several_extrema,
+)
+from section_fan import SectionFan
+
+from pymantaray.acoustics import find_eigenrays
+from pymantaray.records import RayStatus
+
+UNEVEN = 3.0  # dB; horizontal refraction changes levels by 2.5 dB in the Gulf Stream link of 13.2 km, which the solver neglects
+# Medium, source, receiver, half width of the fans [rad], and for each end the launch angle [rad] and the number of strong rays of its fan
+LINKS = {
+    "pair-10.6-km": (
+        "gulf",
+        [25992.294627925134, -353.9894510816084, 29.40877845206357],
+        [31771.837320483246, 8484.59726516544, 16.17829473859785],
+        5e-4,
+        (0.00918, 2),
+        (0.026639, 1),
+    ),
+    "pair-16.0-km": (
+        "gulf",
+        [-5449.904026922159, -10938.3048553845, 91.35674907103316],
+        [7766.610433266085, -1961.0104919617934, 714.402832664827],
+        5e-4,
+        (-0.0046, 2),
+        (-0.236307, 2),
+    ),
+    "pair-18.1-km": (
+        "gulf",
+        [27739.25957582415, 37091.577130574864, 136.72025480766305],
+        [13377.669308929115, 48047.588696741994, 564.3731367440163],
+        2e-4,
+        (-0.004938, 1),
+        (-0.1385, 2),
+    ),
+    "first-arrival-13.2-km": (
+        "gulf",
+        [20400.714397459764, -18346.378385115764, 87.03015561601399],
+        [22825.95458605578, -5350.353862787515, 255.2433591055462],
+        5e-5,
+        (0.020947, 1),
+        (-0.15815, 1),
+    ),
+    "among-14-17.6-km": (
+        2,
+        [-26671.236508263377, 34476.98167652465, 165.70425589512942],
+        [-16881.57867741653, 19901.944467708476, 125.19015079996366],
+        1e-4,
+        (-0.02123, 2),
+        (-0.031961, 1),
+    ),
+    "pair-19.6-km": (
+        2,
+        [31899.741015739102, 9999.064585639917, 227.70004135939055],
+        [34014.69708852573, -9521.214446111499, 111.73301855615159],
+        2e-4,
+        (0.0184, 2),
+        (0.02307, 2),
+    ),
+    "among-6-15.4-km": (
+        6,
+        [12825.683537687219, 7247.447325910973, 163.10909113734937],
+        [11717.111668681897, -8127.9454255268355, 152.56646250627756],
+        5e-5,
+        (0.027184, 2),
+        (0.016985, 1),
+    ),
+    "among-4-25.4-km": (
+        6,
+        [-23910.96432846976, -7470.755732656136, 455.54650510426796],
+        [-13716.650020940382, -30779.294083872053, 196.88480392956325],
+        2e-4,
+        (-0.03635, 2),
+        (0.011255, 1),
+    ),
+    "among-18-22.5-km": (
+        5,
+        [-12996.539980576494, 16679.78268664253, 181.75600892320568],
+        [8763.566572005395, 10950.100219900223, 45.466015354178026],
+        5e-5,
+        (0.053811, 1),
+        (-0.004351, 1),
+    ),
+}
+
+
+def medium_of(name):
+    if name != "gulf":
+        return several_extrema(name)
+    if not GULF_STREAM.is_file():
+        pytest.skip(f"no Gulf Stream file at {GULF_STREAM}")
+    return gulf_stream()
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_rays_that_fans_find_from_either_end_are_found(link):
+    """They were lost: horizontal refraction moves launch angles farther than the distance of two rays."""
+    name, source, receiver, half_width, *views = LINKS[link]
+    medium, ends = medium_of(name), (np.array(source), np.array(receiver))
+    fan, found = SectionFan(medium), [find_eigenrays(medium, *pair) for pair in (ends, ends[::-1])]
+    np.testing.assert_array_equal(found[0].travel_time, found[1].travel_time)
+    for (angle, number), pair, arrivals in zip(views, (ends, ends[::-1]), found, strict=True):
+        rays = rays_near(fan, *pair, angle, Look(TIME, UNEVEN, half_width, 801))
+        assert is_strong(rays).sum() == number
+        assert missing(rays, found_rays(arrivals), TIME, UNEVEN) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gulf", *range(10)])
+def test_neither_end_of_random_links_to_30_km_finds_a_ray_that_is_lost_by_default(name):
+    medium = medium_of(name)
+    source, receiver = random_links(medium, 200, [4, 99 if name == "gulf" else name])
+    arrivals, back = (find_eigenrays(medium, *ends) for ends in ((source, receiver), (receiver, source)))
+    for column in ("status", "travel_time", "complete"):
+        np.testing.assert_array_equal(getattr(arrivals, column), getattr(back, column))
+    found = found_rays(arrivals)
+    for ends in ((source, receiver), (receiver, source)):
+        assert lost_rays(found_rays(find_eigenrays(medium, *ends, canonical=False)), found) == []
+
+
+def test_a_link_without_an_arrival_is_unresolved_exactly_if_its_search_is_not_complete():
+    """Some links of each kind beyond 20 km, solved from one end only."""
+    medium = several_extrema(6)
+    links = random_links(medium, 60, 3, shortest=20e3)
+    arrivals = find_eigenrays(medium, *links, canonical=False)
+    bare = np.bincount(arrivals.link, minlength=60) == 0
+    assert 0 < (bare & ~arrivals.complete).sum() < bare.sum()
+    np.testing.assert_array_equal(arrivals.status == RayStatus.UNRESOLVED, bare & ~arrivals.complete)
+    both = find_eigenrays(medium, *links)
+    assert (both.complete >= arrivals.complete).all()
+    assert both.complete.sum() > arrivals.complete.sum()
