@@ -20,7 +20,7 @@ from section_fan import SectionFan
 from pymantaray.acoustics import find_eigenrays
 from pymantaray.records import RayStatus
 
-UNEVEN = 3.0  # dB; horizontal refraction changes levels by 2.5 dB in the Gulf Stream link of 13.2 km, which the solver neglects
+UNEVEN = 1.5  # dB; near caustics, levels of fans and of arrivals differ by this
 # Medium, source, receiver, half width of the fans [rad], and for each end the launch angle [rad] and the number of strong rays of its fan
 LINKS = {
     "pair-10.6-km": (

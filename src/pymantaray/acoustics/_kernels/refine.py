@@ -410,21 +410,20 @@ def tube(s, walls, course, launch, tol, work):
 
 @kernel
 def coupled_db(s, walls, course, launch, tol, work):
-    """Change of the spreading of the ray in work because each launch parameter moves its end in both directions, by differences. [dB]
+    """Change of the spreading of the ray in work if its end offsets depend on both launch parameters, by differences. [dB]
 
-    Horizontal refraction couples them: the slope of the miss at a fixed cross-track slowness is not that of rays that end in the plane.
+    Horizontal refraction couples them, and the integrated variation is that of the plane.
     """
     y, ray, angle, q = work.y, full_ray_end(work), launch.angle, launch.q
-    w0, y0, xi, width = y[at.W], y[at.Y], y[at.XI], y[at.DY_DQ]
-    step = _DIFFERENCE_STEP * min(1.0, 3.0 * course.length / max(abs(xi), 1e-300))
+    w0, y0, plain = y[at.W], y[at.Y], abs(y[at.XI] * y[at.DY_DQ])
+    step = _DIFFERENCE_STEP * min(1.0, 3.0 * course.length / max(abs(y[at.XI]), 1e-300))
     ok1, _, _, _ = trace(s, walls, course, angle + step, q, tol, ray)
-    side_rate = (y[at.Y] - y0) / step
+    w1, y1 = y[at.W] - w0, y[at.Y] - y0
     ok2, _, _, _ = trace(s, walls, course, angle, q + step, tol, ray)
-    depth_rate = (y[at.W] - w0) / step
+    w2, y2 = y[at.W] - w0, y[at.Y] - y0
     if not (ok1 and ok2):
         return 0.0
-    plain = xi * width
-    return 10.0 * math.log10(max(abs(plain - depth_rate * side_rate), 1e-300) / max(abs(plain), 1e-300))
+    return 10.0 * math.log10(max(abs(w1 * y2 - w2 * y1) / (step * step), 1e-300) / max(plain, 1e-300))
 
 
 @kernel
