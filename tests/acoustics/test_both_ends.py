@@ -21,6 +21,7 @@ def results(*links):
     if rays:
         rows[:, columns] = rays
     info[:, layout.RESOLVED] = [resolved for _, resolved, _ in links]
+    info[:, layout.COMPLETE] = 1.0
     info[:, layout.MARGIN] = [0.0 if link else 40.0 for _, _, link in links]
     counts = np.array([len(link) for _, _, link in links])
     return Results(rows, counts, np.array([s for s, _, _ in links], dtype=np.int8), info)

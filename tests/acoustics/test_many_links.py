@@ -39,7 +39,11 @@ link.solve_links = counted
 try:
     find_eigenrays(medium, a, b, threads={threads})
 except KeyboardInterrupt:
-    print(len(blocks), threading.active_count())
+    count = len(blocks)
+    for thread in threading.enumerate():  # a thread ends after its block
+        if thread is not threading.current_thread():
+            thread.join(60.0)
+    print(count, threading.active_count())
 """
 
 
@@ -89,9 +93,9 @@ def test_what_waits_is_dropped_when_the_reader_stops(single_rows, monkeypatch):
     begun, stopped = [], threading.Event()
 
     class Pool(ThreadPoolExecutor):
-        def __exit__(self, *error):
+        def shutdown(self, *arguments, **options):
             stopped.set()
-            return super().__exit__(*error)
+            super().shutdown(*arguments, **options)
 
     def work(start, _stop):
         begun.append(start)

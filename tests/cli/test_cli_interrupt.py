@@ -230,7 +230,7 @@ try:
         if where == "thread":
             from pymantaray.acoustics.solving import in_blocks
             def work(start, stop):
-                print("go", flush=True)
+                print("go\\n", end="", flush=True)  # one write: threads print at the same time
                 return spin(10 if start == 0 else 10**13)
             import pymantaray.acoustics.solving as solving
             solving._BLOCK_SECONDS = 0.0

@@ -129,7 +129,8 @@ def test_a_survey_that_does_not_converge_prints_its_status_and_ends_with_1(
     pings, nodes = write_table(campaign, tmp_path)
     monkeypatch.setattr("pymantaray.locate.solve._MAX_STEPS", 1)
     monkeypatch.setattr("pymantaray.locate.solve._MAX_DAMPED", 0)
-    done = mantaray("locate", pings, "--nodes", nodes, "--profile", profile_csv(tmp_path), "--json")
+    options = ("--profile", profile_csv(tmp_path), "--lever", *campaign.lever[0])
+    done = mantaray("locate", pings, "--nodes", nodes, *options, "--json")
     assert done.code == 1
     assert {node["status"] for node in json.loads(done.out)["nodes"]} == {"not converged"}
     assert done.err.splitlines()[-1].startswith(f"error: {pings}: not converged; ")

@@ -231,10 +231,12 @@ def _edges(solve: Solve, room: Array, reach: float) -> tuple[Indices, Array]:
         reached = (high > before) & lit(link, sign * high)
         link, sign, high = link[reached], sign[reached], high[reached]
         low = np.full(link.size, before)
-        while link.size and (high - low - 1e-3 * high).max() > _SHARP:
-            middle = 0.5 * (low + high)
-            inside = lit(link, sign * middle)
-            low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+        # each link until it is sharp itself, so that it does not depend on the others
+        while (wide := np.flatnonzero(high - low - 1e-3 * high > _SHARP)).size:
+            middle = 0.5 * (low[wide] + high[wide])
+            inside = lit(link[wide], sign[wide] * middle)
+            low[wide] = np.where(inside, low[wide], middle)
+            high[wide] = np.where(inside, middle, high[wide])
         order = np.argsort(-high, kind="stable")
         nearest[link[order]] = (sign * high)[order]
     known = np.flatnonzero(np.isfinite(nearest))
