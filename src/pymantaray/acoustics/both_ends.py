@@ -60,7 +60,8 @@ def _only_in(rows: Array, known: Array) -> Array:
     for i, j in pairs[np.argsort(distance[*pairs.T, 0], kind="stable")]:
         if alone[i] and free[j]:
             alone[i] = free[j] = False
-    return direct[alone]
+    missing: Array = direct[alone]
+    return missing
 
 
 def without_certificate(results: Results) -> Results:
