@@ -178,14 +178,18 @@ def write(path: Path, media: dict[str, Medium], links: dict[str, Links]) -> None
 
 def parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("media", nargs="*", choices=[*MEDIA, []], default=list(MEDIA))
+    parser.add_argument("media", nargs="*", metavar="MEDIUM", help=f"of {', '.join(MEDIA)}; default: all")
     parser.add_argument("--links", type=int, default=900, help="random links per medium")
     parser.add_argument("--seed", type=int, default=1, help="of the random links")
     way = parser.add_mutually_exclusive_group()
     way.add_argument("--write", type=Path, metavar="LINKS.npz", help="only write the links")
     way.add_argument("--rays", type=Path, nargs=2, metavar=("LINKS.npz", "RAYS.npz"))
     way.add_argument("--fans", type=int, help="fans per medium")
-    return parser.parse_args()
+    options = parser.parse_args()
+    options.media = options.media or list(MEDIA)
+    if unknown := set(options.media) - set(MEDIA):
+        parser.error(f"unknown media: {', '.join(sorted(unknown))}; allowed: {', '.join(MEDIA)}")
+    return options
 
 
 def main() -> None:

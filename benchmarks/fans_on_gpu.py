@@ -249,7 +249,7 @@ def main():
     parser.add_argument("links")
     parser.add_argument("out")
     parser.add_argument("--rays", type=int, default=131_072, help="of a fan")
-    parser.add_argument("--first", type=int, help="only so many links of each medium")
+    parser.add_argument("--first", type=int, help="at most this number of links of each medium")
     options = parser.parse_args()
     grid = np.load(options.links)
     results = {}

@@ -37,7 +37,7 @@ class Links(NamedTuple):
 
 
 class Look(NamedTuple):
-    """A ray without a partner within a time [s] and a level [dB] is looked for again, with so many rays of so wide a fan [rad]."""
+    """Tolerances of time [s] and level [dB], and half width [rad] and number of rays of the finer fan."""
 
     time: float
     level: float

@@ -134,7 +134,7 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
     """
     Let a process that finds no code on disk wait for one that compiles it; the lock ends with its process.
 
-    A process that waited in vain compiles in memory.
+    After half a minute, a waiting process compiles in memory.
     """
     load, compile_types, locks = compiled._cache.load_overload, compiled.compile, list[TextIO]()
     save, in_memory = compiled._cache.save_overload, list[bool]()
