@@ -177,7 +177,7 @@ def arrive(course, here, rates, way, g, place, ray):
         tau + c_ref * _time(g, left, z - here.depth, here.speed, c),
         course.length / (c_ref * a),
     )
-    y[at.Y], y[at.Q] = 0.0, 0.0
+    y[at.Y], y[at.Q], y[at.Y_ANGLE], y[at.W_Q] = 0.0, 0.0, 0.0, 0.0
     if path.shape[0] > 0:
         count = _fill(path, count, here, (r, tau), g, a, left, c_ref) + 1
         _record(path[count], y[at.TAU], course.length, z, (c_ref * a, c_ref * sine / c), at.IN_WATER)

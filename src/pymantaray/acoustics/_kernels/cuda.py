@@ -16,6 +16,7 @@ from numba.core.errors import NumbaPerformanceWarning
 from pymantaray.acoustics._kernels.layout import (
     N_FAN,
     N_FULL,
+    N_SPACE,
     N_STATE,
     Domain,
     Results,
@@ -42,7 +43,8 @@ def _solve_wave(domain, bounces, settings, source, receiver, work, results):
         cuda.local.array(N_STATE, float64),
         cuda.local.array((7, N_FULL), float64),
         cuda.local.array((7, N_FAN), float64),
-        cuda.local.array(N_FULL, float64),
+        cuda.local.array((7, N_SPACE), float64),
+        cuda.local.array(N_SPACE, float64),
         work.no_path[t],
         work.path[t],
         work.breaks[t],

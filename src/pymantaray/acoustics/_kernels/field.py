@@ -425,6 +425,29 @@ def smooth_full(s, k, r, z):
 
 
 @inlined
+def smooth_beside(s, k, r, z, y):
+    """Sound speed and its derivatives beside the plane, in layer k of a SMOOTH section: c, c_z, c_zz, c_y, c_yz, c_yy."""
+    i, t, x = _smooth_place(s, k, r, z)
+    d0, d1, u = s.data[i, k], s.data[i + 1, k], 1.0 - t
+    v0 = u * u * (1.0 + 2.0 * t)
+    v1 = u * u * t * s.r_step
+    v2 = t * t * (3.0 - 2.0 * t)
+    v3 = -t * t * u * s.r_step
+    c, cz, czz, cy, cyz, cyy, cyyz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(3, -1, -1):  # Horner's scheme for the cubics and their derivatives by depth
+        b, e = u * d0[8 + j] + t * d1[8 + j], u * d0[12 + j] + t * d1[12 + j]
+        a = (v0 * d0[j] + v1 * d0[4 + j]) + (v2 * d1[j] + v3 * d1[4 + j]) + y * (b + 0.5 * y * e)
+        czz = 2.0 * cz + x * czz
+        cz, cyz, cyyz = c + x * cz, cy + x * cyz, cyy + x * cyyz
+        c, cy, cyy = a + x * c, b + y * e + x * cy, e + x * cyy
+    if _outside(s, z):
+        offset, slope, bend = _extension(s, z)
+        c, cz, czz = c + offset * cz, slope * cz, bend * cz
+        cy, cyz, cyy = cy + offset * cyz, slope * cyz, cyy + offset * cyyz
+    return c, cz, czz, cy, cyz, cyy
+
+
+@inlined
 def linear_full(s, b, k, r, z):
     """
     Sound speed and its derivatives in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz.

@@ -42,6 +42,7 @@ def own_work(work, flights, k, columns):
         work.y,
         work.K,
         work.K_fan,
+        work.K_space,
         work.ynew,
         work.no_path,
         work.path,

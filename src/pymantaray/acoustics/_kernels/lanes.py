@@ -211,6 +211,31 @@ def gather(_context, data, place):
 
 
 @intrinsic
+def mix(_context, data, place, _stride, weights):
+    """As `gather`, but eight numbers: the sum, with two weights, of those at a position and of those one stride further."""
+
+    def generate(context, builder, signature, args):
+        weights = [builder.extract_value(args[3], k) for k in range(2)]
+        sums = []
+        for lane, begin in enumerate(_indices(builder, args[1])):
+            octets = []
+            for k, octet_at in enumerate((begin, builder.add(begin, args[2]))):
+                octet = _some(_OCTET, context, builder, signature.args[0], args[0], octet_at)
+                weight = _shuffled(builder, weights[k], weights[k], 8 * (lane,))
+                octets.append(builder.fmul(octet, weight, flags=("contract",) if k == 1 else ()))
+            sums.append(builder.fadd(*octets, flags=("contract",)))
+        columns = []
+        for half in (range(4), range(4, 8)):
+            orders = (*half, *(8 + k for k in half))
+            pairs = [_shuffled(builder, a, b, orders) for a, b in zip(sums[::2], sums[1::2], strict=True)]
+            tuples = _transposed(context, builder, pairs)
+            columns += [builder.extract_value(tuples, k) for k in range(4)]
+        return context.make_tuple(builder, types.UniTuple(LANES, 8), columns)
+
+    return types.UniTuple(LANES, 8)(data, place, types.int64, weights), generate
+
+
+@intrinsic
 def blend(_context, data, place, _stride, weights):
     """As `gather`, but weighted sums of these four numbers, the next four, and both of these one stride further."""
 

@@ -7,17 +7,22 @@ import numpy as np
 
 from pymantaray.compile import PLAIN
 
-# State y of a ray, see `step`. For a fan, only the first N_FAN numbers are integrated.
+# State y of a ray, see `step`. For a fan, only the first N_FAN numbers are integrated; for a ray whose variations in the plane and out of it
+# depend on each other, N_SPACE: also the derivatives of Y and Q by the launch angle, and of W, P, Y and Q by the cross-track slowness. DY_DQ
+# is then the integral of 1 / h; at the end, it receives the derivative.
 W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
-N_FAN, N_FULL = 4, 8
+Y_ANGLE, Q_ANGLE, W_Q, P_Q, Y_Q, Q_Q = range(8, 14)
+N_FAN, N_FULL, N_SPACE = 4, 8, 14
 # Additional numbers for a ray of a fan: GONE, the distance along the axis at which an OPEN ray left the water or a FORWARD ray had too
-# many reflections (0: nowhere); GROWN, the largest |xi| on the path; for an OPEN ray, derivatives by the launch angle of GONE and of the
-# logarithm of the steepness there; the smallest and largest offset across the axis on the path, with their derivatives.
-GONE, GROWN, GONE_RATE, GONE_BEND = range(8, 12)
-HIGHEST, HIGHEST_RATE, LOWEST, LOWEST_RATE = range(12, 16)
-# Additional number for a full ray: the number of caustics, points on the path at which XI passes through zero.
-CAUSTICS_PASSED = 16
-N_STATE = 17
+# many reflections (0: nowhere); GROWN, the largest |xi| on the path; the smallest and largest offset across the axis on the path. For an
+# OPEN ray, derivatives by the launch angle of GONE, of the logarithm of the steepness there, and of both offsets; and the same by the
+# cross-track slowness.
+GONE, GROWN, HIGHEST, LOWEST = range(14, 18)
+GONE_RATE, GONE_BEND, HIGHEST_RATE, LOWEST_RATE = range(18, 22)
+GONE_RATE_Q, GONE_BEND_Q, HIGHEST_RATE_Q, LOWEST_RATE_Q = range(22, 26)
+# Additional number for a full ray: the number of caustics, points on the path at which the width of the ray tube passes through zero.
+CAUSTICS_PASSED = 26
+N_STATE = 27
 
 # Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
 # slowness along range, depth and cross-track [times the source's sound speed], boundary.
@@ -184,12 +189,12 @@ Results.__doc__ = """Arrivals (n_links, n, N_ARRIVAL) of links, and number of ar
 
 Ray = namedtuple("Ray", "y K ynew path")
 Ray.__doc__ = """
-Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the state of a fan.
+Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the state of a fan, K (7, N_SPACE) for coupled variations.
 
 path (n, N_PATH) receives every accepted step of a full ray if it has rows.
 """
 
-N_LANES = 78  # rows of sixteen numbers, see `march`
+N_LANES = 137  # rows of sixteen numbers, see `march`
 MAX_COLUMNS = 1024
 MAX_STEPS = 100_000  # of a ray
 MAX_PATH = 32_768
@@ -204,7 +209,7 @@ _ANGLES = 768  # nodes of a first fan without those of the levels: twice the wid
 
 Work = namedtuple(
     "Work",
-    "y K K_fan ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes ladder nodes rays stack halves kinds brackets rows",
+    "y K K_fan K_space ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes ladder nodes rays stack halves kinds brackets rows",
 )
 Work.__doc__ = """
 Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
@@ -232,7 +237,8 @@ def shapes(
         y=(N_STATE,),
         K=(7, N_FULL),
         K_fan=(7, N_FAN),
-        ynew=(N_FULL,),
+        K_space=(7, N_SPACE),
+        ynew=(N_SPACE,),
         no_path=(0, N_PATH),
         path=(path, N_PATH),
         breaks=(columns + 1,),

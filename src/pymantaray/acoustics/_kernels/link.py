@@ -27,7 +27,6 @@ from pymantaray.acoustics._kernels.refine import (
     RESOLUTION,
     Launch,
     Widened,
-    coupled_db,
     cross_slowness,
     cubic_angle,
     finish,
@@ -65,7 +64,7 @@ from pymantaray.acoustics._kernels.trace import (
     any_course,
     course_to_levels,
     direct_course,
-    full_ray,
+    direct_ray,
     ray_axis,
     trace,
 )
@@ -81,8 +80,9 @@ _LATER = -1  # status of a link that is put off
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
 _RESOLVED = 30.0  # m
-_SMALL_SHIFT = 4e-4  # rad, an upper bound; the angles move by about a twentieth of it
+_SMALL_SHIFT = 1e-4  # rad, an upper bound; the angles move by about a twentieth of it
 _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
+_FINER = 0.1  # share of the tolerance for the eigenrays of such links: their errors grow with the divergence
 _SAMPLES = 8  # columns of a section
 _ONE_LAUNCH, _ONE_ARRIVAL = 5e-6, 1e-4  # rad; nearer rays are one
 _CHORD_HALF_WIDTH = 0.02  # rad; of the bracket of a steep link
@@ -388,8 +388,9 @@ def _end(section, course, found, bounces, settings, i, work, results):
     n, margin, rays, complete, resolved = found
     info = results.info[i]
     accuracy, weak_slope = _tolerances(s, link, settings)
+    own = Accuracy(accuracy.coarse, _FINER * accuracy.fine, accuracy.miss) if course.cross else accuracy
     count, through_surface, blocked, weak = _keep_direct(
-        s, walls, link, (n, course), (settings.cutoff_db, weak_slope), accuracy, work
+        s, walls, link, (n, course), (settings.cutoff_db, weak_slope), own, work
     )
     if bounces is not None and bounces[0] + bounces[1] > 0:  # for None, Numba omits this branch
         variation = speed_extremes(s, work.extremes)
@@ -556,8 +557,6 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     row, slope = work.rows[count], work.y[at.XI]
     finish(row, work.y, launch, course, link, 0.0)
     row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
-    if course.cross:
-        row[at.SPREADING_DB] += coupled_db(s, walls, course, launch, accuracy.fine, work)
     # the slope at one ray may be an error of the ray beside a crest; a ray that is weak anyway needs no check
     if not polished and row[at.SPREADING_DB] <= cutoff[0]:
         narrow(s, walls, course, bracket, launch, accuracy.fine, work)
@@ -570,7 +569,7 @@ def _course_of_weak(s, walls, course, bracket, accuracy, work):
     """Course of the ray at the root of a bracket's cubic: _WEAK in the water, _THROUGH, _BLOCKED, or _NONE if it does not reach the end."""
     angle = cubic_angle(bracket[0], bracket[1], 0.0)
     q = cross_slowness(bracket[0], bracket[1], angle)
-    ok, steps, turns, _ = trace(s, walls, course, angle, q, accuracy.coarse, full_ray(work))
+    ok, steps, turns, _ = trace(s, walls, course, angle, q, accuracy.coarse, direct_ray(course, work))
     place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
     if place != _CLEAR:
         return place

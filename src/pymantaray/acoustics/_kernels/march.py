@@ -18,6 +18,7 @@ from pymantaray.acoustics._kernels.lanes import (
     floor,
     gather,
     load,
+    mix,
     root,
     store,
     take,
@@ -34,19 +35,22 @@ _TOP, _TOP_RATE, _LOW, _LOW_RATE = range(42, 46)
 _LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _LEVELS, _GRADIENT = range(
     46, 57
 )
-# and for rays that leave the plane: 1 if they do, derivative of c_ref / c across the track at the source, cross-track offset and slowness,
-# both at the end of a step, their derivatives at its seven stages, and the number of attempts to end in the plane
-_CROSS, _CROSS_GRADIENT, _OFFSET, _SIDE, _NEXT_OFFSET, _NEXT_SIDE, _SIDE_SLOPES, _ATTEMPTS = (
-    *range(57, 64),
-    77,
-)
+# and for rays that leave the plane: 1 if they do, derivative of c_ref / c across the track at the source, number of attempts to end in the
+# plane; cross-track offset and slowness, their derivatives by the launch angle, and the derivatives of the offsets and slownesses in the
+# plane and across it by the cross-track slowness; the same eight at the end of a step, and their derivatives at its seven stages; and the
+# derivatives of GONE, of the steepness there and of both extreme offsets by the cross-track slowness
+_CROSS, _CROSS_GRADIENT, _ATTEMPTS = range(57, 60)
+_BESIDE, _NEXT_BESIDE, _BESIDE_SLOPES, _N_BESIDE = 60, 68, 76, 8
+_OFFSET, _SIDE, _Y_ANGLE, _Q_ANGLE, _W_Q, _P_Q, _Y_Q, _Q_Q = range(_BESIDE, _BESIDE + _N_BESIDE)
+_RATE_Q, _BEND_Q, _TOP_RATE_Q, _LOW_RATE_Q = range(132, 136)
 # GOOD of a ray that has not been traced, or that took over the lane of one traced ahead
 WAITING, UNDER_WAY = -1.0, -3.0
 FIRST_STEP = 60.0  # m
 _MAX_OFFSET = (
     10.0  # tolerances; rays that end farther out of the plane and near the receiver are traced again
 )
-_PER_OFFSET = 2.0  # error of the miss of such a ray at most, per offset and divergence
+# error of the miss of such a ray at most, corrected to first order, in squares of its offset divided by its length, and per divergence
+_PER_SQUARE = 100.0
 MOST_ATTEMPTS = 4
 _COME, _FAILED = 1.0, 2.0
 # Errors on the path of a ray grow with its divergence, relative to straight rays.
@@ -84,9 +88,10 @@ def needs_more(miss, tol, growth, expected):
 
 
 @kernel
-def astray(offset, miss, tol, grown):
+def astray(offset, miss, tol, grown, length):
     """True if a ray ends so far out of the plane that its miss may have the wrong sign; grown is its divergence."""
-    return abs(offset) > _MAX_OFFSET * tol and abs(miss) < _PER_OFFSET * abs(offset) * max(grown, 1.0)
+    error = _PER_SQUARE * offset * offset / length * max(grown, 1.0)
+    return abs(offset) > _MAX_OFFSET * tol and abs(miss) < error
 
 
 @kernel
@@ -112,10 +117,10 @@ def _level(s, z):
 
 
 @inlined
-def _derivative(s, data, rows, at_stage, state, side):
+def _derivative(s, data, rows, at_stage, state, across):
     """Write the right-hand side of sixteen rays to the rows of a stage; return (h c)^2 minus its lower limit.
 
-    side contains cross-track offsets and slownesses, to second order of which the field is expanded; for None, Numba omits this.
+    Unless across is None, rays are beside the plane, as far as the rows of the stage say; otherwise, Numba omits this.
     """
     w, p, xi, eta = state
     stage, pos = at_stage
@@ -139,12 +144,16 @@ def _derivative(s, data, rows, at_stage, state, side):
     )
     place = load(rows, _STORE) + column * float(stride) + 16.0 * k
     a0, a1, a2, a3 = blend(data, place, stride, weights)
-    cy, squares = 0.0, p * p
-    if side is not None:
-        y, q = side
-        b0, b1, b2, b3 = blend(data, place + 8.0, stride, (u, 0.5 * y * u, t, 0.5 * y * t))
-        cy = b0 + x * (b1 + x * (b2 + x * b3))
-        a0, a1, a2, a3 = a0 + y * b0, a1 + y * b1, a2 + y * b2, a3 + y * b3
+    cy, cyz, cyy, squares = 0.0 * x, 0.0 * x, 0.0 * x, p * p
+    if across is not None:
+        y, q = load(rows, _NEXT_BESIDE), load(rows, _NEXT_BESIDE + 1)
+        b0, b1, b2, b3, e0, e1, e2, e3 = mix(data, place + 8.0, stride, (u, t))
+        half = 0.5 * y
+        a0, a1 = a0 + y * (b0 + half * e0), a1 + y * (b1 + half * e1)
+        a2, a3 = a2 + y * (b2 + half * e2), a3 + y * (b3 + half * e3)
+        cyy = e0 + x * (e1 + x * (e2 + x * e3))
+        cy = b0 + x * (b1 + x * (b2 + x * b3)) + y * cyy
+        cyz = b1 + x * (2.0 * b2 + 3.0 * x * b3) + y * (e1 + x * (2.0 * e2 + 3.0 * x * e3))
         squares = squares + q * q
     c = a0 + x * (a1 + x * (a2 + x * a3))
     cz = a1 + x * (2.0 * a2 + 3.0 * x * a3)
@@ -171,12 +180,42 @@ def _derivative(s, data, rows, at_stage, state, side):
     nnw = n * nw
     store(rows, slopes, p * ih)
     store(rows, slopes + 1, nnw * ih)
-    store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
-    store(rows, slopes + 3, ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta)
-    if side is not None:
-        store(rows, _SIDE_SLOPES + 2 * stage, q * ih)
-        store(rows, _SIDE_SLOPES + 2 * stage + 1, -1.0 * n * n * cy * ic * ih)
+    if across is None:
+        store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
+        store(rows, slopes + 3, ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta)
+    else:
+        squared, by = n * n, cy * ic
+        mixed, second = squared * (3.0 * cz * ic * by - cyz * ic), squared * (3.0 * by * by - cyy * ic)
+        gradient = nnw, -1.0 * squared * by
+        bends = nw * nw + n * nww, mixed, second
+        slowness, inverses, beside = (p, q), (ih, ih3), _BESIDE_SLOPES + _N_BESIDE * stage
+        store(rows, beside, q * ih)
+        store(rows, beside + 1, gradient[1] * ih)
+        variation = xi, eta, load(rows, _NEXT_BESIDE + 2), load(rows, _NEXT_BESIDE + 3)
+        _vary(rows, (slopes + 2, beside + 2), variation, slowness, gradient, bends, inverses)
+        variation = (
+            load(rows, _NEXT_BESIDE + 4),
+            load(rows, _NEXT_BESIDE + 5),
+            load(rows, _NEXT_BESIDE + 6),
+            load(rows, _NEXT_BESIDE + 7),
+        )
+        _vary(rows, (beside + 4, beside + 6), variation, slowness, gradient, bends, inverses)
     return room
+
+
+@inlined
+def _vary(rows, places, variation, slowness, gradient, bends, inverses):
+    """Write the right-hand side of a coupled variation, as in `step`: in the plane and across it, to two pairs of rows."""
+    dw, dp, dy, dq = variation
+    p, q = slowness
+    mw, my = gradient
+    mww, mwy, myy = bends
+    ih, ih3 = inverses
+    g = (mw * dw + my * dy - p * dp - q * dq) * ih3
+    store(rows, places[0], dp * ih - p * g)
+    store(rows, places[0] + 1, (mww * dw + mwy * dy) * ih - mw * g)
+    store(rows, places[1], dq * ih - q * g)
+    store(rows, places[1] + 1, (mwy * dw + myy * dy) * ih - my * g)
 
 
 @inlined
@@ -206,26 +245,21 @@ def _step(s, data, rows, pos, h, across, state):
             dxi, deta = dxi + a * load(rows, k + 2), deta + a * load(rows, k + 3)
         w1, p1, xi1, eta1 = w + h * dw, p + h * dp, xi + h * dxi, eta + h * deta
         at_stage = stage, pos + C[stage] * h
-        if across is None:
-            here = _derivative(s, data, rows, at_stage, (w1, p1, xi1, eta1), None)
-        else:
-            here = _derivative(s, data, rows, at_stage, (w1, p1, xi1, eta1), _side_at(rows, stage, h))
+        if across is not None:
+            _move_beside(rows, stage, h)
+        here = _derivative(s, data, rows, at_stage, (w1, p1, xi1, eta1), across)
         room = choose(here < room, here, room)
     return w1, p1, xi1, eta1, room
 
 
 @inlined
-def _side_at(rows, stage, h):
-    """Cross-track offset and slowness at a stage of a step."""
-    y, q = load(rows, _OFFSET), load(rows, _SIDE)
-    dy, dq = 0.0 * y, 0.0 * q
-    for j in range(stage):
-        a, k = A[stage, j], _SIDE_SLOPES + 2 * j
-        dy, dq = dy + a * load(rows, k), dq + a * load(rows, k + 1)
-    y, q = y + h * dy, q + h * dq
-    store(rows, _NEXT_OFFSET, y)
-    store(rows, _NEXT_SIDE, q)
-    return y, q
+def _move_beside(rows, stage, h):
+    """Write the numbers of rays that leave the plane at a stage of a step."""
+    for i in range(_N_BESIDE):
+        change = A[stage, 0] * load(rows, _BESIDE_SLOPES + i)
+        for j in range(1, stage):
+            change = change + A[stage, j] * load(rows, _BESIDE_SLOPES + _N_BESIDE * j + i)
+        store(rows, _NEXT_BESIDE + i, load(rows, _BESIDE + i) + h * change)
 
 
 @inlined
@@ -294,20 +328,27 @@ def _launch_next(flights, n_links, rows, lane, following):
 @kernel
 def _start(angle, q, rows, lane):
     """Put the initial state of a ray with a cross-track slowness and its derivative into a lane."""
-    for row in (at.W, at.XI, _POS, _GONE, _GROWN, _TOP, _TOP_RATE, _LOW, _LOW_RATE, _OFFSET):
+    for row in (at.W, at.XI, _POS, _GONE, _GROWN, _TOP, _TOP_RATE, _LOW, _LOW_RATE):
         rows[row, lane] = 0.0
     p, h, gradient = math.sin(angle), math.cos(angle), rows[_GRADIENT, lane]
-    rows[at.P, lane], rows[at.ETA, lane], rows[_SIDE, lane] = p, h, q
+    rows[at.P, lane], rows[at.ETA, lane] = p, h
     rows[_SLOPES + at.W, lane], rows[_SLOPES + at.P, lane] = p / h, gradient / h
     rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = 1.0 / (h * h), gradient * p / (h * h)
-    rows[_SIDE_SLOPES, lane] = rows[_SIDE_SLOPES + 1, lane] = 0.0
     if rows[_CROSS, lane] > 0.0:
-        along = math.sqrt(h * h - q * q)
+        for row in range(_BESIDE, _NEXT_BESIDE):
+            rows[row, lane] = 0.0
+        for row in range(_RATE_Q, _LOW_RATE_Q + 1):
+            rows[row, lane] = 0.0
+        rows[_SIDE, lane], rows[_Q_Q, lane] = q, 1.0
+        along, side = math.sqrt(h * h - q * q), rows[_CROSS_GRADIENT, lane]
+        cube = along * along * along
         rows[_SLOPES + at.W, lane], rows[_SLOPES + at.P, lane] = p / along, gradient / along
-        rows[_SLOPES + at.XI, lane] = h * (1.0 + p * p / (along * along)) / along
-        rows[_SLOPES + at.ETA, lane] = gradient * p * h / (along * along * along)
-        rows[_SIDE_SLOPES, lane] = q / along
-        rows[_SIDE_SLOPES + 1, lane] = rows[_CROSS_GRADIENT, lane] / along
+        rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = h / along + p * p * h / cube, gradient * p * h / cube
+        slopes = _BESIDE_SLOPES - _BESIDE
+        rows[slopes + _OFFSET, lane], rows[slopes + _SIDE, lane] = q / along, side / along
+        rows[slopes + _Y_ANGLE, lane], rows[slopes + _Q_ANGLE, lane] = q * p * h / cube, side * p * h / cube
+        rows[slopes + _W_Q, lane], rows[slopes + _P_Q, lane] = p * q / cube, gradient * q / cube
+        rows[slopes + _Y_Q, lane], rows[slopes + _Q_Q, lane] = 1.0 / along + q * q / cube, side * q / cube
     rows[_LENGTH, lane] = min(rows[_SPAN, lane], FIRST_STEP)
 
 
@@ -338,7 +379,7 @@ def _fill(flights, n_links, rows):
             running, used = running + 1, lane
     for lane in range(WIDTH if running > 0 else 0):
         if rows[_RAY, lane] < 0.0:
-            for row in range(_LINK, rows.shape[0]):
+            for row in range(_LINK, _BESIDE):
                 rows[row, lane] = rows[row, used]
             rows[_TOL, lane] = rows[_TOL, used]
             _start(0.0, 0.0, rows, lane)
@@ -363,13 +404,12 @@ def _relay(flights, n_links, rows):
         link = flights.links[k]
         node = flights.rays[k, int(rows[_RAY, lane])]
         if rows[_DONE, lane] == _COME:
-            p0, p1 = math.sin(node[at.ANGLE]), rows[at.P, lane]
-            path = rows[_SPAN, lane] * (1.0 + 0.25 * (p0 * p0 + p1 * p1))
-            node[at.CROSS] -= rows[_OFFSET, lane] / path
+            if rows[_CROSS, lane] > 0.0:
+                _end_in_plane(node, rows, lane)
             target = link[at.FLIGHT_ENDS + 1] - link[at.FLIGHT_ENDS]
             miss, grown = rows[at.W, lane] - target, rows[_GROWN, lane] / rows[_SPAN, lane]
             if rows[_ATTEMPTS, lane] < MOST_ATTEMPTS and astray(
-                rows[_OFFSET, lane], miss, node[at.TOL], grown
+                rows[_OFFSET, lane], miss, node[at.TOL], grown, rows[_SPAN, lane]
             ):
                 rows[_ATTEMPTS, lane] += 1.0
                 _launch(node, rows[_EXPECTED, lane], rows[_LEVELS, lane], rows, lane)
@@ -400,6 +440,25 @@ def _relay(flights, n_links, rows):
 
 
 @kernel
+def _end_in_plane(node, rows, lane):
+    """
+    Let a ray end in the plane, to first order: change its end and its node's cross-track slowness.
+
+    Its derivatives become those along the rays that end in the plane, as in `trace`.
+    """
+    shift, side = rows[_OFFSET, lane] / rows[_Y_Q, lane], -rows[_Y_ANGLE, lane] / rows[_Y_Q, lane]
+    node[at.CROSS] -= shift
+    rows[at.W, lane] -= shift * rows[_W_Q, lane]
+    rows[at.P, lane] -= shift * rows[_P_Q, lane]
+    rows[at.XI, lane] += side * rows[_W_Q, lane]
+    rows[at.ETA, lane] += side * rows[_P_Q, lane]
+    rows[_RATE, lane] += side * rows[_RATE_Q, lane]
+    rows[_BEND, lane] += side * rows[_BEND_Q, lane]
+    rows[_TOP_RATE, lane] += side * rows[_TOP_RATE_Q, lane]
+    rows[_LOW_RATE, lane] += side * rows[_LOW_RATE_Q, lane]
+
+
+@kernel
 def _under_ice(surface, flights, rows):
     """Remove the mark DONE from rays below varying ice."""
     for lane in range(WIDTH):
@@ -411,7 +470,7 @@ def _under_ice(surface, flights, rows):
 
 
 @inlined
-def _exit(rows, above, state, top):
+def _exit(rows, above, state, top, across):
     """Record the exit of rays from the water at an offset top (infinite: at their position), as `trace`; return the distance to it."""
     w, _, xi, _ = state
     dw, dp, dxi = load(rows, _SLOPES), load(rows, _SLOPES + 1), load(rows, _SLOPES + 2)
@@ -421,14 +480,23 @@ def _exit(rows, above, state, top):
     bend = (dxi + dp * rate) / rise
     store(rows, _RATE, choose(above, rate, load(rows, _RATE)))
     store(rows, _BEND, choose(above, choose((rise < 0.0) & (dw < 0.0), bend, math.nan), load(rows, _BEND)))
+    if across is not None:
+        dw_q = load(rows, _BESIDE_SLOPES + 4)
+        rate = -1.0 * (load(rows, _W_Q) + back * dw_q) / dw
+        store(rows, _RATE_Q, choose(above, rate, load(rows, _RATE_Q)))
+        store(rows, _BEND_Q, choose(above, (dw_q + dp * rate) / rise, load(rows, _BEND_Q)))
     return back
 
 
 @inlined
-def _note_extremes(rows, state):
+def _note_extremes(rows, state, across):
     """Update the smallest and the largest offset of sixteen rays on their paths, with the derivatives there."""
     w, _, xi, _ = state
     top, low = load(rows, _TOP), load(rows, _LOW)
+    if across is not None:
+        beside = load(rows, _W_Q)
+        store(rows, _TOP_RATE_Q, choose(w < top, beside, load(rows, _TOP_RATE_Q)))
+        store(rows, _LOW_RATE_Q, choose(w > low, beside, load(rows, _LOW_RATE_Q)))
     store(rows, _TOP_RATE, choose(w < top, xi, load(rows, _TOP_RATE)))
     store(rows, _LOW_RATE, choose(w > low, xi, load(rows, _LOW_RATE)))
     store(rows, _TOP, choose(w < top, w, top))
@@ -477,8 +545,8 @@ def _controlled(rows, h, left, room, width, across, levels):
         k = _SLOPES + i
         store(rows, k, choose(good, load(rows, k + 24), load(rows, k)))
     if across is not None:
-        for k in range(_SIDE_SLOPES, _SIDE_SLOPES + 2):
-            store(rows, k, choose(good, load(rows, k + 12), load(rows, k)))
+        for k in range(_BESIDE_SLOPES, _BESIDE_SLOPES + _N_BESIDE):
+            store(rows, k, choose(good, load(rows, k + 6 * _N_BESIDE), load(rows, k)))
     return good, choose(good, larger, smaller)
 
 
@@ -511,8 +579,8 @@ def march(domain, flights, n_links, across, data):
             choose(good, eta, state[3]),
         )
         if across is not None:
-            store(rows, _OFFSET, choose(good, load(rows, _NEXT_OFFSET), load(rows, _OFFSET)))
-            store(rows, _SIDE, choose(good, load(rows, _NEXT_SIDE), load(rows, _SIDE)))
+            for i in range(_N_BESIDE):
+                store(rows, _BESIDE + i, choose(good, load(rows, _NEXT_BESIDE + i), load(rows, _BESIDE + i)))
         pos = choose(good, choose(last, length, pos + h), pos)
         h = h * factor
         source = load(rows, _SOURCE)
@@ -520,7 +588,7 @@ def march(domain, flights, n_links, across, data):
             ahead = _to_level(domain, state[0] + source, load(rows, _SLOPES))
             h = choose(levels & (ahead < h), ahead, h)
         grown = choose(grown < absolute(state[2]), absolute(state[2]), grown)
-        _note_extremes(rows, state)
+        _note_extremes(rows, state, across)
         above = (state[0] < lowest - source) & (gone < 1e-300) & good
         if any_lane(above):
             if not flat:
@@ -528,7 +596,7 @@ def march(domain, flights, n_links, across, data):
                 store(rows, _DONE, choose(above, _COME, 0.0))
                 _under_ice(surface, flights, rows)
                 above = load(rows, _DONE) > 0.0
-            back = _exit(rows, above, state, lowest - source)
+            back = _exit(rows, above, state, lowest - source, across)
             gone = choose(above, pos + back, gone)
         done = choose(good & last, _COME, choose(failed, _FAILED, 0.0))
         if any_lane(done > 0.0):

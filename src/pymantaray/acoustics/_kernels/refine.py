@@ -10,7 +10,15 @@ from pymantaray.acoustics._kernels.boundary import across_plane
 from pymantaray.acoustics._kernels.field import cubic_root
 from pymantaray.acoustics._kernels.layout import Accuracy
 from pymantaray.acoustics._kernels.search import fewer_bounces, shoot
-from pymantaray.acoustics._kernels.trace import full_ray, full_ray_end, ray_axis, trace
+from pymantaray.acoustics._kernels.trace import (
+    cross_change,
+    direct_ray,
+    full_ray,
+    full_ray_end,
+    offset_in_plane,
+    ray_axis,
+    trace,
+)
 from pymantaray.compile import kernel
 
 RESOLUTION = 1e-6  # rad; narrower intervals of a fan of direct rays are not divided
@@ -70,13 +78,13 @@ def polish(s, walls, course, bracket, accuracy, work):
     q = cross_slowness(a, b, m)
     steps, turns = 0, 0
     for _ in range(6):
-        ok, steps, turns, _ = trace(s, walls, course, m, q, accuracy.fine, full_ray(work))
+        ok, steps, turns, _ = trace(s, walls, course, m, q, accuracy.fine, direct_ray(course, work))
         if not ok or y[at.XI] * rise <= 0.0 or y[at.DY_DQ] <= 0.0:
             break
-        f = y[at.W] - course.target
-        if abs(f) < accuracy.miss and abs(y[at.Y]) < accuracy.miss:
+        f = offset_in_plane(y) - course.target
+        if abs(y[at.W] - course.target) < accuracy.miss and abs(y[at.Y]) < accuracy.miss:
             return Launch(True, m, q, steps, turns)
-        q -= y[at.Y] / y[at.DY_DQ]
+        q += cross_change(y, -f / y[at.XI])
         m -= f / y[at.XI]
         if not 2.0 * lo - hi <= m <= 2.0 * hi - lo:
             break
@@ -124,7 +132,7 @@ def refine(s, walls, course, wide, accuracy, weak, work):
     without a ray if the bracket is narrower than _NARROWEST_JUMP and the miss in it steeper than weak by more than the rays' errors.
     The end state stays in work.y and its path in work.path.
     """
-    y, ray, tol, miss = work.y, full_ray(work), accuracy.fine, accuracy.miss
+    y, ray, tol, miss = work.y, direct_ray(course, work), accuracy.fine, accuracy.miss
     ok, a, b, fa, fb, q = wide
     if not ok:
         return Launch(False, a, q, 0, 0)
@@ -139,12 +147,10 @@ def refine(s, walls, course, wide, accuracy, weak, work):
         ok, steps, turns, _ = trace(s, walls, course, m, q, tol, ray)
         if not ok:
             return Launch(False, m, q, steps, turns)
-        f = y[at.W] - course.target
-        if abs(f) < miss and abs(y[at.Y]) < miss:
+        f = offset_in_plane(y) - course.target
+        if abs(y[at.W] - course.target) < miss and abs(y[at.Y]) < miss:
             return Launch(True, m, q, steps, turns)
         settled = abs(y[at.Y]) < miss
-        if y[at.DY_DQ] > 0.0:
-            q -= y[at.Y] / y[at.DY_DQ]
         if bracketed:
             if (f > 0.0) == (fa > 0.0):
                 lo, f_lo = m, f
@@ -164,7 +170,9 @@ def refine(s, walls, course, wide, accuracy, weak, work):
         previous = abs(f)
         if new == m:
             # the angle has no more digits: accept the ray if it is near
-            return Launch(abs(f) < 1e3 * miss and abs(y[at.Y]) < miss, m, q, steps, turns)
+            near = abs(f) < 1e3 * miss and abs(y[at.Y]) < miss
+            return Launch(near, m, q + cross_change(y, 0.0), steps, turns)
+        q += cross_change(y, new - m)
         m = new
     return Launch(False, m, q, steps, turns)
 
@@ -175,7 +183,7 @@ def widened(s, walls, course, bracket, tol, work):
 
     If the bracket is still too narrow, the misses have the same sign.
     """
-    y, ray = work.y, full_ray(work)
+    y, ray = work.y, direct_ray(course, work)
     a, b, fa, fb, slope_a, slope_b = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0, 0.0
     q = 0.5 * (bracket[0, at.CROSS] + bracket[1, at.CROSS])
     rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
@@ -186,17 +194,15 @@ def widened(s, walls, course, bracket, tol, work):
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
         if ok:
-            fa, slope_a = y[at.W] - course.target, y[at.XI]
-            if y[at.DY_DQ] > 0.0:
-                q -= y[at.Y] / y[at.DY_DQ]
+            fa, slope_a = offset_in_plane(y) - course.target, y[at.XI]
+            q += cross_change(y, 0.0)
         ok, _, _, _ = trace(s, walls, course, b, q, tol, ray)
         beyond = beyond or (moved > 0 and (not ok or y[at.XI] * rise < 0.0))
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
         if ok:
-            fb, slope_b = y[at.W] - course.target, y[at.XI]
-            if y[at.DY_DQ] > 0.0:
-                q -= y[at.Y] / y[at.DY_DQ]
+            fb, slope_b = offset_in_plane(y) - course.target, y[at.XI]
+            q += cross_change(y, 0.0)
         if attempt == 0:
             continue
         if (fa * fb <= 0.0 and not beyond) or step > 1e-3 or step < least:
@@ -236,8 +242,8 @@ def narrow(s, walls, course, bracket, launch, tol, work):
     reach = True
     for i in range(2):
         angle = launch.angle + (i - 0.5) * 0.9 * RESOLUTION
-        ok, _, _, _ = trace(s, walls, course, angle, launch.q, tol, full_ray(work))
-        bracket[i, at.ANGLE], bracket[i, at.MISS] = angle, work.y[at.W] - course.target
+        ok, _, _, _ = trace(s, walls, course, angle, launch.q, tol, direct_ray(course, work))
+        bracket[i, at.ANGLE], bracket[i, at.MISS] = angle, offset_in_plane(work.y) - course.target
         reach = reach and ok
     if not reach:
         bracket[1, at.MISS] = bracket[0, at.MISS]
@@ -406,24 +412,6 @@ def tube(s, walls, course, launch, tol, work):
     """Determinant of the end offsets by both launch parameters, by differences from the ray in work; NaN if a ray fails."""
     ok, (w1, w2, y1, y2) = _differences(s, walls, course, launch.angle, launch.q, tol, work)
     return w1 * y2 - w2 * y1 if ok else math.nan
-
-
-@kernel
-def coupled_db(s, walls, course, launch, tol, work):
-    """Change of the spreading of the ray in work if its end offsets depend on both launch parameters, by differences. [dB]
-
-    Horizontal refraction couples them, and the integrated variation is that of the plane.
-    """
-    y, ray, angle, q = work.y, full_ray_end(work), launch.angle, launch.q
-    w0, y0, plain = y[at.W], y[at.Y], abs(y[at.XI] * y[at.DY_DQ])
-    step = _DIFFERENCE_STEP * min(1.0, 3.0 * course.length / max(abs(y[at.XI]), 1e-300))
-    ok1, _, _, _ = trace(s, walls, course, angle + step, q, tol, ray)
-    w1, y1 = y[at.W] - w0, y[at.Y] - y0
-    ok2, _, _, _ = trace(s, walls, course, angle, q + step, tol, ray)
-    w2, y2 = y[at.W] - w0, y[at.Y] - y0
-    if not (ok1 and ok2):
-        return 0.0
-    return 10.0 * math.log10(max(abs(w1 * y2 - w2 * y1) / (step * step), 1e-300) / max(plain, 1e-300))
 
 
 @kernel

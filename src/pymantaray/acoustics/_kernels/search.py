@@ -37,7 +37,8 @@ from pymantaray.acoustics._kernels.trace import (
     any_course,
     course_to_levels,
     fan_ray,
-    full_ray_end,
+    direct_ray_end,
+    offset_in_plane,
     trace,
 )
 from pymantaray.compile import compact, inlined, kernel, shared
@@ -133,11 +134,14 @@ def _shoot_across(s, walls, course, angle, tol, node, work):
     """Trace a direct ray out of the plane until it ends in it; the node receives its cross-track slowness."""
     y = work.y
     for _ in range(MOST_ATTEMPTS):
-        ok, _, _, code = trace(s, walls, course, angle, node[at.CROSS], tol, full_ray_end(work))
+        ok, _, _, code = trace(s, walls, course, angle, node[at.CROSS], tol, direct_ray_end(course, work))
         if not ok:
             break
-        node[at.CROSS] -= y[at.Y] / y[at.DY_DQ]
-        if not astray(y[at.Y], y[at.W] - course.target, node[at.TOL], y[at.GROWN] / course.length):
+        y[at.W], side = offset_in_plane(y), y[at.Y] / y[at.DY_DQ]
+        y[at.P] -= y[at.P_Q] * side
+        node[at.CROSS] -= side
+        miss, grown = y[at.W] - course.target, y[at.GROWN] / course.length
+        if not astray(y[at.Y], miss, node[at.TOL], grown, course.length):
             break
     return ok, code
 

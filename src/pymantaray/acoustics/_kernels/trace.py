@@ -107,6 +107,18 @@ def full_ray(work):
 
 
 @inlined
+def direct_ray(course, work):
+    """Workspace of a direct ray with all variations, coupled if rays leave the plane, and its path."""
+    return Ray(work.y, work.K_space if course.cross else work.K, work.ynew, work.path)
+
+
+@inlined
+def direct_ray_end(course, work):
+    """As `direct_ray`, without the path."""
+    return Ray(work.y, work.K_space if course.cross else work.K, work.ynew, work.no_path)
+
+
+@inlined
 def full_ray_end(work):
     """Workspace of a ray with all variations, without its path."""
     return Ray(work.y, work.K, work.ynew, work.no_path)
@@ -147,10 +159,10 @@ def trace(s, walls, course, angle, q0, tol, ray):
     ok, cell, down = _launch(s, walls, course, angle, q0, ray)
     if not ok:
         return False, 0, 0, 0
-    record = n_eq == at.N_FULL and path.shape[0] > 0
+    full = n_eq != at.N_FAN
+    record = full and path.shape[0] > 0
     if record:
         _record(path[0], 0.0, y, K[0], axis, at.IN_WATER)
-    full = n_eq == at.N_FULL
     at_levels = course.to_levels or (s.kind == at.SMOOTH and full)
     tube = TUBE if full else (FAN_TUBE if course.to_levels else 0.0)
     span = _ENDLESS_LEG if rule.kind == at.LEGS else length
@@ -240,7 +252,9 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 h = h_hit
         pos = span if last else pos + h
         h = h_next
-        if full and y[at.XI] * ray.ynew[at.XI] < 0.0:
+        if n_eq == at.N_FULL and y[at.XI] * ray.ynew[at.XI] < 0.0:
+            y[at.CAUSTICS_PASSED] += 1.0
+        elif s.kind == at.SMOOTH and n_eq == at.N_SPACE and _tube(y) * _tube(ray.ynew) < 0.0:
             y[at.CAUSTICS_PASSED] += 1.0
         for i in range(n_eq):
             y[i] = ray.ynew[i]
@@ -270,7 +284,42 @@ def trace(s, walls, course, angle, q0, tol, ray):
             if count >= path.shape[0]:
                 return False, count, turns, code
             _record(path[count], pos, y, K[0], axis, hit)
+    if s.kind == at.SMOOTH and n_eq == at.N_SPACE:
+        _combine(y)
     return pos >= span, count, turns, code
+
+
+@inlined
+def _tube(y):
+    """Width of a ray tube with coupled variations: determinant of the offsets by both launch parameters."""
+    return y[at.XI] * y[at.Y_Q] - y[at.W_Q] * y[at.Y_ANGLE]
+
+
+@kernel
+def _combine(y):
+    """
+    Replace the derivatives by the launch angle by those along the rays that end at the same cross-track offset.
+
+    Their cross-track slownesses change with the launch angle by -Y_ANGLE / Y_Q.
+    """
+    y[at.DY_DQ] = y[at.Y_Q]
+    side = -y[at.Y_ANGLE] / y[at.Y_Q]
+    y[at.XI] += side * y[at.W_Q]
+    y[at.ETA] += side * y[at.P_Q]
+    for i in range(4):
+        y[at.GONE_RATE + i] += side * y[at.GONE_RATE_Q + i]
+
+
+@kernel
+def offset_in_plane(y):
+    """Offset across the axis at which the ray of state y would end if it ended in the plane, to first order."""
+    return y[at.W] - y[at.W_Q] * (y[at.Y] / y[at.DY_DQ]) if y[at.DY_DQ] > 0.0 else y[at.W]
+
+
+@kernel
+def cross_change(y, change):
+    """Change of the cross-track slowness with which the ray of state y ends in the plane, if its launch angle changes."""
+    return -(y[at.Y] + y[at.Y_ANGLE] * change) / y[at.DY_DQ] if y[at.DY_DQ] > 0.0 else 0.0
 
 
 @inlined
@@ -288,9 +337,9 @@ def _note_extremes(y):
     """Update the largest variation of a ray of a fan, and the extreme offsets of its path with the variation there."""
     y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
     if y[at.W] < y[at.HIGHEST]:
-        y[at.HIGHEST], y[at.HIGHEST_RATE] = y[at.W], y[at.XI]
+        y[at.HIGHEST], y[at.HIGHEST_RATE], y[at.HIGHEST_RATE_Q] = y[at.W], y[at.XI], y[at.W_Q]
     elif y[at.W] > y[at.LOWEST]:
-        y[at.LOWEST], y[at.LOWEST_RATE] = y[at.W], y[at.XI]
+        y[at.LOWEST], y[at.LOWEST_RATE], y[at.LOWEST_RATE_Q] = y[at.W], y[at.XI], y[at.W_Q]
 
 
 @inlined
@@ -308,7 +357,7 @@ def _launch(s, walls, course, angle, q0, ray):
         y[i] = 0.0
     y[at.P] = math.sin(angle)
     y[at.ETA] = math.cos(angle)
-    y[at.Q] = q0
+    y[at.Q], y[at.Q_Q] = q0, 1.0
     cell = at.Cell(0, find_level(s, z_source))
     if s.kind == at.LINEAR:
         cell = start_cell(s, axis, math.tan(angle))
@@ -395,10 +444,13 @@ def _note_exit(walls, axis, pos, z, y, K):
     if down < 0.0:
         back = (top - z) / down
         y[at.GONE] = max(pos + back, 1e-9)
-        y[at.GONE_RATE] = -(y[at.XI] + back * K[0, at.XI]) * cb / down
         rise = -down - back * K[0, at.P] * cb
+        y[at.GONE_RATE] = -(y[at.XI] + back * K[0, at.XI]) * cb / down
         if rise > 0.0:
             y[at.GONE_BEND] = -(K[0, at.XI] + K[0, at.P] * y[at.GONE_RATE]) * cb / rise
+        if K.shape[1] == at.N_SPACE:
+            y[at.GONE_RATE_Q] = -(y[at.W_Q] + back * K[0, at.W_Q]) / down
+            y[at.GONE_BEND_Q] = -(K[0, at.W_Q] + K[0, at.P] * y[at.GONE_RATE_Q]) / rise
 
 
 @kernel
