@@ -229,14 +229,22 @@ def rays_near(fan, source, receiver, angle, look=SECTION) -> Rays:
 
 
 def lost_after_a_second_look(fan, links, rays, found, look=SECTION) -> list[Lost]:
-    """Strong rays that a finer fan in three dimensions finds near rays of another fan, and that are not among found rays."""
+    """Strong rays that two finer fans in three dimensions find near rays of another fan, and that are not among found rays."""
     lost = {}
     for i in missing(rays, found, look.time, look.level):
         link = rays.link[i]
-        near = rays_near(fan, links.source[link], links.receiver[link], rays.angle[i], look)
-        near = near._replace(link=np.full(near.angle.size, link))
-        lost |= {(x.link, round(x.time, 6), round(x.level, 1)): x for x in lost_rays(near, found)}
+        ends = links.source[link], links.receiver[link]
+        for ray in _lost_near(fan, ends, link, rays.angle[i], found, look):
+            closer = look._replace(half_width=look.half_width / 10.0)
+            for x in _lost_near(fan, ends, link, ray.angle, found, closer):
+                lost[x.link, round(x.time, 6), round(x.level, 1)] = x
     return [lost[key] for key in sorted(lost)]
+
+
+def _lost_near(fan, ends, link, angle, found, look) -> list[Lost]:
+    """Strong rays of a finer fan near a launch angle that are not among found rays."""
+    near = rays_near(fan, *ends, angle, look)
+    return lost_rays(near._replace(link=np.full(near.angle.size, link)), found)
 
 
 def lost_of_a_fan(fan, links: Fan) -> list[Lost]:

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 Array = NDArray[np.float64]
 GRAZING = 0.5  # m; a ray that passes a boundary this closely may count as in the water or not
+_DIFFERENCE = 1e-6  # of the slowness across the plane
 PARTS = 64  # into which the two intervals about a dip are divided
 Z, P, T, A, Y, Q, TOP, BED = range(8)
 
@@ -193,6 +194,9 @@ class SectionFan:
             if turn < 3:
                 better = q[came] - out[came, 0, Y] / out[came, 0, A]
                 q = np.interp(angles, angles[came], better)  # rays that did not come take their neighbours'
+        # the width across the plane: derivative of the offset by its slowness, which horizontal refraction changes
+        beside = self.trace(source, azimuth, angles, q + _DIFFERENCE, step, stops, section)[0]
+        out[:, 0, A] = np.abs(beside[:, 0, Y] - out[:, 0, Y]) / _DIFFERENCE
         place = receiver[0], receiver[1], source[2], c_source, self._speed(section[-1], receiver[1])
         return Rays(*_roots(0, angles, out[:, 0], place))
 
