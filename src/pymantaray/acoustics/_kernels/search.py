@@ -47,6 +47,7 @@ STEEP = 0.08  # rad; a link steeper than the Snell limit by this has one ray
 BEYOND = 0.02  # rad; the fan extends beyond the steepest ray that may arrive by this
 MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
+_MORE_RAYS = 4.0  # times as many in an interval of rays that leave the plane: where several end in it at one angle, their miss jumps
 _RAYS_PER_BRACKET = 15.0  # share of a bracket in the budget of rays
 _SLOWNESS_DEFECT = 0.3  # of the vertical slowness; a larger defect of its cubic means unresolved cycles
 _WEAK_WIDTH = 5e-5  # rad; a narrower interval between two weak rays is not divided
@@ -488,6 +489,7 @@ def _gather(varies, course, search, asked, pending, tally, work):
     top, left, right = pending
     spent, st, fine = work.nodes, work.stack, search.fine
     reflecting = course.rule.kind != at.OPEN
+    budget = MAX_RAYS_INTERVAL * (_MORE_RAYS if course.cross else 1.0)
     most = 1 if reflecting else work.halves.shape[0]  # reflected rays are traced one by one
     while asked < most and (top > 0 or left <= right):
         if top == 0:
@@ -496,7 +498,7 @@ def _gather(varies, course, search, asked, pending, tally, work):
         a, b = st[top, 0], st[top, 1]
         tol_here, h = max(a[at.TOL], b[at.TOL]), b[at.ANGLE] - a[at.ANGLE]
         k = int(b[at.INTERVAL])
-        room = n_brackets < work.brackets.shape[0] and spent[k] + _RAYS_PER_BRACKET <= MAX_RAYS_INTERVAL
+        room = n_brackets < work.brackets.shape[0] and spent[k] + _RAYS_PER_BRACKET <= budget
         verdict, same = _judge(a, b, varies, course, search)
         crosses = a[at.MISS] * b[at.MISS] < 0.0
         if (
@@ -530,7 +532,7 @@ def _gather(varies, course, search, asked, pending, tally, work):
         if same and tol_here > fine and doubtful:
             traced = _ask_finer(a, b, fine, asked, work)
         else:
-            full = spent[k] >= MAX_RAYS_INTERVAL or top + 2 * asked + 4 > st.shape[0]
+            full = spent[k] >= budget or top + 2 * asked + 4 > st.shape[0]
             if full or rays >= MAX_RAYS:  # a narrow edge between reflections contains no ray
                 complete = complete and reflecting and not same and h < _WEAK_WIDTH
                 resolved = resolved and reflecting
