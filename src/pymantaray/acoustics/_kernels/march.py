@@ -343,7 +343,10 @@ def _start(angle, q, rows, lane):
         along, side = math.sqrt(h * h - q * q), rows[_CROSS_GRADIENT, lane]
         cube = along * along * along
         rows[_SLOPES + at.W, lane], rows[_SLOPES + at.P, lane] = p / along, gradient / along
-        rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = h / along + p * p * h / cube, gradient * p * h / cube
+        rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = (
+            h / along + p * p * h / cube,
+            gradient * p * h / cube,
+        )
         slopes = _BESIDE_SLOPES - _BESIDE
         rows[slopes + _OFFSET, lane], rows[slopes + _SIDE, lane] = q / along, side / along
         rows[slopes + _Y_ANGLE, lane], rows[slopes + _Q_ANGLE, lane] = q * p * h / cube, side * p * h / cube

@@ -36,8 +36,8 @@ from pymantaray.acoustics._kernels.march import (
 from pymantaray.acoustics._kernels.trace import (
     any_course,
     course_to_levels,
-    fan_ray,
     direct_ray_end,
+    fan_ray,
     offset_in_plane,
     trace,
 )

@@ -133,10 +133,14 @@ def _coupled(s, k, pos, y, dy, axis):
     square = axis.c_ref * axis.c_ref - c * c * (p * p + q * q)
     if not square > 1e-6 * c * c:
         return False, k
-    ih, n2 = c / math.sqrt(square), axis.c_ref * axis.c_ref * ic * ic
-    ih3, bw, by = ih * ih * ih, cz * ic, cy * ic
+    ih = c / math.sqrt(square)
+    ih3 = ih * ih * ih
+    n2 = axis.c_ref * axis.c_ref * ic * ic
+    bw, by = cz * ic, cy * ic
     mw, my = -n2 * bw, -n2 * by
-    mww, mwy, myy = n2 * (3.0 * bw * bw - czz * ic), n2 * (3.0 * bw * by - cyz * ic), n2 * (3.0 * by * by - cyy * ic)
+    mww = n2 * (3.0 * bw * bw - czz * ic)
+    mwy = n2 * (3.0 * bw * by - cyz * ic)
+    myy = n2 * (3.0 * by * by - cyy * ic)
     dy[at.W], dy[at.P], dy[at.TAU] = p * ih, mw * ih, n2 * ih
     dy[at.Y], dy[at.Q], dy[at.DY_DQ] = q * ih, my * ih, ih
     for rows in ((at.XI, at.ETA, at.Y_ANGLE, at.Q_ANGLE), (at.W_Q, at.P_Q, at.Y_Q, at.Q_Q)):

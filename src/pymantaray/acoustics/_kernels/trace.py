@@ -252,9 +252,9 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 h = h_hit
         pos = span if last else pos + h
         h = h_next
-        if n_eq == at.N_FULL and y[at.XI] * ray.ynew[at.XI] < 0.0:
-            y[at.CAUSTICS_PASSED] += 1.0
-        elif s.kind == at.SMOOTH and n_eq == at.N_SPACE and _tube(y) * _tube(ray.ynew) < 0.0:
+        if (n_eq == at.N_FULL and y[at.XI] * ray.ynew[at.XI] < 0.0) or (
+            s.kind == at.SMOOTH and n_eq == at.N_SPACE and _tube(y) * _tube(ray.ynew) < 0.0
+        ):
             y[at.CAUSTICS_PASSED] += 1.0
         for i in range(n_eq):
             y[i] = ray.ynew[i]
