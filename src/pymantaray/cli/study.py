@@ -95,23 +95,6 @@ def init(
     typer.echo(f"{file}: written from preset {name}; edit it, then: mantaray study run {file}")
 
 
-@app.command()
-def convert(
-    old: Annotated[Path, typer.Argument(metavar="OLD", help="A study file of an earlier version.")],
-    new: Annotated[
-        Path | None, typer.Argument(metavar="NEW", help="File to write. Default: print the text.")
-    ] = None,
-) -> None:
-    """Convert a study file of an earlier version to the current keys, without its comments."""
-    from pymantaray.config import convert_study
-
-    text = convert_study(old)
-    if new is None:
-        typer.echo(text, nl=False)
-    else:
-        _write_new(new, text)
-
-
 @app.command("import")
 def import_command(
     simulation: Annotated[

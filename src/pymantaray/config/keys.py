@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from pymantaray.config.common import NONE, located
-from pymantaray.config.renamed import new_key
 from pymantaray.errors import StudyError
 from pymantaray.user_files import parse_toml
 
@@ -29,7 +28,6 @@ def with_key(tree: Tree, key: str, value: Any) -> Tree:
     >>> with_key({"noise": {"depth_sigma": 0.1}}, "noise.range_sigma", 2.0)
     {'noise': {'depth_sigma': 0.1, 'range_sigma': 2.0}}
     """
-    key = new_key(key)
     changed: Tree = _put(tree, key.split("."), value, key)
     return changed
 
