@@ -4,8 +4,6 @@ import importlib
 import logging
 import os
 import pickle
-import platform
-import resource
 import signal
 import subprocess
 import sys
@@ -77,23 +75,6 @@ def wait_for(condition, seconds=600.0):
 
 def test_results_are_in_the_order_of_the_tasks_whoever_was_first():
     assert in_two_processes(square, 7) == [(n**2, "1") for n in range(7)]
-
-
-def page_faults_of_arrays(_number):
-    """Pages that the system gave to this process for 160 arrays, after it had freed as many."""
-    for _ in range(2):  # the first time, they are new
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-        for _ in range(20):
-            arrays = [np.ones(250_000) for _ in range(8)]
-            del arrays
-    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="needs mallopt")
-def test_a_process_keeps_freed_memory_for_its_next_arrays():
-    """Each array of a solve was new memory of the system: 0.7 million pages in a study."""
-    (faults,) = in_two_processes(page_faults_of_arrays, 1)
-    assert faults < 20 * 8 * 2e6 / resource.getpagesize() / 10
 
 
 def test_a_task_that_fails_stops_the_others(tmp_path):

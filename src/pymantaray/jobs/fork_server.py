@@ -23,8 +23,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
-from pymantaray.installation import spare_memory_management
-
 _PROGRAM = """
 import json, sys
 path, program = map(json.loads, sys.argv[1:])
@@ -217,7 +215,6 @@ def serve_forks(work: Callable[[BinaryIO], NoReturn], program: Sequence[str]) ->
     program : sequence of str
         Command of a worker in a new interpreter.
     """
-    spare_memory_management()
     connection = socket.socket(fileno=os.dup(0))
     started: dict[int, subprocess.Popen[bytes]] = {}  # in new interpreters
     with suppress(ConnectionError):  # the parent was killed

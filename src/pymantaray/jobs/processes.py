@@ -22,7 +22,7 @@ from queue import SimpleQueue
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
 from pymantaray.errors import JobError
-from pymantaray.installation import peak_memory_mib, spare_memory_management
+from pymantaray.installation import peak_memory_mib
 from pymantaray.jobs.fork_server import ForkedProcess, ForkServer
 
 # numerical libraries read these variables at start; more threads than cores are slower
@@ -202,7 +202,6 @@ def _answer(process: Process, message: object) -> tuple[object, float]:
 
 def serve(requests: BinaryIO) -> NoReturn:
     """Main loop of a process of `Workers`, with its standard input."""
-    spare_memory_management()
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # printed text must not mix with the results
     logging.getLogger("pymantaray").setLevel(logging.ERROR)  # the parent has logged warnings already
