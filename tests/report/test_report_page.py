@@ -26,12 +26,9 @@ from pymantaray.report import write, write_report
 from pymantaray.report.drawing import Drawing, Picture
 from pymantaray.report.explore import _fleet
 from pymantaray.report.figures import RunResults
-from pymantaray.report.first_use import use_all as draw_in_advance
-from pymantaray.report.page import page_template
 from pymantaray.report.process import ReportProcesses
 from pymantaray.report.run_page import headlines, run_page
 from pymantaray.study import open_run
-from pymantaray.study.first_use import use_all as solve_in_advance
 from pymantaray.study.settings import key_heading
 from pymantaray.study.tables import TABLES as TABLES_OF_PAGE
 
@@ -272,14 +269,6 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
     assert not list(folder.glob("figures/*.pdf"))
     text = (folder / "index.html").read_text(encoding="utf-8")
     assert text == re.sub(r' <a href="figures/\w+.pdf">PDF</a>', "", reported.text).replace(".pdf", ".png")
-
-
-def test_first_uses_in_advance_raise_no_error():
-    """The server that does them before it forks the processes of a study ignores errors."""
-    page_template.cache_clear()
-    solve_in_advance()
-    draw_in_advance()
-    assert page_template.cache_info().currsize == 1, "the page uses this template"
 
 
 def test_figures_from_another_process_need_no_library_that_draws():

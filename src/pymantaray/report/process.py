@@ -18,15 +18,6 @@ if TYPE_CHECKING:
     from pymantaray.report.write import ReportMaker
     from pymantaray.study.store import Run
 
-_IMPORTS = [
-    "pymantaray.study.realization",  # processes that solve realizations start next
-    "pymantaray.report.write",
-    "pymantaray.report.figures:find_figures",
-    "pymantaray.acoustics._kernels.link",
-    "pymantaray.study.first_use:use_all",
-    "pymantaray.report.first_use:use_all",
-]
-
 
 class ReportProcesses(ExitStack):
     """
@@ -41,9 +32,9 @@ class ReportProcesses(ExitStack):
 
     def __enter__(self) -> Self:
         start = partial(_start, self._formats)
-        self._figures, self._tables = (
-            self.enter_context(Workers(start, 1, imports=_IMPORTS)) for _ in range(2)
-        )
+        self._figures, self._tables = (self.enter_context(Workers(start, 1)) for _ in range(2))
+        for process in (self._figures, self._tables):
+            process.submit(bool)  # it imports what it needs while the mission is simulated
         return self
 
     def begin(self, stage: Path) -> Sequence[Future[Any]]:
