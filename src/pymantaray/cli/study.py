@@ -207,10 +207,10 @@ def run_and_report(
     quiet: bool,
 ) -> Path:
     """Run a study, draw figures of its mission meanwhile, print a summary, and return the folder."""
-    from pymantaray.report.process import ReportProcesses
+    from pymantaray.report.process import ReportProcess
 
     # the process starts after the file is read, and imports its modules while this process imports others
-    with ReportProcesses(formats=format_names(formats)) if figures else nullcontext() as report:
+    with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.study import run_study
 
         with progress_bars(quiet=quiet, stages=_stages(config, figures=figures)) as progress:
