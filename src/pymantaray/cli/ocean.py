@@ -25,6 +25,7 @@ from pymantaray.cli.options import (
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import MantaRayError, OceanError
+from pymantaray.ocean.equations import Equation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -369,9 +370,7 @@ class UniformOptions:
     below_cast: Annotated[
         Path | None, typer.Option(help="A deeper cast for the water below the deepest sample.")
     ] = None
-    equation: Annotated[
-        Literal["teos-10", "del-grosso", "unesco"], typer.Option(help="Equation of sound speed.")
-    ] = "teos-10"
+    equation: Annotated[Equation, typer.Option(help="Equation of sound speed.")] = "teos-10"
 
 
 @app.command()

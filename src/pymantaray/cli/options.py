@@ -17,6 +17,7 @@ from pymantaray.cli.printing import Printer, log_to_stderr, printer
 from pymantaray.errors import AcousticsError, MantaRayError, WaterError
 from pymantaray.geometry.checks import check_number
 from pymantaray.geometry.units import is_like_quantity
+from pymantaray.ocean.equations import Equation
 from pymantaray.report.folder import FORMATS
 
 if TYPE_CHECKING:
@@ -303,7 +304,7 @@ class GridOptions:
         ),
     ] = None
     equation: Annotated[
-        Literal["teos-10", "del-grosso", "unesco"] | None,
+        Equation | None,
         typer.Option(help="Equation of sound speed. Default: teos-10."),
     ] = None
     centre: Annotated[
