@@ -1,22 +1,23 @@
 """Report of a run in its folder: tables, figures and page, replaced atomically."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from pymantaray.errors import ReportError
-from pymantaray.jobs.folder import staged_parts
+from pymantaray.jobs.folder import staged_folder, staged_parts
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report.drawing import Picture
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
+from pymantaray.report.page import Page
 from pymantaray.report.run_page import run_page
 from pymantaray.report.style import legend_entries, rendered
-from pymantaray.study.store import Run, open_run
+from pymantaray.study.store import Run, open_run, write_json
 from pymantaray.study.tables import OF_MISSION, SUMMARY
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
@@ -54,6 +55,31 @@ def write_report(
     with staged_parts(run.path, PARTS) as stage:
         write_files(stage, maker.make(run.path, progress)[0])
     return run.path / PAGE
+
+
+def write_page(
+    out: str | Path | None,
+    name: str,
+    specs: Sequence[FigureSpec],
+    page_of: Callable[[Sequence[Picture], dict[str, Any]], Page],
+    record: dict[str, Any],
+    formats: Sequence[str],
+    progress: Progress | None,
+    others: Callable[[Path], object] = lambda _: None,
+) -> Path:
+    """
+    Draw figures, and write them with their page and its tables into a new folder; return the page.
+
+    A record of the origin becomes ``NAME.json``; ``others`` writes more files into a folder.
+    """
+    checked_formats(formats)
+    with staged_folder(out, name, latest=False) as (stage, folder):
+        pictures = draw(specs, formats=formats, progress=progress)
+        write_files(stage, page_of(pictures, record).files(formats))
+        others(stage)
+        if record:
+            write_json(record, stage / f"{name}.json")
+    return folder / PAGE
 
 
 def checked_formats(formats: Sequence[str]) -> Sequence[str]:
