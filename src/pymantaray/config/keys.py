@@ -74,9 +74,9 @@ def parse_changes(assignments: Sequence[str]) -> Tree:
     for assignment in assignments:
         key, sign, text = (part.strip() for part in assignment.partition("="))
         if not key or not sign:
-            raise StudyError(f"--set {assignment}: it must be KEY=VALUE, such as --set noise.range_sigma=2")
+            raise StudyError(f"{assignment}: it must be KEY=VALUE, such as noise.range_sigma=2")
         if key in out:
-            raise StudyError(f"--set {assignment}: {key} is set twice; set it once")
+            raise StudyError(f"{assignment}: {key} is set twice; set it once")
         out[key] = _value(text)
     return out
 

@@ -128,10 +128,7 @@ def freezing_notes(
         return ()
     worst = int(np.nanargmax(cold))
     where = f"{cold[worst]:.2g} K below freezing at {depth[worst]:.4g} m"
-    note = (
-        f"{count} of {cold.size} levels {TOO_COLD}, up to {where}: {UNFROZEN}, or repair the salinity with --repair-freezing"
-        " (in Python: repair_freezing)"
-    )
+    note = f"{count} of {cold.size} levels {TOO_COLD}, up to {where}: {UNFROZEN}, or repair the salinity with `repair_freezing`"
     return (note,)
 
 
