@@ -28,9 +28,6 @@ def main() -> None:
         from pymantaray.cli.main import main as run
 
         signal.signal(signal.SIGINT, before)
-    from pymantaray.installation import spare_memory_management
-
-    spare_memory_management()
     try:
         run()
     except SystemExit as end:

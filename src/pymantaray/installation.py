@@ -1,8 +1,5 @@
 """State of the installation: packages, extras, output folders, kernels, processors and GPU."""
 
-import atexit
-import ctypes
-import gc
 import hashlib
 import os
 import platform
@@ -10,7 +7,6 @@ import resource
 import shlex
 import sys
 import tempfile
-from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -20,9 +16,6 @@ from typing import Any
 
 from packaging.requirements import Requirement
 
-_COLLECTIONS = 200_000, 100, 100  # thresholds of the garbage collector
-# options of the C library's mallopt: M_MMAP_THRESHOLD, the largest value that it accepts, and M_TRIM_THRESHOLD [bytes]
-_ALLOCATION = (-3, 32 << 20), (-1, 512 << 20)
 PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
 _KERNELS = (
     "acoustics._kernels.field",
@@ -52,23 +45,6 @@ def code_version() -> str:
         if not name.startswith(("cli/", "report/")):
             content.update(f"{name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
     return f"{_version('pymantaray')}+{content.hexdigest()[:12]}"
-
-
-def spare_memory_management() -> None:
-    """
-    Run Python's garbage collector rarely, and keep freed memory for the next arrays instead of returning it to the system.
-
-    Each saves up to a tenth of the time of imports and of short studies. For processes of this package only, not for a
-    library's user: memory in reference cycles is freed later, and up to 512 MiB of free memory stay in the process.
-    """
-    with suppress(AttributeError, OSError):  # another C library than that of GNU
-        allocator = ctypes.CDLL(None)
-        for option, value in _ALLOCATION:
-            allocator.mallopt(option, value)
-    gc.set_threshold(*_COLLECTIONS)
-    atexit.register(
-        gc.freeze
-    )  # otherwise Python looks for cycles among all objects at exit, which takes half a second
 
 
 def peak_memory_mib() -> float:

@@ -105,7 +105,7 @@ def test_beams_double_until_a_direct_arrival_appears_or_400(path_with, mode, bea
 def test_a_smooth_medium_is_not_bellhops_ocean(path_with):
     path_with()
     smooth = Medium.from_profile([0.0, 2000.0], [1500.0, 1500.0], bottom_depth=2000.0)
-    with pytest.raises(AcousticsError, match="use --interpolation linear"):
+    with pytest.raises(AcousticsError, match="use `interpolation='linear'`"):
         compare_with_bellhop(smooth, SOURCE, RECEIVER)
 
 

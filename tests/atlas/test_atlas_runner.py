@@ -138,7 +138,7 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     atlas = Atlas(file, links, every=20)
     refused(
         WriteError,
-        "already exists, from another atlas or version of the code; give another name or --force",
+        "already exists, from another atlas or version of the code; give another name or `force=True`",
         run_atlas,
         atlas,
         out,

@@ -18,8 +18,6 @@ from pymantaray.cli.main import main
 COMMAND = """
 from pymantaray.jobs import checkpoint
 checkpoint._SAVE_INTERVAL = 3600.0  # what a short run keeps, however long it takes on a busy machine
-from factories import python
-
 from pymantaray.cli.main import main
 main()
 """

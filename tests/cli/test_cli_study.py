@@ -172,18 +172,6 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
     assert Path("study.toml").read_text() == "# mine"
 
 
-def test_convert_prints_or_writes_a_file_with_the_names_of_today(mantaray, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    Path("old.toml").write_text('base = "quick"\n[estimator]\ninitialise = "dead-reckoning"\n')
-    printed = mantaray("study", "convert", "old.toml")
-    assert (printed.code, printed.err) == (0, "")
-    assert mantaray("study", "convert", "old.toml", "new.toml").code == 0
-    assert Path("new.toml").read_text() == printed.out
-    assert load_study("new.toml").estimator.start == "dead-reckoning"
-    refused = mantaray("study", "convert", "old.toml", "new.toml")
-    assert (refused.code, refused.err) == (2, "error: new.toml: already exists; give another name\n")
-
-
 def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(mantaray, small, monkeypatch):
     stages = {}
 

@@ -44,12 +44,12 @@ def test_a_profile_without_a_sea_floor_makes_a_table_and_a_reader(capsys: pytest
     [
         ((*LIMITS, "--out", "t.txt"), "must end in .nc or .mtt"),
         (("--source-depth", "10", *LIMITS[2:], "--out", "t.nc"), "START:STOP"),
-        ((*LIMITS, "--out", "t.nc", "--error", "0"), "tolerance (--error) is 0"),
-        ((*LIMITS[:4], "--range", "0:100", "--out", "t.nc"), "horizontal_range (--range) begins at 0"),
-        (("--source-depth", "50:10", *LIMITS[2:], "--out", "t.nc"), "source_depth (--source-depth) is (50"),
+        ((*LIMITS, "--out", "t.nc", "--error", "0"), "--error is 0"),
+        ((*LIMITS[:4], "--range", "0:100", "--out", "t.nc"), "--range begins at 0"),
+        (("--source-depth", "50:10", *LIMITS[2:], "--out", "t.nc"), "--source-depth is (50"),
         (
             (*LIMITS[:2], "--receiver-depth", "5:9:7", *LIMITS[4:], "--out", "t.nc"),
-            "(--receiver-depth) is (5",
+            "--receiver-depth is (5",
         ),
         ((*LIMITS, "--out", "t.nc", "--c-reader", "profile.csv"), "must end in .h"),
     ],

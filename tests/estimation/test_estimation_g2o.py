@@ -130,7 +130,7 @@ def test_what_the_format_cannot_hold_is_refused_or_counted(tmp_path, pose_graph)
     ("200 0 400", "200 0", "line 5: EDGE_SE3:QUAT with 30 fields; allowed: 31"),
     ("200 0 400", "200 0 1e-200", "line 5: EDGE_SE3:QUAT with information 1e-200; allowed: 1e-30 to 1e.30; or drop"),
     (HAND, "", "no VERTEX_SE3:QUAT, EDGE_SE3:QUAT, VERTEX_SE2 or EDGE_SE2 in the file"),
-    ("# a comment", "TAG 3\nTAG 7\nPRIOR", r"unknown lines: 2 of 'TAG' \(line 1\), 1 of 'PRIOR' \(line 3\); allowed: VERTEX_.*--skip"),
+    ("# a comment", "TAG 3\nTAG 7\nPRIOR", r"unknown lines: 2 of 'TAG' \(line 1\), 1 of 'PRIOR' \(line 3\); allowed: VERTEX_.*`skip"),
 ])  # fmt: skip
 def test_fault_is_one_line_that_names_the_place(tmp_path, old, new, message):
     assert old in HAND

@@ -181,7 +181,7 @@ def test_random_starts_are_reproducible_and_at_the_measured_distances(opened):
 
 def test_random_starts_of_a_single_start_are_refused(opened):
     file = opened(ring(6, 0, 0, 0.1, 1.0))
-    refused(EstimationError, "use --start best", solve_graph, file, start="file", random_starts=2)
+    refused(EstimationError, "use `start='best'`", solve_graph, file, start="file", random_starts=2)
     refused(EstimationError, "random starts: -1", solve_graph, file, random_starts=-1)
 
 

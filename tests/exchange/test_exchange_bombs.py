@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from pymantaray import read_trajectories
 from pymantaray.errors import ExchangeError
-from pymantaray.exchange import bag_limits
+from pymantaray.exchange import bag_sizes
 
 KIND = "geometry_msgs/msg/PoseStamped"
 MAX_MIB = 1500  # what refusing may add to a process
@@ -94,7 +94,7 @@ LARGE = "a chunk or message has more than 1 MiB; write the bag with smaller chun
 
 @pytest.mark.parametrize("mode", ["message", "storage", "file", "bz2", "lz4"])
 def test_a_packed_message_or_chunk_is_unpacked_to_the_limit_alone(tmp_path, monkeypatch, mode):
-    monkeypatch.setattr(bag_limits, "MAX_CHUNK_BYTES", 2**20)
+    monkeypatch.setattr(bag_sizes, "MAX_CHUNK_BYTES", 2**20)
     end = ".bag" if mode in ("bz2", "lz4") else ""
     assert read_trajectories(bag_with(tmp_path / f"small{end}", 3, mode)).names == ["a"]
     refused_without_filling_the_memory(LARGE, bag_with(tmp_path / f"large{end}", 2**23, mode))
@@ -103,9 +103,9 @@ def test_a_packed_message_or_chunk_is_unpacked_to_the_limit_alone(tmp_path, monk
 def test_a_packed_file_leaves_half_of_the_temporary_folder_free(tmp_path, monkeypatch):
     path = bag_with(tmp_path / "large", 2**23, "file")
     (tmp_path / "tmp").mkdir()
-    monkeypatch.setattr(bag_limits.tempfile, "tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setattr(bag_sizes.tempfile, "tempdir", str(tmp_path / "tmp"))
     usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(bag_limits.shutil, "disk_usage", lambda _: usage._replace(free=2**21))
+    monkeypatch.setattr(bag_sizes.shutil, "disk_usage", lambda _: usage._replace(free=2**21))
     refused(
         ExchangeError,
         "unpack to more than 0.00105 GB, half of the free space in .*; set TMPDIR",
@@ -116,7 +116,18 @@ def test_a_packed_file_leaves_half_of_the_temporary_folder_free(tmp_path, monkey
 
 
 def test_more_poses_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("pymantaray.exchange.bag_limits.MAX_POSES", 3)
+    monkeypatch.setattr("pymantaray.exchange.bag_sizes.MAX_POSES", 3)
     assert read_trajectories(bag_with(tmp_path / "three", 3, "message"))
-    monkeypatch.setattr(bag_limits, "MAX_POSES", 2)
+    monkeypatch.setattr(bag_sizes, "MAX_POSES", 2)
     refused(ExchangeError, "three: more than 2 poses; remove topics", read_trajectories, tmp_path / "three")
+
+
+def test_an_index_of_other_chunks_is_refused(tmp_path):
+    (path,) = bag_with(tmp_path / "bag", 3, "storage").glob("*.mcap")
+    content = bytearray(path.read_bytes())
+    start = content.index(b"\x06", 8)
+    while content[start] != 8:  # the kind of a record of the index of chunks
+        start += 9 + int.from_bytes(content[start + 1 : start + 9], "little")
+    content[start + 25] += 1
+    path.write_bytes(content)
+    refused(ExchangeError, "bag: the index of its chunks is wrong", read_trajectories, tmp_path / "bag")

@@ -92,7 +92,7 @@ def test_link_to_a_place_that_is_not_there_yet_is_followed(tmp_path):
 @pytest.mark.parametrize(("name", "match"), [
     ("file", "file: is a file"),
     ("file/below", "cannot be written: (Not a directory|File exists)"),
-    (os.fsdecode(b"\xff"), r"not a name in UTF-8; select another folder with --out"),
+    (os.fsdecode(b"\xff"), r"not a name in UTF-8; select another folder with `out`"),
     ("a\0b", "cannot be written: .*null"),
     ("x" * 300, "cannot be written: File name too long"),
 ], ids=["file", "below a file", "not UTF-8", "null", "long"])  # fmt: skip

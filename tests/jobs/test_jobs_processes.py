@@ -4,8 +4,6 @@ import importlib
 import logging
 import os
 import pickle
-import platform
-import resource
 import signal
 import subprocess
 import sys
@@ -17,7 +15,6 @@ import numpy as np
 import pytest
 
 from pymantaray.errors import JobError
-from pymantaray.jobs import fork_server
 from pymantaray.jobs.processes import Workers
 
 
@@ -77,23 +74,6 @@ def wait_for(condition, seconds=600.0):
 
 def test_results_are_in_the_order_of_the_tasks_whoever_was_first():
     assert in_two_processes(square, 7) == [(n**2, "1") for n in range(7)]
-
-
-def page_faults_of_arrays(_number):
-    """Pages that the system gave to this process for 160 arrays, after it had freed as many."""
-    for _ in range(2):  # the first time, they are new
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-        for _ in range(20):
-            arrays = [np.ones(250_000) for _ in range(8)]
-            del arrays
-    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="needs mallopt")
-def test_a_process_keeps_freed_memory_for_its_next_arrays():
-    """Each array of a solve was new memory of the system: 0.7 million pages in a study."""
-    (faults,) = in_two_processes(page_faults_of_arrays, 1)
-    assert faults < 20 * 8 * 2e6 / resource.getpagesize() / 10
 
 
 def test_a_task_that_fails_stops_the_others(tmp_path):
@@ -183,90 +163,6 @@ def test_processes_end_with_who_started_them_however_that_ends(tmp_path):
     process.kill()
     process.wait()
     wait_for(lambda: all(gone(int(path.name.split("-")[0])) for path in out.iterdir()))
-
-
-def parent_and_threads(number):
-    time.sleep(0.2)  # both processes take a task
-    return os.getppid(), os.getpid(), len(list(Path("/proc/self/task").iterdir()))
-
-
-FORKS = pytest.mark.skipif(not fork_server.AVAILABLE, reason="this system forks no workers")
-
-
-@FORKS
-def test_workers_are_forks_of_one_server_which_ends_with_the_last_of_them():
-    with Workers(partial(task, parent_and_threads), 1) as first:
-        ((server, pid, _),) = [first.submit(0).result()]
-        with Workers(partial(task, parent_and_threads), 2) as workers:
-            rows = [future.result() for future in [workers.submit(n) for n in range(4)]]
-        assert {row[0] for row in rows} == {server} != {os.getpid()}
-        assert all(gone(row[1]) for row in rows)
-        assert not gone(server)
-        assert first.submit(0).result()[1] == pid
-    assert gone(server)
-    assert gone(pid)
-
-
-@FORKS
-def test_workers_survive_their_server_and_others_replace_those_that_end():
-    with Workers(partial(task, parent_and_threads), 1) as workers:
-        server, pid, _ = workers.submit(0).result()
-        os.kill(server, signal.SIGKILL)
-        assert workers.submit(0).result()[1] == pid
-        os.kill(pid, signal.SIGKILL)
-        with pytest.raises(JobError, match="ended early"):
-            workers.submit(0).result()
-        parent, other, _ = workers.submit(0).result()
-        assert (parent, other != pid) == (os.getpid(), True)
-    assert gone(other)
-
-
-@FORKS
-def test_a_server_with_a_second_thread_starts_interpreters_instead_of_forks(tmp_path, monkeypatch):
-    """A fork of a process with threads may never return. A worker has the listening thread, and here that of Python's start."""
-    (tmp_path / "sitecustomize.py").write_text(
-        "import threading, time\nthreading.Thread(target=time.sleep, args=(600,), daemon=True).start()\n"
-    )
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with Workers(partial(task, parent_and_threads), 1) as workers:
-        server, pid, threads = workers.submit(0).result()
-    assert server != os.getpid()
-    assert threads == 3
-    assert gone(pid)
-
-
-@FORKS
-def test_workers_end_at_once_while_their_server_still_imports():
-    with Workers(partial(task, parent_and_threads), 2, imports=["pymantaray.study.realization"]) as workers:
-        (server,) = [workers._server._process.pid]
-    assert gone(server)
-
-
-BUSY = """
-import os, sys
-from pathlib import Path
-sys.path[:0] = [{here!r}, str(Path(__file__).parent)]
-from pymantaray.jobs import fork_server
-from pymantaray.jobs.processes import Workers
-from test_jobs_processes import die
-fork_server._PACKAGE = ""  # the function is not of the package
-with Workers(die, 1, imports=["busy:wait"]) as workers:
-    workers.submit(0).result()
-"""
-
-
-@FORKS
-def test_a_server_that_calls_a_function_ends_after_its_parent_is_killed(tmp_path):
-    (tmp_path / "script.py").write_text(BUSY.format(here=str(Path(__file__).parent)))
-    (tmp_path / "busy.py").write_text(
-        f"import os, pathlib, time\n\ndef wait():\n    pathlib.Path({str(tmp_path / 'pid')!r}).write_text(f'{{os.getpid()}}.')\n"
-        "    time.sleep(600.0)\n"
-    )
-    process = subprocess.Popen([sys.executable, tmp_path / "script.py"])
-    wait_for(lambda: (tmp_path / "pid").exists() and (tmp_path / "pid").read_text().endswith("."))
-    process.kill()
-    process.wait()
-    wait_for(lambda: gone(int((tmp_path / "pid").read_text()[:-1])))
 
 
 def hold(mebibytes):

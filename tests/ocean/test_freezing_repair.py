@@ -48,7 +48,7 @@ def test_profile_of_a_repaired_cast_has_its_sound_speed(cast):
     raised = repaired.sound_speed - plain.sound_speed
     assert (raised[:2] > 1.0).all()
     assert (raised[2:] == 0.0).all()
-    assert "--repair-freezing" in plain.notes[0]
+    assert "`repair_freezing`" in plain.notes[0]
 
 
 def test_water_of_a_cast_is_repaired_on_request(cast):

@@ -259,7 +259,7 @@ REFUSED = {
         axis("latitude", [40, 40.1, np.nan, 40.5, 41]),
         "latitude is empty or has missing values",
     ),
-    "no currents": (lambda d: d[["thetao", "so"]], 'add them, or set the currents to zero with --currents rest (in TOML under '),
+    "no currents": (lambda d: d[["thetao", "so"]], "add them, or set the currents to zero with `currents='rest'`"),
 }  # fmt: skip
 
 

@@ -154,7 +154,7 @@ def test_the_world_ocean_atlas_is_an_ocean_at_rest(tmp_path):
     dated = open_ocean(files, currents="rest", time="2014-01-20")
     assert dated["time"].values == np.datetime64("2014-01-20")
     assert "time set to 2014-01-20T00:00: climatology, for 1988-01-16T12:00" in dated.attrs["history"]
-    refused(OceanError, "--currents rest", open_ocean, files)
+    refused(OceanError, "currents='rest'", open_ocean, files)
     assert check_ocean(files, currents="rest").ok
 
 

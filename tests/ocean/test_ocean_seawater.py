@@ -1,5 +1,8 @@
 """TEOS-10 as we call it; Del Grosso and UNESCO against published values, Wong and Zhu's forms against the originals."""
 
+from pathlib import Path
+from typing import get_args
+
 import gsw
 import numpy as np
 import pandas as pd
@@ -7,13 +10,8 @@ import pytest
 from numpy.polynomial.polynomial import polyval2d
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.seawater import (
-    absolute_and_conservative,
-    del_grosso,
-    in_situ_temperature,
-    sound_speed,
-    unesco,
-)
+from pymantaray.ocean.equations import EQUATIONS, Equation, del_grosso, unesco
+from pymantaray.ocean.seawater import absolute_and_conservative, in_situ_temperature, sound_speed
 
 T68 = 1.00024  # IPTS-68 over ITS-90 temperature
 
@@ -144,3 +142,10 @@ def test_potential_temperature_of_in_situ_temperature_is_the_start():
     np.testing.assert_allclose(gsw.pt_from_CT(SA, CT), theta, rtol=0, atol=1e-9)
     assert np.all(t[1:] > theta[1:])  # compression warms
     assert t[0] == theta[0]
+
+
+def test_every_equation_is_in_the_table_and_on_its_page():
+    page = (Path(__file__).parents[2] / "docs" / "how-to" / "water.md").read_text(encoding="utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith("| `--equation`"))
+    assert get_args(Equation) == tuple(EQUATIONS)
+    assert [name for name in EQUATIONS if f"`{name}`" not in row] == []

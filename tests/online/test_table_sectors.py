@@ -56,7 +56,7 @@ def test_sectors_that_are_too_large_together_are_refused_with_the_limit_of_the_t
     water = _water(1.0)
     one = build_table(water, *LIMITS, tolerance=0.2, node=NODE)
     limit = int(1.5 * one.tree.nbytes)
-    words = rf"more than {limit / 1e3:.0f} kB .*--error 0\.8;.* fewer sectors \(--sectors\)"
+    words = rf"more than {limit / 1e3:.0f} kB .*`tolerance=0\.8`.* fewer `sectors`"
     with pytest.raises(OnlineError, match=words):
         build_table(water, *LIMITS, tolerance=0.2, node=NODE, sectors=SECTORS, max_bytes=limit)
 

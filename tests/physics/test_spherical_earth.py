@@ -147,7 +147,9 @@ def test_a_sphere_needs_a_geographic_position():
     water = open_water("synthetic:fram", half_extent=20e3, earth="sphere")
     assert water.at_start[0].earth == EarthSphere.at_latitude(78.0)
     local = water.local.drop_attrs()
-    with pytest.raises(AcousticsError, match="no geographic position; give --centre"):
+    with pytest.raises(
+        AcousticsError, match="no geographic position; give its latitude and longitude as `centre`"
+    ):
         Medium.from_dataset(local, earth="sphere")
 
 
@@ -210,5 +212,5 @@ def test_trajectories_far_from_the_centre_of_a_flat_frame_have_a_warning():
     assert note.startswith(
         f"Trajectories extend to {farthest:.1f} km from the centre of the frame, and links are up to 12.0 km"
     )
-    assert note.endswith('use --earth sphere (in Python: earth="sphere"; in TOML: acoustics.earth).')
+    assert note.endswith("use `earth='sphere'` (in a study: acoustics.earth).")
     assert earth_note(config.with_(**{"acoustics.earth": "sphere"}), away, ranges) is None

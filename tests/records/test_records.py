@@ -154,25 +154,6 @@ def test_rows_and_columns_of_covariances_have_the_same_labels():
     assert pair.dims == ("condition", "realization", "epoch")
 
 
-def test_files_without_labels_are_still_read(tmp_path):
-    """Run folders of format 2: a variable ``name``, no coordinates, no date."""
-    truth = replace(filled(Trajectories), start=np.datetime64("NaT", "us"), centre=None)
-    old = truth.to_dataset().drop_vars(["axis", "quat"]).rename({"vehicle": "name"}).swap_dims(name="agent")
-    old.reset_coords("name").to_netcdf(tmp_path / "old.nc")
-    assert_equal(Trajectories.load(tmp_path / "old.nc"), truth)
-
-
-@pytest.mark.parametrize("kind", [Trajectories, Measurements, Estimates, PoseCovariances])
-def test_files_that_call_vehicles_agents_are_still_read(tmp_path, kind):
-    """Run folders of format 3: dimension ``agent``, variables ``gnss_agent`` and ``attitude_agent``."""
-    record = filled(kind)
-    today = record.to_dataset()
-    old = today.rename({n: n.replace("vehicle", "agent") for n in today.variables if "vehicle" in n})
-    assert "agent" in old.coords
-    old.to_netcdf(tmp_path / "old.nc")
-    assert_equal(kind.load(tmp_path / "old.nc"), record)
-
-
 def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():
     true = RangingTruth([1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0])
     assert true.near_cutoff.tolist() == [0, 0]

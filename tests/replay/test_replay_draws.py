@@ -64,8 +64,5 @@ def test_without_reflections_and_few_predictions_some_are_suggested():
     assert known
     assert len(hint) == 1
     assert "0 % of the events are predicted" in hint[0]
-    assert (
-        "with --max-surface-bounces 7 (in Python: max_surface_bounces), 2 of 2 of the other events have an arrival"
-        in hint[0]
-    )
+    assert "with `max_surface_bounces=7`, 2 of 2 of the other events have an arrival" in hint[0]
     assert replay_events(shadowed, water(None, 7)).notes == ()

@@ -71,7 +71,7 @@ class Made:
             "ocean": config.ocean.model_copy(update={"source": source}),
         }
         (folder / store.CONFIG).write_text(study_toml(config.model_copy(update=changes)), encoding="utf-8")
-        manifest = {"format": 2, "study": "quick", "versions": {"numpy": "<2>"}, "seconds": {"rays": 1.5}}
+        manifest = {"format": 4, "study": "quick", "versions": {"numpy": "<2>"}, "seconds": {"rays": 1.5}}
         store.write_json(manifest, folder / "manifest.json")
         files = (store.TRUTH, store.MEASUREMENTS, store.RANGING_TRUTH, store.ESTIMATES)
         for name, record in zip(files, self.records(), strict=True):

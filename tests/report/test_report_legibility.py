@@ -12,7 +12,7 @@ from PIL import Image
 from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
 from pymantaray.report import replay as replay_page
-from pymantaray.report import style
+from pymantaray.report import style, write
 from pymantaray.report.figures import RunResults, run_figure_specs
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_trajectory import error_over_time
@@ -126,7 +126,7 @@ def test_ticks_of_errors_over_time_do_not_touch(look, hours, vehicles):
 
 
 def test_a_replay_calls_the_share_of_predicted_events_by_its_name(made_replay, tmp_path, monkeypatch):
-    monkeypatch.setattr(replay_page, "draw", lambda *_, **__: [])
+    monkeypatch.setattr(write, "draw", lambda *_, **__: [])
     text = replay_page.write_replay(made_replay, tmp_path / "out").read_text(encoding="utf-8")
     heads = re.findall("<th[^>]*>(.*?)</th>", text)
     assert "predicted [%]" in heads

@@ -1,11 +1,8 @@
 """A whole report in a run folder: tables equal independent computations, the page refers to what is there."""
 
 import json
-import pickle
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -23,15 +20,11 @@ from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.report import write, write_report
-from pymantaray.report.drawing import Drawing, Picture
 from pymantaray.report.explore import _fleet
 from pymantaray.report.figures import RunResults
-from pymantaray.report.first_use import use_all as draw_in_advance
-from pymantaray.report.page import page_template
-from pymantaray.report.process import ReportProcesses
+from pymantaray.report.process import ReportProcess
 from pymantaray.report.run_page import headlines, run_page
 from pymantaray.study import open_run
-from pymantaray.study.first_use import use_all as solve_in_advance
 from pymantaray.study.settings import key_heading
 from pymantaray.study.tables import TABLES as TABLES_OF_PAGE
 
@@ -258,7 +251,7 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
     later = {p.name: p.read_bytes() for p in map(stage.joinpath, LATER)}
     for name in later:
         (stage / name).unlink()
-    with ReportProcesses(formats=()) as report:
+    with ReportProcess(formats=()) as report:
         for part in report.begin(stage):
             part.result()
         for name, content in later.items():
@@ -274,38 +267,10 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
     assert text == re.sub(r' <a href="figures/\w+.pdf">PDF</a>', "", reported.text).replace(".pdf", ".png")
 
 
-def test_first_uses_in_advance_raise_no_error():
-    """The server that does them before it forks the processes of a study ignores errors."""
-    page_template.cache_clear()
-    solve_in_advance()
-    draw_in_advance()
-    assert page_template.cache_info().currsize == 1, "the page uses this template"
-
-
-def test_figures_from_another_process_need_no_library_that_draws():
-    """The process of a study imported Matplotlib and Plotly to pass them on."""
-    drawing = Drawing({"one": Picture("one", "caption", 1, 1, {"png": b"content"})}, "[]")
-    code = "import pickle, sys; pickle.load(sys.stdin.buffer); print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], input=pickle.dumps(drawing), stdout=subprocess.PIPE, check=True
-    )
-    assert not {"matplotlib", "plotly", "jinja2"} & set(done.stdout.decode().split())
-
-
 def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
     """Drawn while realizations are solved: all that are not of them must be, or they are seconds later on the page."""
     mission = {p.name for p in write.run_figure_specs(RunResults(run), of_mission=True)}
     assert mission == FIGURES - {"ape_pooled", "error_by_vehicle", "error_over_time", "consistency"}
-
-
-def test_figures_of_errors_compute_no_table(tiny_run_folder):
-    """Another process computes the tables at the same time."""
-    run = open_run(tiny_run_folder)
-    specs = write.run_figure_specs(RunResults(run), of_errors=True)
-    assert {spec.name for spec in specs} == {"ape_pooled", "error_over_time"}
-    for spec in specs:
-        spec.draw()
-    assert not run.tables._made
 
 
 @pytest.mark.parametrize("before", [False, True])

@@ -205,7 +205,7 @@ def test_assignments_are_toml_values_and_else_text():
     ]
     assert changes["i"].year == 2014
     for bad in (["a"], ["=2"], ["a=1", "a=2"]):
-        refused(StudyError, f"--set {bad[-1]}: ", parse_changes, bad)
+        refused(StudyError, f"{bad[-1]}: ", parse_changes, bad)
 
 
 def test_trees_are_not_changed_in_place():

@@ -8,6 +8,7 @@ from typing import Literal, get_origin
 
 import pytest
 import tomli_w
+from factories import TINY
 from refusals import refused
 
 from pymantaray.config import checks
@@ -548,3 +549,30 @@ def test_presets_have_the_choices_of_the_authors_program(name):
     cycle = config.fleet.build()[1].behaviour
     assert (cycle.surface_depth, cycle.depth_gain) == (0.01, 10.0)
     assert (FloatCycle(99.0).surface_depth, FloatCycle(99.0).depth_gain) == (0.01, 10.0)
+
+
+def names_of(tree):
+    return [condition.name for condition in parse_study({**TINY, **tree}).conditions]
+
+
+def test_a_list_of_conditions_replaces_the_default_one_and_tables_change_it():
+    assert names_of({"conditions": ["odometry", {"name": "e"}]}) == ["odometry", "e"]
+    tables = {"e": {"range_sigma": 5.0}, "straight": "none", "odometry": {"start": "dead-reckoning"}}
+    config = parse_study({**TINY, "conditions": tables})
+    assert [condition.name for condition in config.conditions] == ["odometry", "refracted", "e"]
+    assert config.conditions[0].start == "dead-reckoning"
+    assert names_of({"conditions": "none"}) == []
+
+
+@pytest.mark.parametrize("odd", [3, "odd", [3], {"e": 3}])
+def test_what_is_no_list_of_conditions_is_refused(odd):
+    with pytest.raises(StudyError):
+        parse_study({**TINY, "conditions": odd})
+
+
+@pytest.mark.parametrize(("key", "expected"), [
+    ("ocean.centre_latitude", "unknown key. Did you mean `ocean.centre_lat`?"),
+    ("noise.clock_ofset_sigma", "unknown key. Did you mean `noise.clock_offset_sigma`?"),
+])  # fmt: skip
+def test_an_unknown_key_gets_the_nearest_one_as_a_suggestion(key, expected):
+    refused(StudyError, re.escape(expected), load_study, "quick", **{key: 1.0})

@@ -187,7 +187,7 @@ def test_what_cannot_be_held_finished_or_dived_is_refused_at_once_in_one_line(
 def test_not_a_run_is_refused(tmp_path):
     refused(StudyError, r"not a run folder: it has no manifest\.json", open_run, tmp_path)
     (tmp_path / "manifest.json").write_text('{"format": 99}')
-    refused(StudyError, "run format 99; this version reads formats 2 to 4", open_run, tmp_path)
+    refused(StudyError, "run format 99; this version reads format 4", open_run, tmp_path)
 
 
 def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path, monkeypatch):

@@ -573,7 +573,7 @@ def _sphere_at(latitude_deg: float | None, earth: Earth) -> EarthSphere | None:
         raise AcousticsError(f"earth: {earth!r}; allowed are 'flat' and 'sphere'")
     if latitude_deg is None:
         raise AcousticsError(
-            "earth is 'sphere', but the water has no geographic position; give --centre LAT LON (in Python: centre), or use a"
+            "earth is 'sphere', but the water has no geographic position; give its latitude and longitude as `centre`, or use a"
             " flat Earth"
         )
     return EarthSphere.at_latitude(latitude_deg)

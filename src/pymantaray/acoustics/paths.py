@@ -73,8 +73,8 @@ def trace_paths(
         )
     if medium.surface.roughness is not None and np.any(arrivals.surface_bounces):
         raise AcousticsError(
-            "paths of rays under rough ice are not available, only their arrivals; remove the roughness (--ice-slope, in Python:"
-            " ice_slope_deg)"
+            "paths of rays under rough ice are not available, only their arrivals; remove the roughness"
+            " (`ice_slope_deg`)"
         )
     domain = medium.domain()
     apart, near = separated(medium, a, b)

@@ -45,7 +45,7 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
         depth, speed = np.append(depth, _DEEPEST), np.append(speed, speed[-1])
     if depth.size > _MAX_LEVELS:
         raise AcousticsError(
-            f"{path}: {depth.size} levels; echo sounders accept at most {_MAX_LEVELS}; thin it first with --thin (in Python: thin_profile)"
+            f"{path}: {depth.size} levels; echo sounders accept at most {_MAX_LEVELS}; thin it first with `thin_profile`"
         )
     stamp = profile.time.astype("datetime64[s]").item()
     head = (

@@ -74,8 +74,8 @@ def run_atlas(
         return path
     if path.exists() and not force:
         raise WriteError(
-            f"{path}: already exists, from another atlas or version of the code; give another name or --force (in Python:"
-            " force=True)"
+            f"{path}: already exists, from another atlas or version of the code; give another name or"
+            " `force=True`"
         )
     store = open_store(blocks_folder(path))
     store.claim("atlas", _MARKER, {_MARKER, "blocks"})

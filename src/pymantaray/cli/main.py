@@ -13,6 +13,7 @@ import typer
 
 import pymantaray
 from pymantaray import cli
+from pymantaray.cli.arguments import in_options
 from pymantaray.cli.options import Commands
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.cli.stopping import answered_stops
@@ -70,7 +71,7 @@ def main(arguments: list[str] | None = None) -> None:
         except _UsageError as error:
             _refuse(error)
         except MantaRayError as error:
-            for line in str(error).split("\n"):
+            for line in in_options(str(error)).split("\n"):
                 _print_error(line)
             raise SystemExit(EXIT_KNOWN_ERROR) from None
         except KeyboardInterrupt:

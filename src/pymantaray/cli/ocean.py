@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.cli import ocean_fetch
+from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import quantities, quantity, with_options
 from pymantaray.cli.options import (
     Commands,
@@ -25,6 +26,7 @@ from pymantaray.cli.options import (
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import MantaRayError, OceanError
+from pymantaray.ocean.equations import Equation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -171,7 +173,7 @@ def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
     try:
         open_water(words, **{"currents": "required"} | options.keys)
     except MantaRayError as error:
-        return [Finding("wrong", "water", str(error))]
+        return [Finding("wrong", "water", in_options(str(error)))]
     return []
 
 
@@ -188,7 +190,7 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
         try:
             build_ocean(section, 0.0)
         except OceanError as error:
-            return Findings([Finding("wrong", "water in metres", str(error))])
+            return Findings([Finding("wrong", "water in metres", in_options(str(error)))])
         return Findings([])
     options: dict[str, Any] = {"equation": section.equation, "currents": section.currents, **fleet}
     options |= {"centre": section.centre, "half_extent": section.half_extent}
@@ -369,9 +371,7 @@ class UniformOptions:
     below_cast: Annotated[
         Path | None, typer.Option(help="A deeper cast for the water below the deepest sample.")
     ] = None
-    equation: Annotated[
-        Literal["teos-10", "del-grosso", "unesco"], typer.Option(help="Equation of sound speed.")
-    ] = "teos-10"
+    equation: Annotated[Equation, typer.Option(help="Equation of sound speed.")] = "teos-10"
 
 
 @app.command()

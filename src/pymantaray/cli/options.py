@@ -12,11 +12,13 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
+from pymantaray.cli.arguments import use_options_of
 from pymantaray.cli.groups import number_in, quantity
 from pymantaray.cli.printing import Printer, log_to_stderr, printer
-from pymantaray.errors import AcousticsError, MantaRayError, WaterError
+from pymantaray.errors import AcousticsError, MantaRayError, StudyError, WaterError
 from pymantaray.geometry.checks import check_number
 from pymantaray.geometry.units import is_like_quantity
+from pymantaray.ocean.equations import Equation
 from pymantaray.report.folder import FORMATS
 
 if TYPE_CHECKING:
@@ -112,7 +114,10 @@ def changes_of(assignments: list[str] | None) -> dict[str, Any]:
     """Values by dotted key from the assignments of ``--set``."""
     from pymantaray.config.keys import parse_changes
 
-    return parse_changes(assignments or [])
+    try:
+        return parse_changes(assignments or [])
+    except StudyError as error:
+        raise StudyError(f"--set {error}") from None
 
 
 class Commands(typer.Typer):
@@ -150,6 +155,7 @@ def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def call(*, quiet: bool, verbose: int, **values: Any) -> None:
+        use_options_of(parameters)
         with log_to_stderr(quiet=quiet, verbose=verbose):
             command(**values, **({"quiet": quiet} if own else {}))
 
@@ -303,7 +309,7 @@ class GridOptions:
         ),
     ] = None
     equation: Annotated[
-        Literal["teos-10", "del-grosso", "unesco"] | None,
+        Equation | None,
         typer.Option(help="Equation of sound speed. Default: teos-10."),
     ] = None
     centre: Annotated[

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
+from pymantaray.cli.arguments import in_options
 from pymantaray.cli.text_tables import print_table
 from pymantaray.installation import peak_memory_mib
 from pymantaray.messages import printable, without_secrets
@@ -59,7 +60,7 @@ class Printer:
         """Log warnings, and add them to JSON."""
         for line in lines:
             LOG.warning(line)
-        self.add(warnings=lines)
+        self.add(warnings=[in_options(line) for line in lines])
 
     def paths(self, *paths: Path | str, **named: Path | str) -> None:
         """Print the paths of written files, one per line, the only output of a quiet command; LaTeX and CSV omit them."""
@@ -149,5 +150,7 @@ def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
 class _Formatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         if record.name == "py.warnings":  # the text has file, line, class and message
-            return f"warning: {printable(without_secrets(record.getMessage().partition('Warning: ')[2].splitlines()[0]))}"
-        return _PREFIX.get(record.levelname, "") + printable(without_secrets(super().format(record)))
+            text = record.getMessage().partition("Warning: ")[2].splitlines()[0]
+            return f"warning: {printable(without_secrets(in_options(text)))}"
+        text = in_options(super().format(record))
+        return _PREFIX.get(record.levelname, "") + printable(without_secrets(text))

@@ -95,23 +95,6 @@ def init(
     typer.echo(f"{file}: written from preset {name}; edit it, then: mantaray study run {file}")
 
 
-@app.command()
-def convert(
-    old: Annotated[Path, typer.Argument(metavar="OLD", help="A study file of an earlier version.")],
-    new: Annotated[
-        Path | None, typer.Argument(metavar="NEW", help="File to write. Default: print the text.")
-    ] = None,
-) -> None:
-    """Convert a study file of an earlier version to the current keys, without its comments."""
-    from pymantaray.config import convert_study
-
-    text = convert_study(old)
-    if new is None:
-        typer.echo(text, nl=False)
-    else:
-        _write_new(new, text)
-
-
 @app.command("import")
 def import_command(
     simulation: Annotated[
@@ -224,10 +207,10 @@ def run_and_report(
     quiet: bool,
 ) -> Path:
     """Run a study, draw figures of its mission meanwhile, print a summary, and return the folder."""
-    from pymantaray.report.process import ReportProcesses
+    from pymantaray.report.process import ReportProcess
 
     # the process starts after the file is read, and imports its modules while this process imports others
-    with ReportProcesses(formats=format_names(formats)) if figures else nullcontext() as report:
+    with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.study import run_study
 
         with progress_bars(quiet=quiet, stages=_stages(config, figures=figures)) as progress:

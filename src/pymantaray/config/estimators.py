@@ -22,6 +22,7 @@ from pymantaray.config.common import (
     Section,
     own_files,
 )
+from pymantaray.ocean.equations import Equation
 
 
 def _kind_alone(value: object) -> object:
@@ -124,7 +125,7 @@ class NumericsBelief(Section):
     """The true ocean with other numerical options."""
     every_level: int = Field(default=1, ge=1)
     """Step through the levels of the ocean; 2 uses every second level."""
-    equation: Literal["teos-10", "del-grosso", "unesco"] | None = None
+    equation: Equation | None = None
     """Equation of sound speed. Default: that of the study."""
     interpolation: Literal["smooth", "linear"] | None = None
     """Interpolation of the sound speed. Default: that of the study."""

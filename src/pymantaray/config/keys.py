@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from pymantaray.config.common import NONE, located
-from pymantaray.config.renamed import new_key
 from pymantaray.errors import StudyError
 from pymantaray.user_files import parse_toml
 
@@ -29,7 +28,6 @@ def with_key(tree: Tree, key: str, value: Any) -> Tree:
     >>> with_key({"noise": {"depth_sigma": 0.1}}, "noise.range_sigma", 2.0)
     {'noise': {'depth_sigma': 0.1, 'range_sigma': 2.0}}
     """
-    key = new_key(key)
     changed: Tree = _put(tree, key.split("."), value, key)
     return changed
 
@@ -76,9 +74,9 @@ def parse_changes(assignments: Sequence[str]) -> Tree:
     for assignment in assignments:
         key, sign, text = (part.strip() for part in assignment.partition("="))
         if not key or not sign:
-            raise StudyError(f"--set {assignment}: it must be KEY=VALUE, such as --set noise.range_sigma=2")
+            raise StudyError(f"{assignment}: it must be KEY=VALUE, such as noise.range_sigma=2")
         if key in out:
-            raise StudyError(f"--set {assignment}: {key} is set twice; set it once")
+            raise StudyError(f"{assignment}: {key} is set twice; set it once")
         out[key] = _value(text)
     return out
 

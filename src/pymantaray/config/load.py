@@ -8,14 +8,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import tomli_w
-
 from pymantaray.config.checks import NAME
-from pymantaray.config.common import NONE, located
-from pymantaray.config.conditions import CONDITIONS, with_conditions
+from pymantaray.config.common import located
+from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
 from pymantaray.config.parse import Like, parse
-from pymantaray.config.renamed import with_new_names
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
@@ -153,52 +150,6 @@ def load_study(
     return parse_study(described(tree, name, words) if words else tree, name)
 
 
-def convert_study(file: str | Path) -> str:
-    """
-    Rewrite a study file of an earlier version with the present keys.
-
-    Parameters
-    ----------
-    file : str or pathlib.Path
-        TOML file of a study, or of its water and acoustics only. Its ``base`` is unchanged. Comments are lost.
-
-    Returns
-    -------
-    str
-        TOML text, which defines the same study if its file is in the same folder.
-
-    Raises
-    ------
-    StudyError
-        If the file is missing, not TOML, or not a study.
-
-    Examples
-    --------
-    >>> print(convert_study("old.toml"))  # doctest: +SKIP
-    """
-    path, label = Path(file), str(file)
-    old = with_new_names(_parsed(_read(path), label, path.parent), label, warn=False)
-    whole, study = _tree(path, warn=False), old.get("study", {})
-    if "fleet" in whole:
-        parse_study(whole, label)
-    else:
-        load_sound(path)
-    new = {key: value for key, value in old.items() if key != "estimators"}
-    if "study" in old:
-        new["study"] = {key: value for key, value in study.items() if key != CONDITIONS}
-    if isinstance(old.get("estimators"), dict) and CONDITIONS not in study:
-        new[CONDITIONS] = old["estimators"]  # tables by name change those of the base
-    elif "estimators" in old or CONDITIONS in study:
-        new[CONDITIONS] = whole[CONDITIONS] or NONE
-    heads = {key: new.pop(key) for key in (BASE, CONDITIONS) if isinstance(new.get(key), str)}
-    return tomli_w.dumps({**heads, **({"study": new.pop("study")} if "study" in new else {}), **new})
-
-
-def load_resolved(file: Path) -> StudyConfig:
-    """Configuration of a run; old names in runs of earlier versions cause no message."""
-    return parse_study(_tree(file, warn=False), str(file))
-
-
 def _ocean_section(sources: list[str]) -> Tree:
     """Section ``[ocean]`` from sources, or from the configuration if the source is one."""
     if len(sources) == 1 and (sources[0].endswith(".toml") or sources[0] in preset_names()):
@@ -304,11 +255,11 @@ def plan_tree(file: Path) -> Tree | None:
     return section
 
 
-def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool = True) -> Tree:
+def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
     """Tree of a preset or a file, merged into that of its base; its texts have the folder of their file."""
     path, name = Path(name_or_file), str(name_or_file)
     if path.suffix == SIMULATION:
-        return _simulation(path, warn=warn)
+        return _simulation(path)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
     if not is_file and name not in preset_names() and exists(path):
         raise _no_study(path)
@@ -316,20 +267,20 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = (), *, warn: bool =
         _check_preset(name)
     folder = path.parent if is_file else Path()
     text = _read(path if is_file else Path(str(_PRESETS / f"{name}.toml")))
-    tree = with_new_names(_parsed(text, name, folder), name, warn=warn)
+    tree = _parsed(text, name, folder)
     tree.pop(PLAN, None)
     here = str(path.resolve()) if is_file else name
     tree = _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
-    whole: Tree = with_conditions(tree, name, warn=warn)
+    whole: Tree = with_conditions(tree)
     return whole
 
 
-def _simulation(path: Path, *, warn: bool) -> Tree:
+def _simulation(path: Path) -> Tree:
     """Tree of a ``sim.json`` of the paper's authors' program; logs its keys without meaning and differences from the program."""
     from pymantaray.config.authors import read_simulation
 
     imported = read_simulation(path)
-    for line in imported.lines if warn else ():
+    for line in imported.lines:
         LOG.warning("%s: %s", path, line)
     return dict(located(imported.tree, path.parent))
 

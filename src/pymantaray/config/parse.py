@@ -1,4 +1,4 @@
-"""Check nested dictionaries of a file, with the keys of earlier versions, against the models of a configuration."""
+"""Check nested dictionaries of a file against the models of a configuration."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,6 @@ from pymantaray.config.checks import Model, checked
 from pymantaray.config.common import Section
 from pymantaray.config.conditions import CONDITIONS, with_conditions
 from pymantaray.config.geographic import PLACED
-from pymantaray.config.renamed import with_new_names
 
 Like = tuple[dict[str, Any], Section]
 """Nested dictionaries and the configuration that `parse` made of them."""
@@ -17,14 +16,12 @@ def parse(
     model: type[Model], tree: dict[str, Any], label: str, folder: Path | None, like: Like | None = None
 ) -> Model:
     """
-    Check nested dictionaries by a model, as `checked`; a study may have keys of earlier versions.
+    Check nested dictionaries by a model, as `checked`; the conditions of a study may be tables by name.
 
     Sections that are the same objects as in ``like`` are not checked again.
     """
-    if issubclass(model, Section) and model.in_toml:
-        tree = with_new_names(tree, label)
-        if CONDITIONS in model.model_fields:
-            tree = with_conditions(tree, label)
+    if issubclass(model, Section) and model.in_toml and CONDITIONS in model.model_fields:
+        tree = with_conditions(tree)
     return checked(model, tree if like is None else tree | _same_sections(tree, *like), label, folder)
 
 

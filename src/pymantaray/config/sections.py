@@ -45,6 +45,7 @@ from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.config.parse import parse
 from pymantaray.geometry.sphere import Earth
 from pymantaray.geometry.units import is_like_quantity, quantity_of
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
@@ -293,7 +294,7 @@ class OceanSection(Section):
     """True if the ocean varies during the mission."""
     currents: Literal["required", "rest"] = "required"
     """If the ocean has no currents: ``"required"`` is an error, ``"rest"`` sets them to zero."""
-    equation: Literal["teos-10", "del-grosso", "unesco"] = "teos-10"
+    equation: Equation = "teos-10"
     """Equation of sound speed from temperature, salinity and pressure."""
     bathymetry: Annotated[
         Metres[PositiveFloat] | InputFile | None,

@@ -29,12 +29,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
-from scipy.sparse.linalg import splu
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, Residual
 from pymantaray.estimation.range_models import chord
+from pymantaray.estimation.sparse_factor import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 
@@ -120,7 +120,7 @@ class ChordalProblem:
     def _positions_factor(self) -> Any:
         """Sparse factor of the rows and columns of the positions."""
         block = csc_array(self.quadratic[self.position_row][:, self.position_row])
-        return splu(block, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return symmetric_factor(block)
 
     def positions(self, x: Array) -> Array:
         """Positions of all variables."""

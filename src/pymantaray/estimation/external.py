@@ -390,9 +390,7 @@ def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_
     if random_starts < 0:
         raise EstimationError(f"random starts: {random_starts}; allowed: 0 or more")
     if random_starts and start not in {None, "best"}:
-        raise EstimationError(
-            f"{random_starts} random starts with start {start!r}; use --start best (in Python: start='best')"
-        )
+        raise EstimationError(f"{random_starts} random starts with start {start!r}; use `start='best'`")
 
 
 def is_cheap(graph: FactorGraph) -> bool:

@@ -81,7 +81,7 @@ _HELD = ("edge", "sighting")  # kinds that a file can hold
 LEFT_OUT = ("landmarks", *(kind.plural for name, kind in KINDS.items() if name not in _HELD))
 """Contents that a file cannot hold; landmarks are those without a sighting."""
 
-_TREATMENTS = "; or drop or repair these lines with --indefinite (in Python: indefinite)"
+_TREATMENTS = "; or drop or repair these lines with `indefinite`"
 _SYMBOL_SHIFT = 56  # GTSAM's symbols: a letter in the uppermost byte, a number below
 _LARGEST_ID = 2**31 - 1  # g2o's ids are C ints
 _INTEGER = re.compile("[0-9]{1,20}")
@@ -129,7 +129,7 @@ def write_g2o(
     if refused:
         raise EstimationError(
             f"{path}: g2o files hold poses, edges between them and sightings; the graph also has {', '.join(refused)}:"
-            " leave them out with --leave-out all (in Python: leave_out=LEFT_OUT)"
+            " leave them out with `leave_out`"
         )
     ids = _symbols(graph, path) if symbols else list(range(graph.n_variables))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:

@@ -150,7 +150,7 @@ class TextLines:
         listing = ", ".join(named) + (f" and {more} more words" if more else "")
         raise EstimationError(
             f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip and count"
-            " them with --skip-unknown (in Python: skip_unknown=True)"
+            " them with `skip_unknown=True`"
         )
 
     def treat(self, word: str, matrices: Array) -> tuple[Array, Mask]:

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.estimation._kernels import cholesky
 from pymantaray.estimation._kernels.residuals import Matrix
+from pymantaray.estimation.sparse_factor import symmetric_factor
 
 SIZE = 6
 _NO_VECTOR, _NO_BLOCKS = np.empty((0, SIZE)), np.empty((0, SIZE, SIZE))
@@ -117,15 +117,13 @@ def _order(size: int, pairs: Indices, fixed: Mask) -> Indices:
 
 
 def _minimum_degree(size: int, pairs: Indices) -> Indices:
-    """Row of each variable by multiple minimum degree; scipy offers it only within splu."""
+    """Row of each variable by multiple minimum degree; SciPy offers it only within a factorization."""
     a, b = pairs.T
     links = coo_array((np.full(a.size, -1.0), (a, b)), shape=(size, size)).tocsc()
     links = (links + links.T).tocsc()
     links.data[:] = -1.0
     links.setdiag(1.0 - links.sum(axis=0))  # weakly dominant, so that rows are not exchanged
-    options = {"SymmetricMode": True}
-    lu = splu(links.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    return np.asarray(lu.perm_c, dtype=np.intp)
+    return np.asarray(symmetric_factor(links.tocsc()).perm_c, dtype=np.intp)
 
 
 class Factor:

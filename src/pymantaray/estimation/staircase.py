@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array, eye_array, kron
-from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from pymantaray.arrays import Array
 from pymantaray.estimation.chordal_problem import ChordalProblem, not_quadratic
 from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.sparse_factor import symmetric_factor
 
 MAX_RELAXED_FACTORS = 500  # largest graph whose relaxation is solved: about 1 s of CPU
 GAP = 1e-3  # relative, and a tenth of it absolute: largest gap between cost and bound of a global minimum
@@ -220,9 +221,7 @@ def least_eigenpair(problem: ChordalProblem, x: Array) -> tuple[float, Array | N
 def positive_factor(matrix: csc_array) -> Any | None:
     """Sparse factor of a symmetric matrix; None unless all pivots are positive."""
     try:
-        factor = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        factor = symmetric_factor(matrix)
     except RuntimeError:  # exactly singular
         return None
     symmetric = np.array_equal(factor.perm_r, factor.perm_c)

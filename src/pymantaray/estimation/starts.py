@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.sparse.linalg import splu
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph import FactorGraph, GraphValues, connected_parts
+from pymantaray.estimation.sparse_factor import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
 
@@ -219,10 +219,7 @@ def _linear(
             np.sqrt(of_known)[:, None, None] * known,
         ]
     ).reshape(-1, 3)
-    solver = splu(
-        (a.T @ a).tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
-    return np.asarray(solver.solve(a.T @ right)).reshape(size, k, 3)
+    return np.asarray(symmetric_factor((a.T @ a).tocsc()).solve(a.T @ right)).reshape(size, k, 3)
 
 
 def first_of_chains(graph: FactorGraph) -> Indices:

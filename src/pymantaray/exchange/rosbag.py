@@ -7,7 +7,7 @@ World and body have the axes of REP 103, which `swap_enu` converts. Frames have 
 import re
 import shutil
 from collections.abc import Iterator, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
@@ -15,7 +15,14 @@ import numpy as np
 
 from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, optional_package
-from pymantaray.exchange.bag_limits import check_count, check_size, limited_unpacking
+from pymantaray.exchange.bag_sizes import (
+    check_bag1,
+    check_count,
+    check_mcap,
+    check_size,
+    unpacked_file,
+    unpacked_message,
+)
 from pymantaray.exchange.fixes import Fixes, centre_from_fixes, origin_of_frame
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Recording, VehiclePoses
@@ -42,9 +49,6 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     Satellite fixes (``NavSatFix``) give the centre of the frame. Fixes in the frame of the poses are at its origin; fixes of a
     vehicle are compared with its poses. A fix belongs to the vehicle whose name is a part of its topic.
     """
-    files = [path]
-    if path.is_dir() and path.suffix == ".bag":  # the library expects a file of ROS 1
-        files = sorted(file for kind in ("*.db3", "*.mcap") for file in path.glob(kind))
     if path.is_dir() and not any(any(path.glob(f"*.{kind}")) for kind in ("yaml", "db3", "mcap")):
         raise ExchangeError(f"{path}: this folder is not a bag; name files, or a folder with metadata.yaml")
     with optional_package(ExchangeError, path, "rosbags", "ros"):
@@ -54,13 +58,19 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     rows: dict[str, list[tuple[Any, ...]]] = {}
     located: dict[str, list[tuple[Any, ...]]] = {}
     try:
-        with limited_unpacking(), AnyReader(files, default_typestore=store) as bag:
+        with (
+            TemporaryDirectory() as temporary,
+            AnyReader(_files(path, temporary), default_typestore=store) as bag,
+        ):
+            for reader in () if bag.is2 else bag.readers:
+                check_bag1(reader)
             topics = [c for c in bag.connections if c.msgtype in _POSES or c.msgtype == _FIX]
             messages = bag.messages(connections=topics) if topics else []
             for count, (connection, _, raw) in enumerate(messages, 1):
                 check_count(count)
-                check_size(raw)
-                message = bag.deserialize(raw, connection.msgtype)
+                check_size(len(raw))
+                content = unpacked_message(raw) if bag.is2 else raw
+                message = bag.deserialize(content, connection.msgtype)
                 if connection.msgtype == _FIX:
                     located.setdefault(connection.topic, []).append(_fix_row(message))
                 else:
@@ -86,6 +96,24 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
         ]
     tracks = [_poses(name, values, path) for name, values in zip(names, rows.values(), strict=True)]
     return _with_centres(tracks, list(rows.values()), located, notes)
+
+
+def _files(path: Path, temporary: str) -> list[Path]:
+    """Files of a bag, whose chunks have been checked; files that are packed as a whole are unpacked into a temporary folder."""
+    from ruamel.yaml import YAML
+
+    files = [path]
+    if path.is_dir() and path.suffix == ".bag":  # the library expects a file of ROS 1
+        files = sorted(file for kind in ("*.db3", "*.mcap") for file in path.glob(kind))
+    elif path.is_dir():
+        metadata = YAML(typ="safe").load((path / "metadata.yaml").read_text())
+        bag = metadata["rosbag2_bagfile_information"]
+        files = [path / PurePath(name).name for name in bag["relative_file_paths"]]
+        if f"{bag.get('compression_mode')}".lower() == "file":
+            files = [unpacked_file(file, temporary) for file in files]
+    for file in files:
+        check_mcap(file)
+    return files
 
 
 def _with_centres(

@@ -48,7 +48,7 @@ def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:
         begin = f"Trajectories extend to {1e-3 * farthest:.1f} km from the centre of the frame, and {links}"
     return (
         f"{begin}: on a flat Earth, their ranges are too long by"
-        f' {amount} m; use --earth sphere (in Python: earth="sphere"; in TOML: acoustics.earth).'
+        f" {amount} m; use `earth='sphere'` (in a study: acoustics.earth)."
     )
 
 

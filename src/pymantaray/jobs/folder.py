@@ -19,7 +19,7 @@ from pymantaray.errors import JobError
 
 MANIFEST = "manifest.json"
 RUNS = Path("runs")
-_REMEDY = "select another folder with --out (in Python: out)"
+_REMEDY = "select another folder with `out`"
 _PART = ".mantaray-part"
 
 

@@ -4,7 +4,7 @@ Worker processes with one thread each.
 A process receives tasks through its standard input and returns results through its standard output. It never imports the
 script that started it, so it works from a script, a notebook, standard input and a daemonic process. It ends when its standard
 input ends, that is when its parent ends for any reason. (Processes of loky outlive a killed parent, and an interrupted parent
-waits for them.) On Linux, processes are forks of a server that has imported the modules of this package, see `fork_server`.
+waits for them.)
 """
 
 import logging
@@ -15,15 +15,14 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from queue import SimpleQueue
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
 from pymantaray.errors import JobError
-from pymantaray.installation import peak_memory_mib, spare_memory_management
-from pymantaray.jobs.fork_server import ForkedProcess, ForkServer
+from pymantaray.installation import peak_memory_mib
 
 # numerical libraries read these variables at start; more threads than cores are slower
 _ONE_THREAD = (
@@ -42,11 +41,8 @@ except EOFError:
 from pymantaray.jobs.processes import serve
 serve(sys.stdin.buffer)
 """
-"""Program of a worker in a new interpreter, which ends quietly if its parent ends first."""
+"""Program of a worker, which ends quietly if its parent ends first."""
 _COMMAND = [sys.executable, "-P", "-c", _SERVE]
-
-
-Process = subprocess.Popen[bytes] | ForkedProcess
 
 
 class WorkerEndedError(JobError):
@@ -57,7 +53,7 @@ class Workers:
     """
     Processes that run submitted messages through the function that ``start`` returns in each process.
 
-    They start and end with the block and import the modules that ``start`` needs. A process that ends early is replaced.
+    They start and end with the block, and import the module of ``start`` at once. A process that ends early is replaced.
 
     Parameters
     ----------
@@ -65,30 +61,22 @@ class Workers:
         Function of a module, or `functools.partial` of one.
     count : int
         Number of processes.
-    imports : sequence of str
-        Modules of this package that later `Workers` of this process need, too; they are imported once for all. Functions
-        ``module:function`` are called, too.
     """
 
     largest_mib: ClassVar[float] = 0.0
     """Peak resident memory of any process of all `Workers` of this process. [MiB]"""
     _counting = threading.Lock()
 
-    def __init__(
-        self, start: Callable[[], Callable[[Any], Any]], count: int, *, imports: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, start: Callable[[], Callable[[Any], Any]], count: int) -> None:
         self._start, self._count = start, count
-        self._imports = [*imports, *_modules(start)]
-        self._server: ForkServer | None = None
-        self._processes: list[Process] = []
-        self._idle: SimpleQueue[Process] = SimpleQueue()
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
         self._pool, self._lock, self._over = ThreadPoolExecutor(count), threading.Lock(), False
         self.peak_memory_mib = 0.0
         """Peak resident memory of any of these processes. [MiB]"""
 
     def __enter__(self) -> Self:
         """Start the processes."""
-        self._server = ForkServer.acquire(_COMMAND, _environment())
         try:
             for _ in range(self._count):
                 self._idle.put(self._begin())
@@ -133,9 +121,14 @@ class Workers:
                     process = self._begin()
             self._idle.put(process)
 
-    def _begin(self) -> Process:
-        forked = None if self._server is None else self._server.start(self._imports)
-        process: Process = forked or _start_process()
+    def _begin(self) -> subprocess.Popen[bytes]:
+        process = subprocess.Popen(
+            _COMMAND,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=_environment(),
+            process_group=0,  # only the parent receives Ctrl-C
+        )
         self._processes.append(process)
         _send(process, sys.path)
         _send(process, pickle.dumps(self._start))
@@ -149,18 +142,6 @@ class Workers:
         self._pool.shutdown(cancel_futures=True)
         for process in self._processes:
             process.communicate()
-        if self._server is not None:
-            self._server.release()
-            self._server = None
-
-
-def _modules(start: object) -> Iterator[str]:
-    """Modules of a function, and of the functions and classes among the arguments of a `partial`."""
-    if isinstance(start, partial):
-        for part in (start.func, *start.args):
-            yield from _modules(part)
-    elif isinstance(name := getattr(start, "__module__", None), str):
-        yield name
 
 
 def _environment() -> dict[str, str]:
@@ -168,17 +149,7 @@ def _environment() -> dict[str, str]:
     return {"KMP_DUPLICATE_LIB_OK": "True"} | os.environ | dict.fromkeys(_ONE_THREAD, "1")
 
 
-def _start_process() -> "subprocess.Popen[bytes]":
-    return subprocess.Popen(
-        _COMMAND,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=_environment(),
-        process_group=0,  # only the parent receives Ctrl-C
-    )
-
-
-def _send(process: Process, message: object) -> None:
+def _send(process: subprocess.Popen[bytes], message: object) -> None:
     assert process.stdin is not None  # for the type checker
     try:
         pickle.dump(message, process.stdin)
@@ -187,7 +158,7 @@ def _send(process: Process, message: object) -> None:
         pass  # the process ended; reading its answer gives the cause
 
 
-def _answer(process: Process, message: object) -> tuple[object, float]:
+def _answer(process: subprocess.Popen[bytes], message: object) -> tuple[object, float]:
     """Result of a message, or the error that the process raised, and the peak memory of the process. [MiB]"""
     assert process.stdout is not None  # for the type checker
     _send(process, message)
@@ -202,7 +173,6 @@ def _answer(process: Process, message: object) -> tuple[object, float]:
 
 def serve(requests: BinaryIO) -> NoReturn:
     """Main loop of a process of `Workers`, with its standard input."""
-    spare_memory_management()
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # printed text must not mix with the results
     logging.getLogger("pymantaray").setLevel(logging.ERROR)  # the parent has logged warnings already

@@ -148,9 +148,7 @@ class ReadOptions:
             return time, place, place
         rising, first = np.unique(time, return_index=True)
         if rising.size < 2:
-            raise LocateError(
-                "position_at: interpolation needs at least two pings; use --position-at both (in Python: position_at)"
-            )
+            raise LocateError("position_at: interpolation needs at least two pings; use `position_at='both'`")
         sent = time if self.position_at == "transmission" else time - duration
         wanted = sent + duration if self.position_at == "transmission" else sent
         other = np.column_stack([_extended(wanted, rising, place[first, axis]) for axis in range(3)])

@@ -132,7 +132,7 @@ def sound_speed_terms(
     if kind == "modes":
         if modes is None:
             raise LocateError(
-                "speed_model 'modes' needs vertical modes; give several profiles or an ocean with --modes (in Python: modes)"
+                "speed_model 'modes' needs vertical modes; give several profiles or an ocean as `modes`"
             )
         return SoundSpeed(kind, (), modes)
     if kind == "known":

@@ -16,11 +16,12 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import DEEPEST, is_unit_of, minute, our_unit, to_our_unit
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instrument_table import InstrumentTable
 from pymantaray.ocean.instruments import instrument_table
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
-from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair_salinity, sound_speed
+from pymantaray.ocean.seawater import TOO_COLD, freezing_notes, repair_salinity, sound_speed
 from pymantaray.records.text_table import read_text, read_text_table
 
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
@@ -139,7 +140,7 @@ class Cast:
 
         Parameters
         ----------
-        equation : {"teos-10", "del-grosso", "unesco"}
+        equation : str
             As in `pymantaray.ocean.sound_speed`.
 
         Returns

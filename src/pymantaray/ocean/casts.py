@@ -25,11 +25,12 @@ from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.cast_folders import is_cast_folder, read_each
 from pymantaray.ocean.cf_profiles import DATA_SET, holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import DEEPEST, parse_instant
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.positions import Position, known_position, position_in_comment
 from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history
-from pymantaray.ocean.seawater import Equation, sound_speed
+from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.window import rectangle
 from pymantaray.records.text_table import MONTHS
 from pymantaray.user_files import exists
@@ -426,7 +427,7 @@ def cast_ocean(
         of the deepest sample, so sound speed increases with pressure alone. A deeper cast: its samples below this cast.
     time : str or numpy.datetime64, optional
         Instant (UTC) of the ocean. Default: the time of the cast, NaT if it is unknown.
-    equation : {"teos-10", "del-grosso", "unesco"}
+    equation : str
         Equation of the sound-speed change that the history reports.
 
     Returns

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.geometry.checks import distinct_digits
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.open import CurrentsPolicy, read_ocean
 from pymantaray.ocean.schema import Finding, latitude, longitude, place_of, violations
 from pymantaray.ocean.seawater import (
     SUPERCOOLED,
     UNFROZEN,
-    Equation,
     density_fall,
     gridded_water,
     ocean_sound_speed,
@@ -168,7 +168,7 @@ def check_ocean(
         of an error.
     sea_floor : xarray.DataArray, optional
         Sea floor for `to_local`.
-    equation : {"teos-10", "del-grosso", "unesco"}
+    equation : str
         Equation of sound speed.
     currents : {"required", "rest"}
         As in `pymantaray.ocean.open_ocean`.

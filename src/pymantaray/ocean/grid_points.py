@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array, Mask
+from pymantaray.ocean.equations import Equation, check_equation
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import (
     extended_down,
@@ -15,7 +16,7 @@ from pymantaray.ocean.sea_floor import (
     nearest_wet_columns,
     sea_floor_depth,
 )
-from pymantaray.ocean.seawater import Equation, check_equation, sound_speed
+from pymantaray.ocean.seawater import sound_speed
 
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns of grid points."""

@@ -16,9 +16,9 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.splines import axis_spline
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
-from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window, rectangle
 
 _SPLINE = 40  # grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here 1e-23
@@ -52,7 +52,7 @@ def to_local(
     sea_floor : xarray.DataArray, optional
         From `open_sea_floor`. It is taken if its grid is as fine as the ocean's
         or finer; otherwise, and by default, the sea floor is where the ocean's levels end. [m]
-    equation : {"teos-10", "del-grosso", "unesco"}
+    equation : str
         Equation of sound speed, see `sound_speed`.
 
     Returns

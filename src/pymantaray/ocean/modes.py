@@ -13,8 +13,9 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.cast import Cast
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import layer_edges, validate_ocean
-from pymantaray.ocean.seawater import Equation, sound_speed
+from pymantaray.ocean.seawater import sound_speed
 
 _MIN_COLUMNS = 0.5  # fraction of the wet columns that must reach the deepest level of the modes
 
@@ -163,7 +164,7 @@ def vertical_modes(
     levels : array_like, shape (n_levels,), optional
         For casts only: levels for averaging, within the samples of all casts. Default: every 5 m between the deepest first
         and the shallowest last sample. [m]
-    equation : {"teos-10", "del-grosso", "unesco"}
+    equation : str
         Equation of sound speed.
 
     Returns

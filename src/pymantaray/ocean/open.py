@@ -429,7 +429,7 @@ class Collection:
 
     def _lacks(self, roles: Sequence[str]) -> OceanError:
         relative = [n for p in self.parts for n in p.layout.grid_relative]
-        rest = 'set the currents to zero with --currents rest (in TOML under [ocean] and in Python: currents = "rest")'
+        rest = "set the currents to zero with `currents='rest'` (in a study: ocean.currents)"
         if relative and set(roles) <= set(_ROLES[2:]):
             return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, or {rest}")
         line = (

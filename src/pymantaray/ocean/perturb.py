@@ -13,9 +13,10 @@ from scipy.interpolate import RectBivariateSpline
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.modes import VerticalModes, vertical_modes
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude, validate_ocean, with_history
-from pymantaray.ocean.seawater import Equation, absolute_and_conservative, sound_speed
+from pymantaray.ocean.seawater import absolute_and_conservative, sound_speed
 from pymantaray.ocean.window import counted_place
 
 _NODES_PER_SCALE = 4.0  # of a random field; the cubic spline then loses 0.1 % of the standard deviation
@@ -55,7 +56,7 @@ def perturb_ocean(
         of the variance.
     down_to : float, optional
         Depth limit of the water for ``rms``. Default: the sea bed. [m]
-    equation : {"teos-10", "del-grosso", "unesco"}
+    equation : str
         Equation of sound speed.
 
     Returns

@@ -7,9 +7,10 @@ import xarray as xr
 from pymantaray.arrays import Array
 from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.ocean.convert import time_text
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
-from pymantaray.ocean.seawater import Equation, ocean_sound_speed
+from pymantaray.ocean.seawater import ocean_sound_speed
 
 
 def region_table(
@@ -26,7 +27,7 @@ def region_table(
     ----------
     ocean : xarray.Dataset
         A valid ocean.
-    equation : {"teos-10", "del-grosso", "unesco"}
+    equation : str
         Equation of sound speed.
     sea_floor : xarray.DataArray, optional
         Sea floor from `pymantaray.ocean.open_sea_floor`. Default: half-way below the last level with water. [m]
@@ -78,7 +79,7 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     ----------
     ocean : xarray.Dataset
         A valid ocean or a part of it.
-    equation : {"teos-10", "del-grosso", "unesco"}
+    equation : str
         Equation of sound speed.
 
     Returns

@@ -291,9 +291,9 @@ def _check_size(size: float, max_bytes: float, tolerance: float) -> None:
     """Raise an error for a table that is too large."""
     if size > max_bytes:
         raise OnlineError(
-            f"travel-time table: more than {max_bytes / 1e3:.0f} kB are needed; smooth the profile (--smooth 10; in Python:"
-            f" smooth), allow a larger error (--error {4.0 * tolerance:g}; tolerance), or give larger steps, narrower limits or"
-            " fewer sectors (--sectors)"
+            f"travel-time table: more than {max_bytes / 1e3:.0f} kB are needed; smooth the profile"
+            f" (`smooth=10`), allow a larger error (`tolerance={4.0 * tolerance:g}`), or give larger steps, narrower limits or"
+            " fewer `sectors`"
         )
 
 

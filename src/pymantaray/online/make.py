@@ -76,7 +76,7 @@ def build_table(
     members = [entry if isinstance(entry, Water) else open_water(entry) for entry in (water, *ensemble)]
     box = _box(source_depth, receiver_depth, horizontal_range)
     if not (math.isfinite(tolerance) and tolerance > 0.0):
-        raise OnlineError(f"tolerance (--error) is {tolerance}; a positive length in metres is needed")
+        raise OnlineError(f"`tolerance` is {tolerance}; a positive length in metres is needed")
     if sectors < 1:
         raise OnlineError(f"sectors is {sectors}; at least 1 is needed")
     trees: list[Tree] = []
@@ -118,9 +118,9 @@ def _radial(water: Water, node: tuple[float, float], bearing: float) -> Radial:
 def _box(*limits: Limits) -> Box:
     """Limits and smallest cells; an error if a limit is invalid."""
     names = (
-        "source_depth (--source-depth)",
-        "receiver_depth (--receiver-depth)",
-        "horizontal_range (--range)",
+        "`source_depth`",
+        "`receiver_depth`",
+        "`horizontal_range`",
     )
     lower, upper, smallest = [], [], []
     for name, values in zip(names, limits, strict=True):

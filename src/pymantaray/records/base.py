@@ -204,9 +204,7 @@ class Record:
         kind = dataset.attrs.get("mantaray_record")
         if kind != cls.kind:
             raise RecordError(f"data set contains {kind!r}; it must be {cls.kind!r}")
-        dataset = _today(dataset)
         names = {f.name: _variable(f) for f in cls._columns()}
-        names |= {name: name for name in names if name in dataset.data_vars}  # labels of older files
         names = {
             f.name: names[f.name]
             for f in cls._columns()
@@ -373,12 +371,6 @@ def _counted_rows(dimension: str, size: int) -> str:
     noun = dimension.removeprefix("n_").removesuffix("s") if dimension.startswith("n_") else dimension
     noun = _NOUNS.get(noun, noun.replace("_", " "))
     return f"{size:,} fixes" if noun == "fix" and size != 1 else counted(size, noun)
-
-
-def _today(dataset: "xr.Dataset") -> "xr.Dataset":
-    """Rename dimensions and variables of files of run formats 2 and 3, which call vehicles agents."""
-    names = [str(name) for name in {*dataset.dims, *dataset.variables}]
-    return dataset.rename({name: name.replace("agent", "vehicle") for name in names if "agent" in name})
 
 
 def _label(dataset: "xr.Dataset") -> "xr.Dataset":

@@ -52,8 +52,7 @@ def predict_draws(
     rough = medium.surface.roughness
     if draws > 1 and rough is None:
         raise ReplayError(
-            "draws: the ice is smooth, so all draws are equal; give --ice-slope, or leave out --draws"
-            " (in Python: ice_slope_deg, draws)"
+            "draws: the ice is smooth, so all draws are equal; give `ice_slope_deg`, or leave out `draws`"
         )
     source, receiver = ends_of(events, rows, water, medium.earth)
     if rough is not None and events.geographic and (water.frame is None or water.uniform):
@@ -197,7 +196,7 @@ def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.b
         return ()
     share = 100.0 * predicted.mean()
     hint = (
-        f"{share:.0f} % of the events are predicted, and no reflections are allowed; with --max-surface-bounces {_SUGGESTED_BOUNCES}"
-        f" (in Python: max_surface_bounces), {gained} of {sample.size} of the other events have an arrival"
+        f"{share:.0f} % of the events are predicted, and no reflections are allowed; with"
+        f" `max_surface_bounces={_SUGGESTED_BOUNCES}`, {gained} of {sample.size} of the other events have an arrival"
     )
     return (hint,)

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
-from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
@@ -23,12 +22,11 @@ from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_quantiles import quantiles_by_run
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
-from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Explorer, Page, entries
 from pymantaray.report.run_page import SYNTHETIC_NOTE
 from pymantaray.report.style import condition_label, shortened
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.write import checked_formats, draw
+from pymantaray.report.write import write_page
 from pymantaray.study.store import TABLES as TABLES_FOLDER
 from pymantaray.study.store import open_run
 from pymantaray.study.tables import TABLES
@@ -110,15 +108,13 @@ def write_comparison(
         If there are fewer than two folders, a folder is not a run, ``out`` is not empty, or a file cannot be written. No files
         remain then.
     """
-    checked_formats(formats)
     if len(run_dirs) < 2:
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
     runs = by_name([RunResults(open_run(run_dir)) for run_dir in run_dirs])
     tables, specs = comparison_tables(runs), comparison_figure_specs(runs)
-    with staged_folder(out, "comparison", latest=False) as (stage, folder):
-        pictures = draw(specs, formats=formats, progress=progress)
-        write_files(stage, _page(runs, tables, pictures).files(formats))
-    return folder / PAGE
+    return write_page(
+        out, "comparison", specs, lambda pictures, _: _page(runs, tables, pictures), {}, formats, progress
+    )
 
 
 def by_name(results: Sequence[RunResults]) -> dict[str, RunResults]:

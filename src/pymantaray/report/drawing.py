@@ -1,7 +1,6 @@
-"""Drawn figures, as processes exchange them: this module imports no library that draws."""
+"""Drawn figures."""
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import NamedTuple
 
 from pymantaray.study.store import FIGURES
@@ -18,10 +17,3 @@ class Picture(NamedTuple):
     legend: Sequence[tuple[str, str, str]] = ()
     paper: str = ""
     folder: str = f"{FIGURES}/"
-
-
-class Drawing(NamedTuple):
-    """Figures of a run by name, and its rays as JSON; empty if they are not drawn yet."""
-
-    pictures: Mapping[str, Picture] = MappingProxyType({})
-    rays: str = ""

@@ -105,7 +105,6 @@ class _Entry:
     draw: Callable[[RunResults], Figure]
     needs: Callable[[RunResults], bool]
     of_mission: bool
-    of_errors: bool
     paper: str
 
 
@@ -120,31 +119,25 @@ def register(
     draw: Callable[[RunResults], Figure],
     needs: Callable[[RunResults], bool] = lambda _: True,
     of_mission: bool = False,
-    of_errors: bool = False,
     paper: str = "",
 ) -> None:
     """
     Add a figure to all reports whose results satisfy ``needs``; ``place`` is its rank on the page.
 
     A caption may contain attributes of `RunResults`, such as ``{r.received:,}``. A figure with ``of_mission`` does not depend on
-    the realizations, so it may be drawn before they are solved. A figure with ``of_errors`` depends on position errors but on no
-    table, so it may be drawn while another process computes the tables. ``paper`` is its counterpart in the paper.
+    the realizations, so it may be drawn before they are solved. ``paper`` is its counterpart in the paper.
     """
-    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, of_errors, paper)
+    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper)
 
 
-def run_figure_specs(
-    results: RunResults, *, of_mission: bool = False, of_errors: bool = False
-) -> list[FigureSpec]:
-    """Figures of a run in the order of the page; with ``of_mission`` or ``of_errors``, only those that `register` describes."""
+def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[FigureSpec]:
+    """Figures of a run in the order of the page; with ``of_mission``, only those that do not depend on the realizations."""
     find_figures()
     entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
     return [
         FigureSpec(name, _caption(entry, results), partial(entry.draw, results), entry.paper)
         for name, entry in entries
-        if (entry.of_mission or not of_mission)
-        and (entry.of_errors or not of_errors)
-        and entry.needs(results)
+        if (entry.of_mission or not of_mission) and entry.needs(results)
     ]
 
 

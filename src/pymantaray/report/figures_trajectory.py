@@ -222,7 +222,6 @@ register(
         r.header,
     ),
     needs=lambda r: r.run.config.solves,
-    of_errors=True,
 )
 register(
     "error_over_time",
@@ -232,5 +231,4 @@ register(
         r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
     ),
     needs=lambda r: r.run.config.solves,
-    of_errors=True,
 )

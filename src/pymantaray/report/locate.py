@@ -1,13 +1,13 @@
 """Page, tables and figures of located nodes: survey map, residuals, sound speed over time; and the figure of a plan."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.locate import Location, SurveyPlan
 from pymantaray.locate.write import write_location
@@ -17,10 +17,8 @@ from pymantaray.records.result_table import ResultTable
 from pymantaray.report import style
 from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec
-from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Card, Page, origin_table
-from pymantaray.report.write import checked_formats, draw
-from pymantaray.study.store import write_json
+from pymantaray.report.write import write_page
 
 _MICRO = 1e6
 _MAX_NODES = 6  # whose residuals have a colour
@@ -66,19 +64,13 @@ def write_location_page(
     JobError
         If the folder is not empty or cannot be written.
     """
-    checked_formats(formats)
     record = (made_by or {}) | {"model": location.hyperparameters}
-    with staged_folder(out, "locate", latest=False) as (stage, folder):
-        pictures = draw(_figure_specs(location), formats=formats, progress=progress)
-        page = _page(location, pictures, record, notes or [])
-        write_files(stage, page.files(formats))
-        write_location(location, stage)
-        write_json(record, stage / "locate.json")
-    return folder / PAGE
+    page_of, others = partial(_page, location, notes or []), partial(write_location, location)
+    return write_page(out, "locate", _figure_specs(location), page_of, record, formats, progress, others)
 
 
 def _page(
-    location: Location, pictures: Sequence[Picture], record: dict[str, Any], notes: Sequence[str]
+    location: Location, notes: Sequence[str], pictures: Sequence[Picture], record: dict[str, Any]
 ) -> Page:
     tables = location.tables
     return Page(

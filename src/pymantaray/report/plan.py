@@ -1,13 +1,13 @@
 """Page of a plan: front, map, errors over time and lost links of the best designs, and all designs."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.plan import PlanResults
 from pymantaray.plan.detail import DesignDetail, detail_of
@@ -18,12 +18,10 @@ from pymantaray.report import plan_figures as figures
 from pymantaray.report import style
 from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec, with_source
-from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Card, Page, origin_table
 from pymantaray.report.run_page import SYNTHETIC_NOTE
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.write import checked_formats, draw
-from pymantaray.study.store import write_json
+from pymantaray.report.write import write_page
 
 _MAX_OTHERS = 3  # designs of the front beside the best one
 _FEW_VALUES = 12  # of a key that can divide designs into series
@@ -63,16 +61,11 @@ def write_plan_page(
     JobError
         If the folder is not empty or cannot be written.
     """
-    checked_formats(formats)
     section = results.plan.section.model_dump(mode="json", exclude_none=True)
     record = (made_by or {}) | {"plan": section}
-    with staged_folder(out, "plan", latest=False) as (stage, folder):
-        details = shown_designs(results)
-        pictures = draw(_figure_specs(results, details), formats=formats, progress=progress)
-        page = _page(results, details, pictures, record)
-        write_files(stage, page.files(formats))
-        write_json(record, stage / "plan.json")
-    return folder / PAGE
+    details = shown_designs(results)
+    page_of = partial(_page, results, details)
+    return write_page(out, "plan", _figure_specs(results, details), page_of, record, formats, progress)
 
 
 def shown_designs(results: PlanResults) -> dict[str, DesignDetail]:

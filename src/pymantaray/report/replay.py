@@ -1,6 +1,7 @@
 """Page, tables and figures of a replay: residuals over range and time, coverage, clocks and switching."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import RayStatus
 from pymantaray.records.digits import metres, show, signed_metres
@@ -17,11 +17,9 @@ from pymantaray.replay import Replay
 from pymantaray.report import style
 from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec
-from pymantaray.report.folder import PAGE, write_files
 from pymantaray.report.page import Card, Explorer, Page, origin_table
 from pymantaray.report.table_explorer import table_explorer
-from pymantaray.report.write import checked_formats, draw
-from pymantaray.study.store import write_json
+from pymantaray.report.write import write_page
 
 _MAX_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows
@@ -72,13 +70,9 @@ def write_replay(
     JobError
         If the folder is not empty or cannot be written.
     """
-    checked_formats(formats)
     record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (made_by or {})
-    with staged_folder(out, "replay", latest=False) as (stage, folder):
-        pictures = draw(_figure_specs(replay), formats=formats, progress=progress)
-        write_files(stage, _page(replay, pictures, record).files(formats))
-        write_json(record, stage / "replay.json")
-    return folder / PAGE
+    page_of = partial(_page, replay)
+    return write_page(out, "replay", _figure_specs(replay), page_of, record, formats, progress)
 
 
 def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -> Page:

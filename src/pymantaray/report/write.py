@@ -1,23 +1,23 @@
 """Report of a run in its folder: tables, figures and page, replaced atomically."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from pymantaray.errors import ReportError
-from pymantaray.jobs.folder import staged_parts
+from pymantaray.jobs.folder import staged_folder, staged_parts
 from pymantaray.jobs.progress import Progress
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report.drawing import Drawing, Picture
+from pymantaray.report.drawing import Picture
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs
 from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
-from pymantaray.report.page import Page, packed
+from pymantaray.report.page import Page
 from pymantaray.report.run_page import run_page
 from pymantaray.report.style import legend_entries, rendered
-from pymantaray.study.store import Run, open_run
+from pymantaray.study.store import Run, open_run, write_json
 from pymantaray.study.tables import OF_MISSION, SUMMARY
 
 _PIXELS_PER_INCH = 133.0  # of figures on the page
@@ -57,6 +57,31 @@ def write_report(
     return run.path / PAGE
 
 
+def write_page(
+    out: str | Path | None,
+    name: str,
+    specs: Sequence[FigureSpec],
+    page_of: Callable[[Sequence[Picture], dict[str, Any]], Page],
+    record: dict[str, Any],
+    formats: Sequence[str],
+    progress: Progress | None,
+    others: Callable[[Path], object] = lambda _: None,
+) -> Path:
+    """
+    Draw figures, and write them with their page and its tables into a new folder; return the page.
+
+    A record of the origin becomes ``NAME.json``; ``others`` writes more files into a folder.
+    """
+    checked_formats(formats)
+    with staged_folder(out, name, latest=False) as (stage, folder):
+        pictures = draw(specs, formats=formats, progress=progress)
+        write_files(stage, page_of(pictures, record).files(formats))
+        others(stage)
+        if record:
+            write_json(record, stage / f"{name}.json")
+    return folder / PAGE
+
+
 def checked_formats(formats: Sequence[str]) -> Sequence[str]:
     """Formats of a report; raise an error for an unknown one."""
     for name in formats:
@@ -66,78 +91,38 @@ def checked_formats(formats: Sequence[str]) -> Sequence[str]:
 
 
 class ReportMaker:
-    """
-    Maker of a run's report.
-
-    `make` does everything. The other methods do parts of it earlier, which two processes can share: the first draws figures of the
-    mission, then of position errors; the second computes tables, draws the other figures, and makes the page and the files.
-    """
+    """Maker of a run's report; `prepare` does the parts before it that do not depend on the realizations."""
 
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats = checked_formats(formats)
         self._mission, self._tables = dict[str, Any](), dict[str, ResultTable]()
-        self._results: RunResults | None = None
-        self._page: Page | None = None
-        self._rest = dict[str, Picture]()
+        self._pictures, self._rays = dict[str, Picture](), ""
 
-    def draw_mission(self, folder: Path) -> Drawing:
-        """Figures and rays that do not depend on the realizations, of a run's working folder."""
+    def prepare(self, folder: Path) -> None:
+        """Draw figures and compute tables that do not depend on the realizations, of a run's working folder."""
         results = RunResults(Run(folder))
-        pictures = self._drawn(run_figure_specs(results, of_mission=True))
-        rays = mission_rays(results)
-        self._keep(results.run)
-        return Drawing(pictures, rays)
-
-    def compute_mission(self, folder: Path) -> None:
-        """Compute the numbers of tables that do not depend on the realizations, of a run's working folder."""
-        run = Run(folder)
+        run = results.run
         run.expect_errors()
         self._tables = {name: run.tables[name] for name in OF_MISSION if name in run.tables}
-        self._keep(run)
-
-    def draw_errors(self, folder: Path) -> dict[str, Picture]:
-        """Figures of a finished run that depend on its position errors, and not on tables."""
-        return self._drawn(run_figure_specs(self._opened(folder), of_errors=True))
-
-    def draw_rest(self, folder: Path, rays: str) -> None:
-        """Compute the tables of a finished run, draw the figures that no other method draws, and fill the page except its figures."""
-        self._results = results = self._opened(folder)
-        others = [*run_figure_specs(results, of_mission=True), *run_figure_specs(results, of_errors=True)]
-        names = {spec.name for spec in others}
-        _ = list(results.tables.values())
-        self._rest = self._drawn([spec for spec in run_figure_specs(results) if spec.name not in names])
-        self._page = run_page(results, (), rays)
-        assert self._page.explorer is not None
-        packed(self._page.explorer.data)
-
-    def make(
-        self,
-        folder: Path,
-        progress: Progress | None = None,
-        drawn: Mapping[str, Picture] = MappingProxyType({}),
-    ) -> tuple[dict[str, bytes], dict[str, ResultTable]]:
-        """Files of the report of a finished run, by name, and the tables that a command prints."""
-        results = self._results or self._opened(folder)
-        specs, drawn = run_figure_specs(results), {**self._rest, **drawn}
-        page = self._page or run_page(results, (), mission_rays(results))
-        page = replace(page, pictures=draw(specs, formats=self._formats, drawn=drawn, progress=progress))
-        return page.files(self._formats), {
-            name: results.tables[name] for name in SUMMARY if name in results.tables
-        }
-
-    def _keep(self, run: Run) -> None:
-        """Keep what was read and computed of a mission."""
+        pictures = draw(run_figure_specs(results, of_mission=True), formats=self._formats)
+        self._pictures = {picture.name: picture for picture in pictures}
+        self._rays = mission_rays(results)
         self._mission = {name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN}
 
-    def _opened(self, folder: Path) -> RunResults:
-        """Results of a finished run, with what was kept of its mission."""
+    def make(
+        self, folder: Path, progress: Progress | None = None
+    ) -> tuple[dict[str, bytes], dict[str, ResultTable]]:
+        """Files of the report of a finished run, by name, and the tables that a command prints."""
         run = open_run(folder)
         vars(run).update(self._mission)
         run.tables.use(self._tables)
-        return RunResults(run)
-
-    def _drawn(self, specs: Sequence[FigureSpec]) -> dict[str, Picture]:
-        return {picture.name: picture for picture in draw(specs, formats=self._formats)}
+        results = RunResults(run)
+        page = run_page(results, (), self._rays or mission_rays(results))
+        specs = run_figure_specs(results)
+        pictures = draw(specs, formats=self._formats, drawn=self._pictures, progress=progress)
+        return replace(page, pictures=pictures).files(self._formats), {
+            name: results.tables[name] for name in SUMMARY if name in results.tables
+        }
 
 
 def draw(

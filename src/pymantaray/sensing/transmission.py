@@ -292,7 +292,7 @@ def _along_rays(
         if currents is not None or reception.detector is None:
             raise SensingError(
                 "currents along rays: they need the paths of the rays, which are not traced under rough ice; leave out"
-                " --ice-slope, or use --currents rest (in Python: ice_slope_deg, currents='rest')"
+                " `ice_slope_deg`, or use `currents='rest'`"
             )
         return AlongRays(None, reception.detector.loss_db(medium, *ends, arrivals, None))
     delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)

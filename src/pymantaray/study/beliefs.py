@@ -44,9 +44,9 @@ from pymantaray.ocean import (
     sea_floor_depth,
     vertical_modes,
 )
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.perturb import draw_sound_speed_error
-from pymantaray.ocean.seawater import Equation
 from pymantaray.ocean.window import Window
 from pymantaray.sensing import ReceptionOptions
 from pymantaray.study.range_models.eigenray_model import EigenrayModel

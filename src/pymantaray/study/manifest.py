@@ -20,8 +20,8 @@ from pymantaray.messages import without_secrets
 from pymantaray.study.references import Citations
 from pymantaray.study.tracks import centre_note, read_fleet
 
-FORMATS = (2, 3, 4)
-"""Formats of run folders that can be read. In 2, dimensions have no labels; before 4, vehicles are called agents."""
+FORMAT = 4
+"""Format of run folders."""
 
 
 class Stopwatch:
@@ -58,7 +58,7 @@ def describe_run(
 ) -> dict[str, Any]:
     """Content of a manifest: everything that results depend on, and their cost; ``ocean`` has the local ocean's attributes."""
     return {
-        "format": FORMATS[-1],
+        "format": FORMAT,
         "study": config.study.name,
         "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
         "ocean": {

@@ -144,7 +144,7 @@ def _check_participants(config: StudyConfig, tracks: Tracks | None, schedule: Sc
     if not config.conditions and len(names) + len(landmarks) < 2:
         raise StudyError(
             f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the trajectory of another vehicle, or a"
-            " landmark: --set 'landmarks=[{name=\"L\", north=0, east=0, depth=30}]' (in Python landmarks=[...])"
+            " landmark: [[landmarks]] with name, north, east and depth"
         )
     if schedule is not None or config.mission.schedule is not None:
         (schedule or build_schedule(config)).check_names(names, landmarks)

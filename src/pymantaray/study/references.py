@@ -16,6 +16,7 @@ from pymantaray.acoustics.reflection import sediment_source
 from pymantaray.config.estimators import ConditionSection, FileBelief, NumericsBelief
 from pymantaray.config.sections import AcousticsSection, DetectionSection, StudyConfig
 from pymantaray.ocean import holds_casts
+from pymantaray.ocean.equations import EQUATIONS
 from pymantaray.ocean.files import open_file
 
 _SYNTHETIC = {
@@ -29,11 +30,6 @@ _SAYS = {
     "etopo1": "amante2009",
 }
 """Words in a file's attributes that identify the owner of its data."""
-_EQUATIONS = {
-    "teos-10": ("mcdougall2011",),
-    "del-grosso": ("delgrosso1974", "wong1995"),
-    "unesco": ("chen1977", "wong1995"),
-}
 _ABSORPTION = {
     "francois-garrison": ("francois1982a", "francois1982b"),
     "ainslie-mccolm": ("ainslie1998",),
@@ -178,7 +174,7 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
         yield from _data(source, "ocean")
     if isinstance(o.bathymetry, str):
         yield from _data(o.bathymetry, "sea floor")
-    for key in _EQUATIONS[o.equation]:
+    for key in EQUATIONS[o.equation].references:
         yield key, "sound speed"
     yield "dormand1980", "integration of rays"
     if a.spreading_cutoff_db != "none":
@@ -228,7 +224,7 @@ def _condition(e: ConditionSection, solver: str) -> Iterator[tuple[str, str]]:
         for source in e.belief.source:
             yield from _data(source, "ocean that an estimator assumes")
     if isinstance(e.belief, NumericsBelief) and e.belief.equation is not None:
-        for key in _EQUATIONS[e.belief.equation]:
+        for key in EQUATIONS[e.belief.equation].references:
             yield key, "sound speed that an estimator assumes"
     if e.modes is not None or e.variance.kind != "fixed":
         yield "munk1995", "travel times that depend on uncertain water"

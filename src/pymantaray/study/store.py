@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.config.load import load_resolved
+from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
@@ -38,7 +38,7 @@ from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, RangingDraws, draw_picks, perturb
 from pymantaray.study.data_frames import error_frame, pose_frame, range_frame
-from pymantaray.study.manifest import FORMATS
+from pymantaray.study.manifest import FORMAT
 from pymantaray.study.tables import SUMMARY, RunTables
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class Run:
     @cached_property
     def config(self) -> StudyConfig:
         """Resolved configuration, defaults included."""
-        return load_resolved(self.path / CONFIG)
+        return load_study(self.path / CONFIG)
 
     @cached_property
     def ocean(self) -> xr.Dataset:
@@ -191,7 +191,7 @@ class Run:
 
     @cached_property
     def covariances(self) -> PoseCovariances | None:
-        """Covariances of all solves at fixed epochs; None in a run of an older version."""
+        """Covariances of all solves at fixed epochs; None in a study without conditions."""
         path = self.path / COVARIANCES
         return PoseCovariances.load(path) if path.is_file() else None
 
@@ -460,10 +460,8 @@ def open_run(path: str | Path) -> Run:
     if not (folder / MANIFEST).is_file():
         raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
     run = Run(folder.resolve())
-    if (number := run.manifest.get("format")) not in FORMATS:
-        raise StudyError(
-            f"{folder}: run format {number!r}; this version reads formats {FORMATS[0]} to {FORMATS[-1]}"
-        )
+    if (number := run.manifest.get("format")) != FORMAT:
+        raise StudyError(f"{folder}: run format {number!r}; this version reads format {FORMAT}")
     return run
 
 

@@ -102,8 +102,8 @@ def centre_note(config: StudyConfig, ocean: Mapping[Hashable, Any], tracks: Trac
     lat, lon = float(ocean["centre_latitude_deg"]), float(ocean["centre_longitude_deg"])
     return (
         f"{tracks.poses[0].file}: positions are local and no file gives the centre of their frame; the middle of the ocean is"
-        f" used, {latitude(lat)}, {longitude(lon)}; for another centre give --centre"
-        " (in Python: centre=(lat, lon); in TOML: ocean.centre_lat and centre_lon)"
+        f" used, {latitude(lat)}, {longitude(lon)}; for another centre give `centre`"
+        " (in a study: ocean.centre_lat and ocean.centre_lon)"
     )
 
 

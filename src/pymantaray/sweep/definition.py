@@ -158,9 +158,7 @@ class Sweep:
     ) -> None:
         config = base if isinstance(base, StudyConfig) else load_study(base)
         self.name = config.study.name
-        self._base: Tree = with_conditions(
-            config.model_dump(exclude_none=True, exclude_unset=True), self.name
-        )
+        self._base: Tree = with_conditions(config.model_dump(exclude_none=True, exclude_unset=True))
         self._folder = Path(os.path.realpath(folder))
         axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]

@@ -100,7 +100,7 @@ class Water:
         if self.frame is None:
             raise WaterError(
                 "geographic positions: this water has no geographic position; give positions north, east, down, or give"
-                " --centre (in Python: centre)"
+                " `centre`"
             )
         with _PROJ_LOCK:
             north, east = self.frame.to_local(places[:, 0], places[:, 1])

@@ -99,8 +99,8 @@ def bellhop_arrivals(
     """Bellhop's arrivals of one link, with horizontal positions relative to the source, and its CPU time [s]."""
     if medium.interpolation != "linear":
         raise AcousticsError(
-            "interpolation is 'smooth'; Bellhop interpolates linearly between grid points; use --interpolation linear (in"
-            " Python: interpolation='linear', or one from linear_medium)"
+            "interpolation is 'smooth'; Bellhop interpolates linearly between grid points; use"
+            " `interpolation='linear'`, or a medium from linear_medium"
         )
     start = np.asarray(source, dtype=float)
     with tempfile.TemporaryDirectory(prefix="mantaray-bellhop-") as folder:

@@ -30,7 +30,7 @@ class Addresses(_Table):
 
 class _Span(_Table):
     name: str
-    """Name for ``--experiment``."""
+    """Name for ``experiment``."""
     title: str
     """Title in messages and output."""
     first: dt.datetime

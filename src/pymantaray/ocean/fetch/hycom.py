@@ -152,7 +152,7 @@ def check_out(out: str | Path, *, overwrite: bool) -> Path:
     if not path.parent.is_dir():
         raise OceanError(f"{path.parent}: no such folder; create it first")
     if path.is_dir() or (path.exists() and not overwrite):
-        raise OceanError(f"{path}: already exists; give another name or --force (in Python: overwrite=True)")
+        raise OceanError(f"{path}: already exists; give another name or `overwrite=True`")
     return path
 
 
@@ -181,7 +181,7 @@ def _find_step(
             sides = (times[times < asked][-1], times[times > asked][0])
             raise OceanError(
                 f"{experiment.title} has no step {minute(asked)}; the nearest are {' and '.join(map(minute, sides))};"
-                " select one, or use --nearest (in Python: nearest=True)"
+                " select one, or use `nearest=True`"
             )
         if abs(closest - asked) > _MAX_TIME_OFFSET:
             raise OceanError(

@@ -109,8 +109,8 @@ class Connection:
         left = self._end - time.monotonic()
         if left <= 0.0:
             raise OceanError(
-                f"fetch: the time limit of {self.limits.total_s:g} s has passed; try again later, or set --time-limit (in"
-                " Python: limits=FetchLimits(total_s=...))"
+                f"fetch: the time limit of {self.limits.total_s:g} s has passed; try again later, or give"
+                " a longer `total_s`"
             )
         return left
 
