@@ -18,7 +18,7 @@ def ray(angle, miss, slope):
 
 @pytest.mark.parametrize("slope", [1e4, -1e4])
 @pytest.mark.parametrize(
-    "root, moved",
+    ("root", "moved"),
     [
         pytest.param(-0.0999, -1, id="inside, at the first end"),
         pytest.param(0.0999, -1, id="inside, at the second end"),
