@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.beside import direct_ray, trace_direct
 from pymantaray.acoustics._kernels.boundary import TOUCH, clearances
 from pymantaray.acoustics._kernels.field import (
     add_crossings,
@@ -64,9 +65,7 @@ from pymantaray.acoustics._kernels.trace import (
     any_course,
     course_to_levels,
     direct_course,
-    direct_ray,
     ray_axis,
-    trace,
 )
 from pymantaray.compile import compact, entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
@@ -569,7 +568,7 @@ def _course_of_weak(s, walls, course, bracket, accuracy, work):
     """Course of the ray at the root of a bracket's cubic: _WEAK in the water, _THROUGH, _BLOCKED, or _NONE if it does not reach the end."""
     angle = cubic_angle(bracket[0], bracket[1], 0.0)
     q = cross_slowness(bracket[0], bracket[1], angle)
-    ok, steps, turns, _ = trace(s, walls, course, angle, q, accuracy.coarse, direct_ray(course, work))
+    ok, steps, turns, _ = trace_direct(s, walls, course, angle, q, accuracy.coarse, direct_ray(course, work))
     place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
     if place != _CLEAR:
         return place

@@ -407,13 +407,13 @@ def _relay(flights, n_links, rows):
         link = flights.links[k]
         node = flights.rays[k, int(rows[_RAY, lane])]
         if rows[_DONE, lane] == _COME:
-            if rows[_CROSS, lane] > 0.0:
+            crosses = rows[_CROSS, lane] > 0.0
+            if crosses:
                 _end_in_plane(node, rows, lane)
             target = link[at.FLIGHT_ENDS + 1] - link[at.FLIGHT_ENDS]
             miss, grown = rows[at.W, lane] - target, rows[_GROWN, lane] / rows[_SPAN, lane]
-            if rows[_ATTEMPTS, lane] < MOST_ATTEMPTS and astray(
-                rows[_OFFSET, lane], miss, node[at.TOL], grown, rows[_SPAN, lane]
-            ):
+            again_across = crosses and rows[_ATTEMPTS, lane] < MOST_ATTEMPTS
+            if again_across and astray(rows[_OFFSET, lane], miss, node[at.TOL], grown, rows[_SPAN, lane]):
                 rows[_ATTEMPTS, lane] += 1.0
                 _launch(node, rows[_EXPECTED, lane], rows[_LEVELS, lane], rows, lane)
                 continue

@@ -6,19 +6,12 @@ from collections import namedtuple
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
+from pymantaray.acoustics._kernels.beside import cross_change, direct_ray, offset_in_plane, trace_direct
 from pymantaray.acoustics._kernels.boundary import across_plane
 from pymantaray.acoustics._kernels.field import cubic_root
 from pymantaray.acoustics._kernels.layout import Accuracy
 from pymantaray.acoustics._kernels.search import fewer_bounces, shoot
-from pymantaray.acoustics._kernels.trace import (
-    cross_change,
-    direct_ray,
-    full_ray,
-    full_ray_end,
-    offset_in_plane,
-    ray_axis,
-    trace,
-)
+from pymantaray.acoustics._kernels.trace import full_ray, full_ray_end, ray_axis, trace
 from pymantaray.compile import kernel
 
 RESOLUTION = 1e-6  # rad; narrower intervals of a fan of direct rays are not divided
@@ -78,7 +71,7 @@ def polish(s, walls, course, bracket, accuracy, work):
     q = cross_slowness(a, b, m)
     steps, turns = 0, 0
     for _ in range(6):
-        ok, steps, turns, _ = trace(s, walls, course, m, q, accuracy.fine, direct_ray(course, work))
+        ok, steps, turns, _ = trace_direct(s, walls, course, m, q, accuracy.fine, direct_ray(course, work))
         if not ok or y[at.XI] * rise <= 0.0 or y[at.DY_DQ] <= 0.0:
             break
         f = offset_in_plane(y) - course.target
@@ -144,7 +137,7 @@ def refine(s, walls, course, wide, accuracy, weak, work):
     previous = np.inf
     steps, turns = 0, 0
     for it in range(80 if bracketed else 12):
-        ok, steps, turns, _ = trace(s, walls, course, m, q, tol, ray)
+        ok, steps, turns, _ = trace_direct(s, walls, course, m, q, tol, ray)
         if not ok:
             return Launch(False, m, q, steps, turns)
         f = offset_in_plane(y) - course.target
@@ -189,14 +182,14 @@ def widened(s, walls, course, bracket, tol, work):
     rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
     least = _MIN_MOVE * step
     for attempt in range(_MAX_MOVES):
-        ok, _, _, _ = trace(s, walls, course, a, q, tol, ray)
+        ok, _, _, _ = trace_direct(s, walls, course, a, q, tol, ray)
         beyond = moved < 0 and (not ok or y[at.XI] * rise < 0.0)
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
         if ok:
             fa, slope_a = offset_in_plane(y) - course.target, y[at.XI]
             q += cross_change(y, 0.0)
-        ok, _, _, _ = trace(s, walls, course, b, q, tol, ray)
+        ok, _, _, _ = trace_direct(s, walls, course, b, q, tol, ray)
         beyond = beyond or (moved > 0 and (not ok or y[at.XI] * rise < 0.0))
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
@@ -242,7 +235,7 @@ def narrow(s, walls, course, bracket, launch, tol, work):
     reach = True
     for i in range(2):
         angle = launch.angle + (i - 0.5) * 0.9 * RESOLUTION
-        ok, _, _, _ = trace(s, walls, course, angle, launch.q, tol, direct_ray(course, work))
+        ok, _, _, _ = trace_direct(s, walls, course, angle, launch.q, tol, direct_ray(course, work))
         bracket[i, at.ANGLE], bracket[i, at.MISS] = angle, offset_in_plane(work.y) - course.target
         reach = reach and ok
     if not reach:

@@ -14,6 +14,7 @@ import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.arcs import fits
+from pymantaray.acoustics._kernels.beside import direct_ray_end, offset_in_plane, trace_direct
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.ladder import (
@@ -36,9 +37,7 @@ from pymantaray.acoustics._kernels.march import (
 from pymantaray.acoustics._kernels.trace import (
     any_course,
     course_to_levels,
-    direct_ray_end,
     fan_ray,
-    offset_in_plane,
     trace,
 )
 from pymantaray.compile import compact, inlined, kernel, shared
@@ -135,7 +134,9 @@ def _shoot_across(s, walls, course, angle, tol, node, work):
     """Trace a direct ray out of the plane until it ends in it; the node receives its cross-track slowness."""
     y = work.y
     for _ in range(MOST_ATTEMPTS):
-        ok, _, _, code = trace(s, walls, course, angle, node[at.CROSS], tol, direct_ray_end(course, work))
+        ok, _, _, code = trace_direct(
+            s, walls, course, angle, node[at.CROSS], tol, direct_ray_end(course, work)
+        )
         if not ok:
             break
         y[at.W], side = offset_in_plane(y), y[at.Y] / y[at.DY_DQ]

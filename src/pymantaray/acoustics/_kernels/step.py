@@ -11,12 +11,7 @@ greater depth), the offset ``y`` out of the plane (to the right), the conjugate 
 Rays therefore end exactly on the plane through the receiver. ``xi`` and ``eta`` are the derivatives of
 ``w`` and ``p`` by the launch angle; ``A`` is the integral of ``1 / h``, the derivative of ``y`` by ``q``.
 
-If the sound speed varies across the plane, the derivatives of ``w``, ``p``, ``y`` and ``q`` by the launch angle and by ``q`` depend on each
-other. With ``m = n^2 / 2`` and ``g = (m_w dw + m_y dy - p dp - q dq) / h^3``, each of the two sets of derivatives follows
-
-    dw' = dp / h - p g,   dp' = (m_ww dw + m_wy dy) / h - m_w g,   dy' = dq / h - q g,   dq' = (m_wy dw + m_yy dy) / h - m_y g
-
-`layout` contains the names of the state vector's columns; that of A is DY_DQ. A fan in the plane needs only the first four.
+`layout` contains the names of the state vector's columns; that of A is DY_DQ. A fan needs only the first four.
 """
 
 import math
@@ -24,13 +19,7 @@ import math
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.field import (
-    linear_full,
-    move_level,
-    smooth_beside,
-    smooth_full,
-    smooth_planar,
-)
+from pymantaray.acoustics._kernels.field import linear_full, move_level, smooth_full, smooth_planar
 from pymantaray.compile import inlined, kernel, shared
 
 # relative accuracy of the ray tube's width: 0.004 dB; and for a fan's ray with steps that end at the levels
@@ -123,40 +112,9 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     return True, k
 
 
-@shared
-def _coupled(s, k, pos, y, dy, axis):
-    """As `_derivative`, for coupled variations along the horizontal in a SMOOTH section."""
-    z, p, q = axis.z_source + y[at.W], y[at.P], y[at.Q]
-    k = move_level(s.depth, k, z)
-    c, cz, czz, cy, cyz, cyy = smooth_beside(s, k, pos, z, y[at.Y])
-    ic = 1.0 / c
-    square = axis.c_ref * axis.c_ref - c * c * (p * p + q * q)
-    if not square > 1e-6 * c * c:
-        return False, k
-    ih = c / math.sqrt(square)
-    ih3 = ih * ih * ih
-    n2 = axis.c_ref * axis.c_ref * ic * ic
-    bw, by = cz * ic, cy * ic
-    mw, my = -n2 * bw, -n2 * by
-    mww = n2 * (3.0 * bw * bw - czz * ic)
-    mwy = n2 * (3.0 * bw * by - cyz * ic)
-    myy = n2 * (3.0 * by * by - cyy * ic)
-    dy[at.W], dy[at.P], dy[at.TAU] = p * ih, mw * ih, n2 * ih
-    dy[at.Y], dy[at.Q], dy[at.DY_DQ] = q * ih, my * ih, ih
-    for rows in ((at.XI, at.ETA, at.Y_ANGLE, at.Q_ANGLE), (at.W_Q, at.P_Q, at.Y_Q, at.Q_Q)):
-        i, j, k_y, k_q = rows
-        dw, dp, side, dq = y[i], y[j], y[k_y], y[k_q]
-        g = (mw * dw + my * side - p * dp - q * dq) * ih3
-        dy[i], dy[j] = dp * ih - p * g, (mww * dw + mwy * side) * ih - mw * g
-        dy[k_y], dy[k_q] = dq * ih - q * g, (mwy * dw + myy * side) * ih - my * g
-    return True, k
-
-
 @kernel
 def derivative(s, cell, pos, y, dy, n_eq, axis):
     """Right-hand side at one point; returns False if the ray has turned across the axis."""
-    if s.kind == at.SMOOTH and n_eq == at.N_SPACE:
-        return _coupled(s, cell.layer, pos, y, dy, axis)[0]
     return _derivative(s, cell.column, cell.layer, pos, y, dy, n_eq, axis)[0]
 
 
@@ -181,12 +139,6 @@ def step(s, cell, pos, h, ray, axis):
     for stage in range(1, 7):
         if n_eq == at.N_FULL:
             _advance(stage, h, y, K, ynew, at.N_FULL)
-        elif s.kind == at.SMOOTH and n_eq == at.N_SPACE:
-            _advance(stage, h, y, K, ynew, at.N_SPACE)
-            ok, k = _coupled(s, k, pos + C[stage] * h, ynew, K[stage], axis)
-            if not ok:
-                return False
-            continue
         else:
             _advance(stage, h, y, K, ynew, at.N_FAN)
         ok, k = _derivative(s, b, k, pos + C[stage] * h, ynew, K[stage], n_eq, axis)

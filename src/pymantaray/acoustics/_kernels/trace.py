@@ -107,18 +107,6 @@ def full_ray(work):
 
 
 @inlined
-def direct_ray(course, work):
-    """Workspace of a direct ray with all variations, coupled if rays leave the plane, and its path."""
-    return Ray(work.y, work.K_space if course.cross else work.K, work.ynew, work.path)
-
-
-@inlined
-def direct_ray_end(course, work):
-    """As `direct_ray`, without the path."""
-    return Ray(work.y, work.K_space if course.cross else work.K, work.ynew, work.no_path)
-
-
-@inlined
 def full_ray_end(work):
     """Workspace of a ray with all variations, without its path."""
     return Ray(work.y, work.K, work.ynew, work.no_path)
@@ -159,10 +147,10 @@ def trace(s, walls, course, angle, q0, tol, ray):
     ok, cell, down = _launch(s, walls, course, angle, q0, ray)
     if not ok:
         return False, 0, 0, 0
-    full = n_eq != at.N_FAN
-    record = full and path.shape[0] > 0
+    record = n_eq == at.N_FULL and path.shape[0] > 0
     if record:
-        _record(path[0], 0.0, y, K[0], axis, at.IN_WATER)
+        record_node(path[0], 0.0, y, K[0], axis, at.IN_WATER)
+    full = n_eq == at.N_FULL
     at_levels = course.to_levels or (s.kind == at.SMOOTH and full)
     tube = TUBE if full else (FAN_TUBE if course.to_levels else 0.0)
     span = _ENDLESS_LEG if rule.kind == at.LEGS else length
@@ -170,7 +158,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     count, leg, next_break, stuck = 0, 1, 0, 0
     pos, gone, h = 0.0, 0.0, min(length, 60.0)
     if at_levels:
-        h = min(h, _to_level(s, cell.layer, axis.z_source, down))
+        h = min(h, step_to_level(s, cell.layer, axis.z_source, down))
     lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # offset of the surface
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
@@ -201,12 +189,12 @@ def trace(s, walls, course, angle, q0, tol, ray):
             if at_levels:
                 z = _depth(axis, pos, y)
                 cell = at.Cell(cell.column, move_level(s.depth, cell.layer, z))
-                h = min(h, _to_level(s, cell.layer, z, down))
+                h = min(h, step_to_level(s, cell.layer, z, down))
             if record:
                 count += 1
                 if count >= path.shape[0]:
                     return False, count, turns, code
-                _record(path[count], pos, y, K[0], axis, hit)
+                record_node(path[count], pos, y, K[0], axis, hit)
             hit = at.IN_WATER
         if pos >= span or (walls.held >= 0.0 and pos > length):  # the end, or an extended cell without a bed
             break
@@ -252,9 +240,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 h = h_hit
         pos = span if last else pos + h
         h = h_next
-        if (n_eq == at.N_FULL and y[at.XI] * ray.ynew[at.XI] < 0.0) or (
-            s.kind == at.SMOOTH and n_eq == at.N_SPACE and _tube(y) * _tube(ray.ynew) < 0.0
-        ):
+        if full and y[at.XI] * ray.ynew[at.XI] < 0.0:
             y[at.CAUSTICS_PASSED] += 1.0
         for i in range(n_eq):
             y[i] = ray.ynew[i]
@@ -269,57 +255,22 @@ def trace(s, walls, course, angle, q0, tol, ray):
         count += 1
         new_down = axis.sb + K[0, at.W] * axis.cb
         z = _depth(axis, pos, y)
-        if n_eq == at.N_FAN or course.cross:
+        if n_eq == at.N_FAN:
             _note_extremes(y)
             if z < lowest and y[at.GONE] == 0.0 and rule.kind == at.OPEN:
-                _note_exit(walls, axis, pos, z, y, K)
+                note_exit(walls, axis, pos, z, y, K)
         if s.kind == at.SMOOTH:
             cell = at.Cell(cell.column, move_level(s.depth, cell.layer, z))
             if at_levels:
-                h = min(h, _to_level(s, cell.layer, z, new_down))
+                h = min(h, step_to_level(s, cell.layer, z, new_down))
         turns += 1 if new_down * down < 0.0 else 0
         if new_down != 0.0:
             down = new_down
         if record:
             if count >= path.shape[0]:
                 return False, count, turns, code
-            _record(path[count], pos, y, K[0], axis, hit)
-    if s.kind == at.SMOOTH and n_eq == at.N_SPACE:
-        _combine(y)
+            record_node(path[count], pos, y, K[0], axis, hit)
     return pos >= span, count, turns, code
-
-
-@inlined
-def _tube(y):
-    """Width of a ray tube with coupled variations: determinant of the offsets by both launch parameters."""
-    return y[at.XI] * y[at.Y_Q] - y[at.W_Q] * y[at.Y_ANGLE]
-
-
-@kernel
-def _combine(y):
-    """
-    Replace the derivatives by the launch angle by those along the rays that end at the same cross-track offset.
-
-    Their cross-track slownesses change with the launch angle by -Y_ANGLE / Y_Q.
-    """
-    y[at.DY_DQ] = y[at.Y_Q]
-    side = -y[at.Y_ANGLE] / y[at.Y_Q]
-    y[at.XI] += side * y[at.W_Q]
-    y[at.ETA] += side * y[at.P_Q]
-    for i in range(4):
-        y[at.GONE_RATE + i] += side * y[at.GONE_RATE_Q + i]
-
-
-@kernel
-def offset_in_plane(y):
-    """Offset across the axis at which the ray of state y would end if it ended in the plane, to first order."""
-    return y[at.W] - y[at.W_Q] * (y[at.Y] / y[at.DY_DQ]) if y[at.DY_DQ] > 0.0 else y[at.W]
-
-
-@kernel
-def cross_change(y, change):
-    """Change of the cross-track slowness with which the ray of state y ends in the plane, if its launch angle changes."""
-    return -(y[at.Y] + y[at.Y_ANGLE] * change) / y[at.DY_DQ] if y[at.DY_DQ] > 0.0 else 0.0
 
 
 @inlined
@@ -337,9 +288,9 @@ def _note_extremes(y):
     """Update the largest variation of a ray of a fan, and the extreme offsets of its path with the variation there."""
     y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
     if y[at.W] < y[at.HIGHEST]:
-        y[at.HIGHEST], y[at.HIGHEST_RATE], y[at.HIGHEST_RATE_Q] = y[at.W], y[at.XI], y[at.W_Q]
+        y[at.HIGHEST], y[at.HIGHEST_RATE] = y[at.W], y[at.XI]
     elif y[at.W] > y[at.LOWEST]:
-        y[at.LOWEST], y[at.LOWEST_RATE], y[at.LOWEST_RATE_Q] = y[at.W], y[at.XI], y[at.W_Q]
+        y[at.LOWEST], y[at.LOWEST_RATE] = y[at.W], y[at.XI]
 
 
 @inlined
@@ -357,7 +308,7 @@ def _launch(s, walls, course, angle, q0, ray):
         y[i] = 0.0
     y[at.P] = math.sin(angle)
     y[at.ETA] = math.cos(angle)
-    y[at.Q], y[at.Q_Q] = q0, 1.0
+    y[at.Q] = q0
     cell = at.Cell(0, find_level(s, z_source))
     if s.kind == at.LINEAR:
         cell = start_cell(s, axis, math.tan(angle))
@@ -432,7 +383,7 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
 
 
 @kernel
-def _note_exit(walls, axis, pos, z, y, K):
+def note_exit(walls, axis, pos, z, y, K):
     """Record the point and steepness at which a ray of a fan left the water, by a straight line from there, if it did."""
     _, cb, sb, _ = axis
     r = pos * cb - y[at.W] * sb
@@ -444,17 +395,14 @@ def _note_exit(walls, axis, pos, z, y, K):
     if down < 0.0:
         back = (top - z) / down
         y[at.GONE] = max(pos + back, 1e-9)
-        rise = -down - back * K[0, at.P] * cb
         y[at.GONE_RATE] = -(y[at.XI] + back * K[0, at.XI]) * cb / down
+        rise = -down - back * K[0, at.P] * cb
         if rise > 0.0:
             y[at.GONE_BEND] = -(K[0, at.XI] + K[0, at.P] * y[at.GONE_RATE]) * cb / rise
-        if K.shape[1] == at.N_SPACE:
-            y[at.GONE_RATE_Q] = -(y[at.W_Q] + back * K[0, at.W_Q]) / down
-            y[at.GONE_BEND_Q] = -(K[0, at.W_Q] + K[0, at.P] * y[at.GONE_RATE_Q]) / rise
 
 
 @kernel
-def _to_level(s, k, z, down):
+def step_to_level(s, k, z, down):
     """Length of the step to the next level of a SMOOTH section; the error estimate cannot detect a level inside a step of a steep ray."""
     ahead = 1 if down > 0.0 else 0
     thickness = s.depth[k + 1] - s.depth[k]
@@ -466,7 +414,7 @@ def _to_level(s, k, z, down):
 
 
 @kernel
-def _record(row, pos, y, dy, axis, boundary):
+def record_node(row, pos, y, dy, axis, boundary):
     """Write one point of a full ray to a row of a path."""
     _, cb, sb, _ = axis
     h = 1.0 / dy[at.DY_DQ]
