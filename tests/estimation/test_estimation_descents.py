@@ -24,7 +24,11 @@ def test_cost_counts_before_status():
 
 
 def test_among_equal_costs_a_converged_end_is_first():
-    ends = [End("a", 10.0, converged=False), End("b", 10.000001, converged=True), End("c", 10.0, converged=True)]
+    ends = [
+        End("a", 10.0, converged=False),
+        End("b", 10.000001, converged=True),
+        End("c", 10.0, converged=True),
+    ]
     assert lowest(ends).name == "b"
     assert lowest([End("a", np.inf, converged=False), End("b", np.inf, converged=False)]).name == "a"
 

@@ -236,8 +236,10 @@ def test_a_survey_along_a_line_reports_both_solutions(campaign, medium):
 
 
 def test_the_side_of_lower_chi_square_is_the_solution(campaign, medium):
-    truth, survey = line_survey(campaign, 400.0)
-    node = Node("A", (0.0, 390.0, 1300.2), (1000.0, 60.0, 0.3))  # 13 standard deviations from the mirror image
+    _, survey = line_survey(campaign, 400.0)
+    node = Node(
+        "A", (0.0, 390.0, 1300.2), (1000.0, 60.0, 0.3)
+    )  # 13 standard deviations from the mirror image
     survey = survey.changed(nodes=[node])
     right, _, solver = solve(survey, medium, SCALE)
     values = right.values.copy()

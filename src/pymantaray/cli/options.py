@@ -494,7 +494,7 @@ class ArrivalOptions:
         str | None,
         typer.Option(
             metavar="DB|none",
-            help="Eigenrays weaker than spherical spreading by more than this are discarded. Default: 15.",
+            help="Eigenrays weaker than spherical spreading by more than this are discarded, except on links below 1 m. Default: 15.",
         ),
     ] = None
 
