@@ -21,6 +21,7 @@ from pymantaray.ocean.instruments import instrument_table
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, Equation, freezing_notes, repair_salinity, sound_speed
+from pymantaray.ocean.whp import bottle_table, is_bottles
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import read_text, read_text_table
 
@@ -395,10 +396,13 @@ def read_cast_table(path: str | Path) -> CastTable:
     """
     try:
         text = read_text(Path(path))
-        instrument = instrument_table(Path(path), text.splitlines())
+        lines = text.splitlines()
+        instrument = instrument_table(Path(path), lines)
         if instrument is not None:
             return _of_instrument(Path(path), instrument)
         invalid = InvalidLines()
+        bottles = is_bottles(lines)
+        text, notes = bottle_table(path, lines) if bottles else (text, ())
         table = read_text_table(path, text, invalid=invalid)
     except RecordError as error:
         raise OceanError(str(error)) from None
@@ -406,7 +410,17 @@ def read_cast_table(path: str | Path) -> CastTable:
     columns, texts = _columns(table.path, header)
     rows = table.frame.set_axis(range(len(header)), axis=1)
     bracketed = any("[unit=" in title for title in header)
-    whole = CastTable(table.path, header, rows, table.comments, columns, texts, bracketed)
+    whole = CastTable(
+        table.path,
+        header,
+        rows,
+        table.comments,
+        columns,
+        texts,
+        bracketed,
+        instrument="WHP-exchange bottles" if bottles else "",
+        notes=notes,
+    )
     return whole.readable(invalid)
 
 

@@ -71,7 +71,7 @@ def read_cast(
     path : str or pathlib.Path
         One of: CSV with named columns (depth or pressure; in-situ, potential or conservative temperature; practical or
         absolute salinity); a point table of HYCOM from the NetCDF Subset Service, also with packed integers; an Argo NetCDF
-        file; a CF data set of profiles; in-situ profiles of Copernicus; WHP-exchange of a CTD; a profile of an ice-tethered
+        file; a CF data set of profiles; in-situ profiles of Copernicus; WHP-exchange of a CTD or bottles; a profile of an ice-tethered
         profiler; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``, CastAway, Valeport, AML).
     lat, lon : float, optional
         Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon -140.0``. [degrees]
