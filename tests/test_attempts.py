@@ -32,15 +32,15 @@ FILES = {  # name, and content with marked places
     "sweep.toml": 'base = "quick"\nseeds = [<1>]\n[cross]\n"noise.range_sigma" = [<1.0>, 2.0]\n',
 }
 COMMANDS = {
-    "p.csv": ["rays times links.csv o.csv --profile {} --bottom 200 --force"],
-    "cast.csv": ["ocean from-cast {} o.nc --force --bottom 90", "ocean convert-cast {} o.asvp --force"],
+    "p.csv": ["rays times links.csv o.csv --profile {} --bathymetry 200 --force"],
+    "cast.csv": ["ocean from-cast {} o.nc --force --bathymetry 90", "ocean convert-cast {} o.asvp --force"],
     "links.csv": [
-        "rays eigen {} o.csv --profile p.csv --bottom 200 --force",
-        "rays times {} o.csv --profile p.csv --bottom 200 --force",
+        "rays eigen {} o.csv --profile p.csv --bathymetry 200 --force",
+        "rays times {} o.csv --profile p.csv --bathymetry 200 --force",
     ],
     "pings.csv": ["locate {} --depth 150 --profile p.csv --sound-speed known"],
-    "tracks.csv": ["ranges {} --profile p.csv --bottom 200 --interval 30 --out run"],
-    "a.tum": ["ranges {} a2.tum --profile p.csv --bottom 200 --interval 30 --out run"],
+    "tracks.csv": ["ranges {} --profile p.csv --bathymetry 200 --interval 30 --out run"],
+    "a.tum": ["ranges {} a2.tum --profile p.csv --bathymetry 200 --interval 30 --out run"],
     "g.pyfg": ["graph solve {}", "graph convert {} o.g2o --leave-out all --force"],
     "g.g2o": ["graph solve {}", "graph show {}"],
     "s.toml": ["ocean show {}"],

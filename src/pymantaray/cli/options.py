@@ -282,8 +282,6 @@ class GridOptions:
     bathymetry: Annotated[
         str | None,
         typer.Option(
-            "--bathymetry",
-            "--bottom",
             metavar="M|FILE",
             help="Depth of the sea floor in metres, or a NetCDF file of it; required for a profile. Default: the deepest levels"
             " of the ocean.",

@@ -451,7 +451,7 @@ def cast_ocean(
     if not cast.depth[0] < bottom <= DEEPEST:
         raise OceanError(
             f"cast {cast.name}: the bathymetry is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
-            f" and at most {DEEPEST:g} m; give the depth of the sea bed with --bathymetry (in Python: bathymetry)"
+            f" and at most {DEEPEST:g} m; give the depth of the sea bed as bathymetry"
         )
     instant = cast.time if time is None else parse_instant(time)
     z, level_notes = _levels(cast, levels, bottom)
