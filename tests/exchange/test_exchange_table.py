@@ -291,3 +291,22 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     )
     both = text("time,transmitter,receiver,receivers\n0,A,B,B\n")(tmp_path)
     refused(ExchangeError, "two columns receivers; remove one", read_pings, both, None)
+
+
+@pytest.mark.parametrize("place", ["north,east", "lat,lon"])
+def test_times_in_days_are_refused(place, tmp_path):
+    """1 m/s for ten minutes: 60 m north each minute."""
+    size = 1.0 if place == "north,east" else 1.0 / 111_100.0
+    for days, unit in ((False, 60.0), (True, 60.0 / 86_400.0)):
+        rows = [f"{41834 + k * unit:.9f},{60.0 * k * size:.9f},179.99,10" for k in range(10)]
+        (tmp_path / "m.csv").write_text("\n".join([f"time,{place},depth", *rows]))
+        if days:
+            message = "m: time gives a median speed of 86,[34]\\d\\d m/s; it must be in seconds; multiply days by 86400"
+            refused(ExchangeError, message, read_trajectories, tmp_path / "m.csv")
+        else:
+            assert read_trajectories(tmp_path / "m.csv").poses[0].time.size == 10
+
+
+def test_a_vehicle_over_the_antimeridian_is_not_fast(tmp_path):
+    (tmp_path / "m.csv").write_text("time,lat,lon,depth\n0,0,179.999,10\n100,0,-179.999,10\n")
+    assert read_trajectories(tmp_path / "m.csv").names == ["m"]

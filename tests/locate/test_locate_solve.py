@@ -254,6 +254,26 @@ def test_the_side_of_lower_chi_square_is_the_solution(campaign, medium):
     assert not mirror.undecided
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"travel_time": 1e-3},
+            "times shorter than those of the prior positions .*; they must be in the unit",
+        ),
+        (
+            {"time": 1.0 / 86_400.0},
+            "time gives a median speed of .* m/s; it must be in seconds; multiply days by",
+        ),
+    ],
+)
+def test_units_that_make_sound_or_platform_too_fast_are_refused(campaign, medium, changes, message):
+    _, survey = line_survey(campaign, 400.0)
+    scaled = {name: factor * getattr(survey, name) for name, factor in changes.items()}
+    refused(LocateError, message, check_survey, survey.changed(**scaled), medium)
+    check_survey(survey, medium)
+
+
 def test_a_pattern_with_width_has_no_mirror_solution(located):
     assert located.mirrors == []
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 MONTHS = {name: k + 1 for k, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}  # noqa: SIM905
 """Number of a month by the first three letters of its English name."""
 _LATEST = 1e11  # s; 1970 plus this is the year 5138
+_FASTEST = 3000.0  # m/s; 1 m/s with hours or days for seconds is more
 _SINCE_1970 = {"milliseconds": 1e14, "microseconds": 1e17, "nanoseconds": math.inf}
 """Upper limits of stamps."""
 _FINITE = "it must be a finite number"
@@ -202,6 +203,24 @@ def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRay
         raise error(
             f"{where} is up to {latest:.17g}, which is not in seconds but looks like {unit} since 1970; divide the times so"
             " that they are in seconds, or write dates such as 2014-07-15T12:00:00Z"
+        )
+
+
+def check_speed(
+    time: "NDArray[np.float64]", position: "NDArray[np.float64]", where: str, error: type[MantaRayError]
+) -> None:
+    """Raise an error if positions (n, k) [m] at times in order [s] move so fast that the times must be days or hours."""
+    import numpy as np
+
+    step = np.diff(time)
+    moved = step > 0.0
+    if np.count_nonzero(moved) < 1:
+        return
+    with np.errstate(over="ignore"):
+        speed = float(np.median(np.linalg.norm(np.diff(position, axis=0)[moved], axis=1) / step[moved]))
+    if speed > _FASTEST:
+        raise error(
+            f"{where} gives a median speed of {speed:,.0f} m/s; it must be in seconds; multiply days by 86400, hours by 3600"
         )
 
 

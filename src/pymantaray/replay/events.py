@@ -15,6 +15,9 @@ from pymantaray.records.text_table import TextTable, read_text_table
 Names = NDArray[np.str_]
 ENDS = ("source", "receiver")
 _PLACES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
+_MILLISECONDS = (300.0, 3000.0)  # ratio of times with a wrong unit
+_SOUND_SPEED = 1500.0  # m/s
+_M_PER_DEGREE = 111_100.0
 _MAX_TIME = 3600.0  # s; a longer travel time is in another unit
 
 
@@ -153,7 +156,7 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
     numbers = table.numbers(measured)
     names = {end: table.words(end) for end in ENDS}
     time, epoch = table.seconds("time")
-    return Events(
+    events = Events(
         time=time,
         source=np.array(names["source"], dtype=str),
         receiver=np.array(names["receiver"], dtype=str),
@@ -166,6 +169,24 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
         epoch=epoch,
         notes=invalid.notes,
     )
+    _check_unit(table, numbers, geographic=geographic)
+    return events
+
+
+def _check_unit(table: TextTable, numbers: Array, *, geographic: bool) -> None:
+    """Raise an error if travel times, the last column behind both positions, are thousands of times too long or too short."""
+    step = numbers[:, 3:6] - numbers[:, :3]
+    if geographic:
+        step[:, :2] *= _M_PER_DEGREE
+        step[:, 1] *= np.cos(np.radians(numbers[:, 0]))
+    expected = np.linalg.norm(step, axis=1) / _SOUND_SPEED
+    ratio = float(np.median(numbers[:, 6] / np.maximum(expected, 1e-6)))
+    low, high = _MILLISECONDS
+    if low < ratio < high or low < 1.0 / max(ratio, 1e-9) < high:
+        raise ReplayError(
+            f"{table.path}: travel_time is {ratio:.3g} times the distance over {_SOUND_SPEED:g} m/s (median {np.median(numbers[:, 6]):g} s);"
+            " it must be in seconds"
+        )
 
 
 def _placed(table: TextTable, nodes: TextTable) -> TextTable:
