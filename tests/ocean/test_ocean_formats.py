@@ -10,7 +10,7 @@ from refusals import refused
 
 from pymantaray.acoustics import read_profile, read_profiles
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
-from pymantaray.ocean import cast_ocean, holds_casts, read_cast, read_casts
+from pymantaray.ocean import cast_folders, cast_ocean, holds_casts, read_cast, read_casts
 
 PRESSURE = np.array([3.0, 100.0, 500.0, 1000.0])
 TEMPERATURE = np.array([2.5, 1.2, 0.6, -0.4])
@@ -163,6 +163,11 @@ def test_incomplete_profiles_of_an_ice_tethered_profiler_are_noted_or_refused(tm
     path = tmp_path / "itp99grd0000.dat"
     path.write_text(itp(levels=371, end=""))
     assert "4 levels, but the header states 371: the file may be incomplete" in read_cast(path).notes
+    path.write_text(itp(levels=2))
+    assert "4 levels, but the header states 2: the file may be incomplete" in read_cast(path).notes
+    text = itp(levels=5, end="")
+    path.write_text(text + text.splitlines()[-1][:33] + "\n")  # a fifth row that is cut after its temperature
+    assert "4 levels, but the header states 5: the file may be incomplete" in read_cast(path).notes
     path.write_text(itp(year=0))
     assert np.isnat(read_cast(path).time)
     for text in (itp().splitlines()[0], itp().replace("2016  275.75", "% 2016  275.75")):
@@ -198,6 +203,38 @@ def test_folders_and_archives_of_profiles_are_many_casts(tmp_path):
     refused(OceanError, "none.zip: none of 1 file has a cast; a.txt: ", read_casts, tmp_path / "none.zip")
     (tmp_path / "cut.zip").write_bytes((tmp_path / "itp99.zip").read_bytes()[:300])
     refused(OceanError, "cut.zip: not a readable ZIP archive", read_casts, tmp_path / "cut.zip")
+
+
+def test_an_archive_may_have_equal_names_and_links_lead_nowhere(tmp_path):
+    path = tmp_path / "casts.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        for k in range(2):
+            archive.writestr(f"leg{k}/itp99grd0000.dat", itp(k, year=2016 + k))
+        archive.writestr("__MACOSX/leg0/._itp99grd0000.dat", "resource fork")
+        link = zipfile.ZipInfo("link.dat")
+        link.external_attr = 0o120777 << 16
+        archive.writestr(link, "/etc/hostname")
+    casts = read_casts(path)
+    assert [str(cast.time)[:4] for cast in casts] == ["2016", "2017"]
+    assert not any("dropped, the first" in note for cast in casts for note in cast.notes)
+
+
+@pytest.mark.parametrize(("limit", "value", "message"), [
+    ("_MAX_FILES", 2, "3 files|more than 2"), ("_MAX_UNPACKED", 1000, "the limits are .* and 1e-06 GB; unpack a part"),
+    ("MAX_BYTES", 300, "itp2.dat has more than 300 bytes|itp0.dat has more than 300 bytes"),
+])  # fmt: skip
+def test_folders_and_archives_have_limits(tmp_path, monkeypatch, limit, value, message):
+    folder = tmp_path / "casts"
+    folder.mkdir()
+    with zipfile.ZipFile(tmp_path / "casts.zip", "w") as archive:
+        for k in range(3):
+            (folder / f"itp{k}.dat").write_text(itp(k))
+            archive.write(folder / f"itp{k}.dat", f"itp{k}.dat")
+    assert len(read_casts(folder)) == len(read_casts(tmp_path / "casts.zip")) == 3
+    monkeypatch.setattr(cast_folders, limit, value)
+    refused(OceanError, message, read_casts, tmp_path / "casts.zip")
+    if limit == "_MAX_FILES":
+        refused(OceanError, "3 files; the limit is 2; name a smaller folder", read_casts, folder)
 
 
 def copernicus(*, adjusted=False, depths=False):
