@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 _MAX_DISAGREEMENT = 0.05  # fraction of the wet points
 _STORAGE = ("coordinates", "calendar")
+_SALTY = 5.0  # practical salinity or g/kg
 _MAX_TEXT = 300  # characters of a title or a source
 
 
@@ -47,7 +48,13 @@ def ocean_of(
     land = _zeros({role: values for role, (values, _) in raw.items()})
     if land.any():
         steps.append(
-            f"{np.count_nonzero(land)} points removed: all variables are exactly 0 there, as on land"
+            f"{np.count_nonzero(land)} points removed: temperature and salinity are exactly 0 there, as on land"
+        )
+    salinity = raw["salinity"][0]
+    fresh, salty = (salinity == 0.0) & ~land, salinity > 0.0
+    if fresh.any() and salty.any() and np.median(salinity[salty]) > _SALTY:
+        steps.append(
+            f"{np.count_nonzero(fresh)} points have a salinity of 0 in salty water: if 0 means missing, declare it (_FillValue)"
         )
     values = {
         role: np.where(land, np.nan, _in_our_unit(raw[role][0], part, field))
@@ -100,10 +107,9 @@ def ocean_of(
 
 
 def _zeros(fields: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Points where temperature and salinity are exactly 0 in the unit of the file, and no current is different from 0."""
-    tracers = (fields["water_temp"] == 0.0) & (fields["salinity"] == 0.0)
-    currents = [fields[name] for name in ("water_u", "water_v") if name in fields]
-    return np.asarray(np.logical_and.reduce([tracers, *(np.nan_to_num(c) == 0.0 for c in currents)]))
+    """Points where temperature and salinity are exactly 0 in the unit of the file, unless the water is fresh everywhere."""
+    salinity = fields["salinity"]
+    return np.asarray((fields["water_temp"] == 0.0) & (salinity == 0.0) & bool((salinity > 0.0).any()))
 
 
 def _in_our_unit(raw: Array, part: "Part", field: cf.Field) -> Array:
