@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 MONTHS = {name: k + 1 for k, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}  # noqa: SIM905
 """Number of a month by the first three letters of its English name."""
 _LATEST = 1e11  # s; 1970 plus this is the year 5138
+_MAX_COLUMNS = 2000
+_YEARS = (1700, 2261)
 _FASTEST = 3000.0  # m/s; 1 m/s with hours or days for seconds is more
 _SINCE_1970 = {"milliseconds": 1e14, "microseconds": 1e17, "nanoseconds": math.inf}
 """Upper limits of stamps."""
@@ -190,9 +192,11 @@ class TextTable:
 
 
 def _dates(cells: "pd.Series[Any]") -> "pd.Series[Any]":
+    """Dates in UTC, NaT for other cells and for years that 64-bit nanoseconds do not cover."""
     import pandas as pd
 
-    return pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
+    dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
+    return dates.where(dates.dt.year.between(*_YEARS))
 
 
 def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRayError]) -> None:
@@ -256,6 +260,11 @@ def read_text_table(
         content = "is empty" if not rows else f"has one line, {next(iter(rows.values()))[:40]!r}"
         raise RecordError(f"{path}: {content}; a table needs a header with names of columns, and rows")
     separator = next((s for s in ",;\t" if s in next(iter(rows.values()))), r"\s+")
+    n_titles = _count_cells(next(iter(rows.values())), separator)
+    if n_titles > _MAX_COLUMNS:
+        raise RecordError(
+            f"{path}: {n_titles:,} columns; at most {_MAX_COLUMNS:,} are read; check the separators"
+        )
     if invalid is not None:
         rows = _whole_rows(path, lines, rows, separator, invalid)
     try:
