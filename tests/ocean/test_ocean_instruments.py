@@ -515,6 +515,7 @@ def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
 @pytest.mark.parametrize(("words", "date", "notes"), [
     ("12/25/2020", "2020-12-25", 0), ("25/12/2020", "2020-12-25", 0), ("12/11/2020", "2020-12-11", 1),
     ("12/12/2020", "2020-12-12", 0), ("13/01/20", "2020-01-13", 0), ("soon", "", 1), ("", "", 0),
+    ("2020/4/28", "2020-04-28", 0), ("2020-04-28 21:06", "2020-04-28", 0), ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
 ])  # fmt: skip
 def test_the_month_is_first_unless_it_cannot_be_one(words, date, notes):
     read, made = month_first_date(words)

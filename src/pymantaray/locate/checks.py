@@ -104,7 +104,7 @@ def moved_to_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, .
     notes = []
     for size, where, question in (
         (height, "above the surface", "are these ellipsoidal heights, or has the lever arm the wrong sign?"),
-        (below, "below the sea bed", "check the depths and the sea bed"),
+        (below, "below the sea bed", "check the depths and the sea bed."),
         (in_ice, "above the underside of the ice", ""),
     ):
         outside = int(np.count_nonzero(size > _ON_BOUNDARY))
