@@ -110,7 +110,7 @@ def of_options():
         for command in commands:
             node, words = root, command.split()
             for word in words:
-                if not hasattr(node, "commands"):
+                if word not in getattr(node, "commands", {}):
                     break
                 node = node.commands[word]
             for option in node.params:

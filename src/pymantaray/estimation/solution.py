@@ -166,7 +166,19 @@ class GraphSolution:
         return self.final_cost if found and math.isfinite(self.final_cost) else math.inf
 
     def continued(self, again: "GraphSolution") -> "GraphSolution":
-        """Solution of a further descent from the end of this one, with the steps and the initial cost of both."""
+        """
+        Join the solution of a further descent from the end of this one.
+
+        Parameters
+        ----------
+        again : GraphSolution
+            Solution of the further descent.
+
+        Returns
+        -------
+        GraphSolution
+            The further solution with the steps of both and the first initial cost.
+        """
         return replace(again, iterations=self.iterations + again.iterations, initial_cost=self.initial_cost)
 
     @property

@@ -45,17 +45,8 @@ def ocean_of(
         for role, (_, count) in raw.items()
         if count
     ]
-    land = _zeros({role: values for role, (values, _) in raw.items()})
-    if land.any():
-        steps.append(
-            f"{np.count_nonzero(land)} points removed: temperature and salinity are exactly 0 there, as on land"
-        )
-    salinity = raw["salinity"][0]
-    fresh, salty = (salinity == 0.0) & ~land, salinity > 0.0
-    if fresh.any() and salty.any() and np.median(salinity[salty]) > _SALTY:
-        steps.append(
-            f"{np.count_nonzero(fresh)} points have a salinity of 0 in salty water: if 0 means missing, declare it (_FillValue)"
-        )
+    land, about = _zeros(raw["water_temp"][0], raw["salinity"][0])
+    steps += about
     values = {
         role: np.where(land, np.nan, _in_our_unit(raw[role][0], part, field))
         for role, (part, field) in fields.items()
@@ -106,10 +97,21 @@ def ocean_of(
     return ocean.assign_attrs(history="\n".join(lines)) if lines else ocean
 
 
-def _zeros(fields: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Points where temperature and salinity are exactly 0 in the unit of the file, unless the water is fresh everywhere."""
-    salinity = fields["salinity"]
-    return np.asarray((fields["water_temp"] == 0.0) & (salinity == 0.0) & bool((salinity > 0.0).any()))
+def _zeros(temperature: Array, salinity: Array) -> tuple[NDArray[np.bool_], list[str]]:
+    """Points where both are exactly 0 in the unit of the file, which is land unless the water is fresh everywhere; and notes."""
+    salty = salinity > 0.0
+    land = (temperature == 0.0) & (salinity == 0.0) & bool(salty.any())
+    fresh = (salinity == 0.0) & ~land
+    steps = []
+    if land.any():
+        count = np.count_nonzero(land)
+        steps.append(f"{count} points removed: temperature and salinity are exactly 0 there, as on land")
+    if fresh.any() and salty.any() and np.median(salinity[salty]) > _SALTY:
+        count = np.count_nonzero(fresh)
+        steps.append(
+            f"{count} points have a salinity of 0 in salty water: if 0 means missing, declare it (_FillValue)"
+        )
+    return land, steps
 
 
 def _in_our_unit(raw: Array, part: "Part", field: cf.Field) -> Array:
