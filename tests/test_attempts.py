@@ -1,7 +1,8 @@
 """
-Five hundred attempts with names, numbers, dates and texts that no command can use: one line each, and no traceback.
+A thousand attempts with names, numbers, dates and texts that no command can use: one line each, and no traceback.
 
-Every value is put into each place of each kind of file, and every path that is no file into each argument.
+Every value is put into each place of each kind of file, every path that is no file into each argument and each option that takes a
+file; rows are truncated, doubled and emptied; headers have thousands of names, and the files of surveys dates that do not exist.
 """
 
 import contextlib
@@ -14,8 +15,10 @@ import shutil
 import time
 
 import pytest
+import typer
+from campaigns import make_campaign, write_garpos, write_gnatss, write_obsrange
 
-from pymantaray.cli.main import main
+from pymantaray.cli.main import app, main
 
 FILES = {  # name, and content with marked places
     "p.csv": "depth,sound_speed\n0,1500\n<10>,<1490>\n200,1500\n",
@@ -32,15 +35,15 @@ FILES = {  # name, and content with marked places
     "sweep.toml": 'base = "quick"\nseeds = [<1>]\n[cross]\n"noise.range_sigma" = [<1.0>, 2.0]\n',
 }
 COMMANDS = {
-    "p.csv": ["rays times links.csv o.csv --profile {} --bottom 200 --force"],
-    "cast.csv": ["ocean from-cast {} o.nc --force --bottom 90", "ocean convert-cast {} o.asvp --force"],
+    "p.csv": ["rays times links.csv o.csv --profile {} --bathymetry 200 --force"],
+    "cast.csv": ["ocean from-cast {} o.nc --force --bathymetry 90", "ocean convert-cast {} o.asvp --force"],
     "links.csv": [
-        "rays eigen {} o.csv --profile p.csv --bottom 200 --force",
-        "rays times {} o.csv --profile p.csv --bottom 200 --force",
+        "rays eigen {} o.csv --profile p.csv --bathymetry 200 --force",
+        "rays times {} o.csv --profile p.csv --bathymetry 200 --force",
     ],
     "pings.csv": ["locate {} --depth 150 --profile p.csv --sound-speed known"],
-    "tracks.csv": ["ranges {} --profile p.csv --bottom 200 --interval 30 --out run"],
-    "a.tum": ["ranges {} a2.tum --profile p.csv --bottom 200 --interval 30 --out run"],
+    "tracks.csv": ["ranges {} --profile p.csv --bathymetry 200 --interval 30 --out run"],
+    "a.tum": ["ranges {} a2.tum --profile p.csv --bathymetry 200 --interval 30 --out run"],
     "g.pyfg": ["graph solve {}", "graph convert {} o.g2o --leave-out all --force"],
     "g.g2o": ["graph solve {}", "graph show {}"],
     "s.toml": ["ocean show {}"],
@@ -68,9 +71,106 @@ VALUES = [
 SEED = 44
 
 
+ROWS = {  # what becomes of the last row of a table
+    "half": lambda row: row[: len(row) // 2],
+    "one cell less": lambda row: row.rpartition(",")[0],
+    "twice": lambda row: f"{row},{row}",
+    "a quote": lambda row: f'"{row}',
+    "commas": lambda row: "," * row.count(","),
+    "bytes": lambda row: row[:5] + "\udcff\udcfe" + row[5:],
+    "\x1b": lambda row: f"\x1b[2J{row}\x07",
+    "long": lambda row: row + "0" * 100_000,
+}
+PATHS = ("pipe", "loop", "sub", "/dev/zero", "n" * 300, "\x1b[2Jz", "none")
+DATES = ("2018-13-45", "0000-00-00", "2263-05-01", "9999-12-31", "-0001-01-01", "\x1b[31m", "9" * 400)
+
+
+def of_rows():
+    """Tables whose last row is damaged."""
+    for name, text in FILES.items():
+        if not name.endswith(".csv"):
+            continue
+        *rows, last = whole(text).rstrip("\n").split("\n")
+        for what, damage in ROWS.items():
+            for command in COMMANDS[name]:
+                changed = "\n".join([*rows, damage(last)]) + "\n"
+                yield name, changed, command.format(name), f"{name} row {what!r}"
+                yield (
+                    name,
+                    "\n".join([*rows, last, damage(last)]),
+                    command.format(name),
+                    f"{name} more {what!r}",
+                )
+
+
+def of_options():
+    """Options that take a file, with paths of everything that is none."""
+    root = typer.main.get_command(app)
+    for commands in COMMANDS.values():
+        for command in commands:
+            node, words = root, command.split()
+            for word in words:
+                if word not in getattr(node, "commands", {}):
+                    break
+                node = node.commands[word]
+            for option in node.params:
+                meta = f"{option.metavar} {getattr(option, 'type_descriptor', '')}"
+                if not (option.opts[0].startswith("--") and re.search("FILE|FOLDER|CSV|TOML|path", meta)):
+                    continue
+                for path in PATHS:
+                    name = next(name for name, own in COMMANDS.items() if command in own)
+                    line = f"{command.format(name)} {option.opts[0]} {path}"
+                    yield None, None, line, f"{option.opts[0]} {path[:20]!r}"
+
+
+def of_headers():
+    """Thousands of names where a few are known."""
+    names = [f"k{k}" for k in range(30_000)]
+    table = f"{','.join(names)}\n{','.join('1' for _ in names)}\n"
+    for name, commands in COMMANDS.items():
+        if name.endswith(".csv"):
+            yield from ((name, table, command.format(name), f"{name} header") for command in commands)
+    keys = "\n".join(f"{name} = 1" for name in names)
+    for name, head in (
+        ("s.toml", 'base = "quick"\n'),
+        ("s.toml", "[noise]\n"),
+        ("sweep.toml", 'base = "quick"\n[cross]\n'),
+    ):
+        yield name, head + keys, COMMANDS[name][0].format(name), f"{name} keys"
+    sections = "\n".join(f"[{name}]" for name in names)
+    yield "s.toml", sections, COMMANDS["s.toml"][0].format("s.toml"), "sections"
+
+
+def of_surveys(folder):
+    """Dates that do not exist in survey text of OBSrange and in files of GARPOS and GNATSS."""
+    campaign = make_campaign(4, pings=12)
+    ways = {
+        "garpos": (write_garpos, r"(?<=Date\(UTC\)).*", " = {}"),
+        "gnatss": (write_gnatss, r"\d\d-[A-Z]{3}-\d\d", "{}"),
+        "obsrange": (lambda _, own: write_obsrange(own)[0], r"\d{4}:\d{3}(?=:)", "{}"),
+    }
+    for name, (make, pattern, form) in ways.items():
+        for k, date in enumerate(DATES):
+            for count in (0, 1):
+                own = folder / f"{name}{k}{count}"
+                own.mkdir()
+                path = make(campaign, own)
+                for file in own.rglob("*"):
+                    if file.is_file():
+                        text = file.read_text()
+                        file.write_text(
+                            re.sub(pattern, form.format(date).replace("\\", ""), text, count=count)
+                        )
+                yield None, None, f"locate {path}", f"{name} {date[:12]!r}"
+
+
 def attempts(folder):
     """Words of a command and what was tried, after the files of an attempt are written."""
     rng = random.Random(SEED)
+    yield from of_rows()
+    yield from of_options()
+    yield from of_headers()
+    yield from of_surveys(folder)
     for name, text in FILES.items():
         places = len(re.findall(r"<[^>]*>", text))
         for place in range(places):
@@ -151,7 +251,7 @@ def test_attempts_end_in_one_line_or_a_result(tmp_path, monkeypatch):
             failed.append(log[-1])
     (tmp_path / "attempts.json").write_text(json.dumps(log))
     print(len(log), "attempts,", sum(one["code"] == 2 for one in log), "refused")
-    assert len(log) >= 500
+    assert len(log) >= 1000
     assert not failed, "\n".join(
         f"{f['what']}: {f['code']} {f['seconds']:.0f} s {f['line']!r}" for f in failed
     )

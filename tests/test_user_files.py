@@ -20,6 +20,7 @@ from pymantaray.sweep import load_sweep
 from pymantaray.user_files import (
     first_bytes,
     matching_files,
+    open_text,
     parse_toml,
     read_bytes,
     read_text,
@@ -83,6 +84,13 @@ def test_a_file_that_grows_or_has_no_size_is_read_to_the_limit(tmp_path):
     (tmp_path / "a").write_bytes(b"x" * 100)
     assert read_bytes(tmp_path / "a", RecordError, limit=100) == b"x" * 100
     refused(RecordError, "more than 99 bytes", read_bytes, tmp_path / "a", RecordError, limit=99)
+    with (
+        pytest.raises(RecordError, match="more than 99 bytes"),
+        open_text(tmp_path / "a", RecordError, limit=99),
+    ):
+        pass
+    if Path("/proc/self/status").exists():  # a regular file with a size of 0
+        refused(RecordError, "more than 99 bytes", read_bytes, "/proc/self/status", RecordError, limit=99)
     assert first_bytes(tmp_path / "a", 3) == b"xxx"
     assert first_bytes("/dev/zero", 3) == first_bytes(tmp_path / "none", 3) == b""
     (tmp_path / "a").write_bytes(b"\xff\xfea")

@@ -45,6 +45,27 @@ def test_an_echo_sounder_hears_its_surface_bed_and_both(medium, step, direction)
         assert np.isnan(rays.source_slowness[0]).all()
 
 
+@pytest.mark.parametrize(
+    ("step", "echoes"), [(0.0, 4), (1e-9, 4), (1e-6, 4), (0.1, 4), (0.9, 4), (1.1, 0), (3.0, 0)]
+)
+def test_one_instrument_hears_its_echoes_with_the_default_cutoff(medium, step, echoes):
+    """Echoes after 20 m and more are 26 dB and more below spherical spreading over 1 m."""
+    far = (
+        np.array([[0.0, 0.0, DEPTH], [0.0, 0.0, DEPTH]]),
+        np.array([[step, 0.0, DEPTH], [900.0, 0.0, DEPTH]]),
+    )
+    rays = find_eigenrays(medium, *far, 1, 1)
+    every = find_eigenrays(medium, *far, 1, 1, None)
+    own = rays.link == 0
+    assert np.count_nonzero(own) == 1 + echoes
+    if echoes:
+        np.testing.assert_array_equal(rays.travel_time[own], every.travel_time[every.link == 0])
+    assert np.all(np.diff(rays.link) >= 0)
+    alone = find_eigenrays(medium, far[0][1:], far[1][1:], 1, 1)
+    np.testing.assert_array_equal(rays.travel_time[~own], alone.travel_time)
+    assert rays.status.tolist() == [0, 0]
+
+
 def test_directions_of_the_shortest_rays_are_those_of_their_ends(medium):
     a, b = links(1e-200, (0.6, 0.0, 0.8))
     b[0, :2], b[0, 2] = [6e-201, 0.0], DEPTH

@@ -107,9 +107,9 @@ def test_a_first_arrival_that_one_decibel_of_the_cutoff_decides_is_marked():
     spreading = [14.5, 3.0, 15.5, 3.0, 15.9, 3.0, 15.5, 13.9]
     link = [0, 0, 1, 1, 2, 3, 3, 4]
     time = np.array([1.0, 2.0, 1.0, 2.0, 1.0, 1.0, 2.0, 1.0])
-    wide = make_arrivals(
-        link, [RayStatus.OK] * 5 + [RayStatus.SHADOW], travel_time=time, spreading_db=spreading
-    )
+    status = [RayStatus.OK] * 5 + [RayStatus.SHADOW]
+    long = {"chord_travel_time": np.ones(6), "source_sound_speed": np.full(6, 1500.0)}
+    wide = make_arrivals(link, status, travel_time=time, spreading_db=spreading, **long)
     np.testing.assert_array_equal(is_near_cutoff(wide, 15.0, "first"), [1, 1, 1, 0, 0, 0])
     narrow = within_cutoff(wide, 15.0)
     assert narrow.link.tolist() == [0, 0, 1, 3, 4]
@@ -131,3 +131,18 @@ def test_arrivals_within_a_cutoff_are_those_that_it_finds():
     assert one.link.size < wide.link.size
     for name in ("link", "travel_time", "spreading_db", "status"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_no_cutoff_discards_an_echo_within_one_instrument():
+    """A link of 0.9 m, one of 1.1 m and one that no ray reaches directly; all arrivals are 60 dB weaker than spherical."""
+    chord = np.array([0.9, 1.1, np.nan]) / 1500.0
+    wide = make_arrivals(
+        [0, 1, 2],
+        [RayStatus.OK] * 3,
+        travel_time=np.ones(3),
+        spreading_db=np.full(3, 60.0),
+        chord_travel_time=chord,
+        source_sound_speed=np.full(3, 1500.0),
+    )
+    assert within_cutoff(wide, 15.0).link.tolist() == [0]
+    assert not is_near_cutoff(wide, 60.5, "first")[0]

@@ -274,3 +274,39 @@ with answered_stops():
 print("there")
 """)
     assert (done.returncode, done.stdout) == (0, "there\n"), done.stderr
+
+
+def test_a_stop_waits_for_a_block_that_defers_it_longer_than_the_patience():
+    """Compiled code that runs for longer than the patience within the block: the stop comes after it."""
+    done = python("""
+import os, signal, threading, time
+from numba import njit
+import pymantaray.cli.stopping as stopping
+from pymantaray.records.stops import deferred_stops
+
+@njit(nogil=True)
+def spin(n):
+    total = 0.0
+    for k in range(n):
+        total += 1.0 / (1.0 + total * total)
+    return total
+
+begin = time.monotonic()
+spin(10**7)
+spin(10**7)
+count = 10**7
+while True:
+    begin = time.monotonic()
+    spin(count)
+    if time.monotonic() - begin > 0.5:
+        break
+    count *= 2
+stopping._PATIENCE = 0.2
+threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGTERM)).start()
+with stopping.answered_stops():
+    with deferred_stops():
+        spin(2 * count)
+        print("whole", flush=True)
+print("late")
+""")
+    assert (done.returncode, done.stdout) == (143, "whole\n"), done.stderr

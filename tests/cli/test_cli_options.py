@@ -207,3 +207,13 @@ def test_an_option_refuses_another_quantity_in_one_line(mantaray):
     assert done.code == 2
     assert done.err.startswith("error: --bathymetry: found '2 kg'; allowed: a number of metres, or text")
     assert len(done.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "command", ["rays times a.csv b.csv --profile c.csv", "ocean from-cast c.csv o.nc", "serve c.csv"]
+)
+def test_the_sea_bed_has_one_name(mantaray, command):
+    for name in ("--bottom", "--sea-floor", "--bottom-depth"):
+        done = mantaray(*command.split(), name, "200")
+        assert done.code == 2
+        assert f"No such option: {name}; the depth of the sea bed is --bathymetry; see mantaray" in done.err

@@ -381,7 +381,6 @@ def test_plot_draws_the_links_of_a_table_by_their_names(rays, folder):
         (("--source", "0,0,20"), "give either --source and --receiver, or --links"),
         ((*DIRECT, "--links", "links.csv"), "give either --source and --receiver, or --links"),
         (("--source", "0,0", "--receiver", "1,1,1"), "--source is '0,0'; it must be north, east and depth"),
-        (("--links", "links.csv"), r"(5, 5, 40) to (5, 5, 40) m: source and receiver coincide"),
         (
             ("--source", "0,0,1", *("--receiver", "9,9,9") * 7),
             "--receiver: 7 links; a figure can show 1 to 6",

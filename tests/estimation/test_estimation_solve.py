@@ -245,6 +245,18 @@ def test_a_wrong_basin_is_left_for_the_lower_one_and_the_status_says_so(make_fle
     assert np.isfinite(solved.position).all()
 
 
+@pytest.mark.parametrize("steps", [4, 10, 20])
+def test_the_lower_descent_is_finished_if_steps_end_early(make_fleet, steps):
+    free = make_fleet(seed=3, gnss_every=29, turn=0.0)
+    worse = free.noise_free.odometry_sigma * [10, 10, 10, 20, 20, 20]
+    noisy = add_noise(replace(free.noise_free, odometry_sigma=worse), 53)
+    expected = solve_conditions(noisy, ["refracted"], free.start)["refracted"]
+    few = GraphSolver(SolveOptions(max_iterations=steps))
+    solved = solve_conditions(noisy, ["refracted"], solver=few)["refracted"]
+    assert solved.usable
+    assert solved.final_cost == pytest.approx(expected.final_cost, rel=1e-6)
+
+
 def test_estimates_hold_every_condition_and_realization(make_fleet):
     runs = [make_fleet(seed=s, n_vehicles=2, n_times=12, n_landmarks=1, gnss_every=5) for s in (0, 1)]
     solved = [solve_conditions(r.noisy, list(CONDITIONS)) for r in runs]

@@ -111,6 +111,59 @@ def test_topics_are_called_by_what_tells_them_apart(tmp_path):
     ]
 
 
+def write_robot(path, *, ros, offset=(3.0, 2.0, 0.0), frames=("odom", "map")):
+    """One robot with its odometry and a localization with a covariance, shifted by an offset, every 10 s."""
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    kinds = {"/odometry/filtered": "nav_msgs/msg/Odometry"}
+    kinds["/localization_pose"] = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    zero = store.types["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    twist = store.types["geometry_msgs/msg/Twist"](zero, zero)
+    with Writer1(path) if ros == 1 else Writer2(path, version=9) as bag:
+        topics = [bag.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()]
+        for t in range(0, 600, 10):
+            for connection, kind, frame, shift in zip(
+                topics, kinds.values(), frames, (np.zeros(3), np.array(offset)), strict=True
+            ):
+                header = stamped(store, ros, UNIX + t, frame)
+                pose = store.types["geometry_msgs/msg/PoseWithCovariance"](
+                    pose_of(store, np.array([t, 0.0, -20.0]) + shift, (1.0, 0.0, 0.0, 0.0)), np.zeros(36)
+                )
+                parts = [header, pose]
+                if kind.endswith("Odometry"):
+                    speed = store.types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36))
+                    parts = [header, "base_link", pose, speed]
+                message = store.types[kind](*parts)
+                raw = (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(message, kind)
+                bag.write(connection, (UNIX + t) * 1_000_000_000, raw)
+    return path
+
+
+@pytest.mark.parametrize(("name", "ros"), [("bag", 2), ("one.bag", 1)])
+def test_two_topics_of_one_robot_are_named_and_one_can_be_selected(name, ros, tmp_path):
+    bag = write_robot(tmp_path / name, ros=ros)
+    tracks = read_trajectories(bag)
+    assert tracks.notes[:2] == (
+        f"{bag}: vehicle odometry from topic /odometry/filtered in frame 'odom'",
+        f"{bag}: vehicle localization_pose from topic /localization_pose in frame 'map'",
+    )
+    assert "frames map, odom are taken as one" in tracks.notes[2]
+    distance = np.hypot(3.0, 2.0)
+    assert f"odometry and localization_pose are always within {distance:.2g} m" in tracks.notes[3]
+    one = read_trajectories(bag, names=["localization_pose"])
+    assert one.names == ["localization_pose"]
+    np.testing.assert_allclose(one.poses[0].place[0], [2.0, 3.0, 20.0])  # north, east, down
+    assert not [note for note in one.notes if "always within" in note]
+
+
+@pytest.mark.parametrize(("name", "ros"), [("bag", 2), ("one.bag", 1)])
+def test_vehicles_that_are_apart_in_one_frame_are_no_robot(name, ros, tmp_path):
+    bag = write_robot(tmp_path / name, ros=ros, offset=(0.0, 30.0, 0.0), frames=("map", "map"))
+    notes = read_trajectories(bag).notes
+    assert len(notes) == 2
+    bag = write_robot(tmp_path / f"far{name}", ros=ros, offset=(0.0, 30.0, 0.0))
+    assert "only if they have one origin" in read_trajectories(bag).notes[-1]
+
+
 def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_path):
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer2(tmp_path / "text", version=9) as bag:

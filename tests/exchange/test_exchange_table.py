@@ -202,8 +202,6 @@ REFUSED = {
         "time,north,east,depth\n2020-01-01,0,0,0\nnoon,0,0,0"),
     "m.csv, line 2: time is '5'; all cells must be seconds, or all must be dates": text(
         "time,north,east,depth\n5,0,0,0\n2020-01-01,0,0,0"),
-    "m.csv, line 3: time is 'inf'; all cells must be seconds": text(
-        "time,north,east,depth\n0,0,0,0\ninf,0,0,0\n1,1,1,1"),
     "m.csv: pitch without heading; add": text("time,north,east,depth,pitch\n0,0,0,0,0\n1,0,0,0,0"),
     "m.csv: heading has values up to 359, .* rename the column to heading_deg": text(
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
@@ -213,7 +211,7 @@ REFUSED = {
     "m.csv: only qw, qx, qy of a quaternion; give all of qw, qx, qy, qz": text(
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
     "m.csv: two columns vehicle; remove one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
-    "m.csv, line 3: no vehicle name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0\n2,a,0,0,0"),
+    "m.csv, line 3: vehicle is ''; it must have a name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0"),
     r"m.csv, line 3: 500 m from the position of line 2 at the same time, .* to vehicle \(unused columns: auv\)": text(
         "time,auv,north,east,depth\n0,A,0,0,0\n0,B,300,400,0\n1,A,0,0,0\n1,B,300,400,0"),
     r"m.csv, line 4: 2,2\d\d m from the position of line 3 at the same time": text(  # 0.04 degrees of longitude at 60 N
@@ -225,16 +223,36 @@ REFUSED = {
     "unknown format of trajectories; allowed: .bag, .csv": text("x", "m.xyz"),
     "no file; name": lambda _: [],
     "m.parquet: not a readable Parquet file": text("PAR1", "m.parquet"),
-    "m.tum: 2 rows of 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
-    "m.tum: not readable: could not convert string 'x'": text("0 1 2 x 0 0 0 1\n", "m.tum"),
+    "m.tum, line 1: 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
+    "m.tum, line 1: '0 1 2 x 0 0 0 1' has a word that is no number": text("0 1 2 x 0 0 0 1\n", "m.tum"),
     "m.tum: 0 rows": text("# nothing\n", "m.tum"),
-    "m.tum: pose 1 has a number that is not finite": text("0 0 0 0 0 0 0 1\nnan 0 0 0 0 0 0 1\n", "m.tum"),
+    "m.tum, line 2: a number is not finite": text("0 0 0 0 0 0 0 1\nnan 0 0 0 0 0 0 1\n", "m.tum"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("message", REFUSED)
 def test_bad_files_are_one_line_each(message, tmp_path):
     refused(ExchangeError, message, lambda: read_trajectories(REFUSED[message](tmp_path)))
+
+
+CUT = {
+    "m.csv": ("time,north,east,depth\n0,0,0,0\n1,0,0,5\n{}\n3,0,0,15\n", ["2,0", "2,0,0,x", "inf,0,0,10", "2,0,0,1,1"]),
+    "m.tum": ("0 0 0 0 0 0 0 1\n1 0 0 5 0 0 0 1\n\n{}\n3 0 0 15 0 0 0 1\n", ["2 0 0", "2 0 0 x 0 0 0 1", "2 0 0 nan 0 0 0 1"]),
+    "e.csv": (
+        ("#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n"
+        "0,0,0,0,1,0,0,0\n1000000000,0,0,5,1,0,0,0\n{}\n3000000000,0,0,15,1,0,0,0\n"),
+        ["2000000000,0,0", "2000000000,0,0,x,1,0,0,0", "99999999999999999999,0,0,0,1,0,0,0"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "row"), [(name, row) for name, (_, rows) in CUT.items() for row in rows])
+def test_unreadable_rows_of_a_track_are_listed_and_left_out(name, row, tmp_path):
+    (tmp_path / name).write_text(CUT[name][0].format(row))
+    tracks = read_trajectories(tmp_path / name)
+    assert tracks.poses[0].time.tolist() == [0.0, 1.0, 3.0]
+    assert tracks.poses[0].place[:, 2].tolist() == [0.0, 5.0, 15.0]
+    assert tracks.notes[0].startswith(f"{tmp_path / name}: 1 line left out, not readable: line 4: ")
 
 
 def test_a_single_vehicle_may_have_several_rows_within_the_resolution_of_its_times(tmp_path):
@@ -273,3 +291,22 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     )
     both = text("time,transmitter,receiver,receivers\n0,A,B,B\n")(tmp_path)
     refused(ExchangeError, "two columns receivers; remove one", read_pings, both, None)
+
+
+@pytest.mark.parametrize("place", ["north,east", "lat,lon"])
+def test_times_in_days_are_refused(place, tmp_path):
+    """1 m/s for ten minutes: 60 m north each minute."""
+    size = 1.0 if place == "north,east" else 1.0 / 111_100.0
+    for days, unit in ((False, 60.0), (True, 60.0 / 86_400.0)):
+        rows = [f"{41834 + k * unit:.9f},{60.0 * k * size:.9f},179.99,10" for k in range(10)]
+        (tmp_path / "m.csv").write_text("\n".join([f"time,{place},depth", *rows]))
+        if days:
+            message = "m: time gives a median speed of 86,[34]\\d\\d m/s; it must be in seconds; multiply days by 86400"
+            refused(ExchangeError, message, read_trajectories, tmp_path / "m.csv")
+        else:
+            assert read_trajectories(tmp_path / "m.csv").poses[0].time.size == 10
+
+
+def test_a_vehicle_over_the_antimeridian_is_not_fast(tmp_path):
+    (tmp_path / "m.csv").write_text("time,lat,lon,depth\n0,0,179.999,10\n100,0,-179.999,10\n")
+    assert read_trajectories(tmp_path / "m.csv").names == ["m"]

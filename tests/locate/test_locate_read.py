@@ -169,8 +169,8 @@ def test_survey_text_of_woods_hole_has_its_turn_around_time_and_crosses_midnight
     ("change", "message"),
     [
         (("two_way_time_s", "time_of_flight"), "exactly one of two_way_time_s, two_way_time_ms"),
-        ((",N2,", ",,"), "no name of the node"),
-        ((",yes", ",perhaps"), "use is 'perhaps'; allowed: yes, no"),
+        (("two_way_time_s", "two_way_time_s,two_way_time_s"), "two columns two_way_time_s; remove one"),
+        ((",yes", ",perhaps"), "use is 'perhaps'; allowed: 1, true, yes"),
         (
             ("north_m,east_m,depth_m,heading", "north,east,depth_m,heading"),
             "no positions of the platform",
@@ -182,7 +182,8 @@ def test_wrong_tables_are_refused_in_one_line(campaign, tmp_path, change, messag
     pings, nodes = write_table(campaign, tmp_path)
     text = pings.read_text()
     assert change[0] in text
-    pings.write_text(text.replace(*change, 1) if change[0] != ",yes" else text.replace(*change))
+    header, rows = text.split("\n", 1)
+    pings.write_text(f"{header.replace(*change)}\n{rows.replace(*change, 1 if change[0] == ',N1,' else -1)}")
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
 
 
@@ -219,7 +220,7 @@ def test_unreadable_lines_of_scripps_are_listed_and_left_out(tmp_path, bad):
     survey = read_survey(path)
     np.testing.assert_array_equal(survey.travel_time, whole.travel_time)
     number = len(path.read_text().splitlines())
-    start = f"{path}: 1 line left out, not readable: line {number} '6306 msec. Lat: 4 52.9"
+    start = f"{path}: 1 line left out, not readable: line {number}: '6306 msec. Lat: 4 52.9"
     assert survey.notes[-1].startswith(start)
 
 
@@ -268,3 +269,86 @@ def test_numbers_of_any_length_and_stray_lines_are_one_line(campaign, tmp_path):
     assert "1 line left out" in read_survey(path).notes[-1]
     path = edited(write_garpos(campaign, tmp_path), ("Date(UTC)", "key\n  Date(UTC)"))
     refused(LocateError, "not a readable ini file", read_survey, path)
+
+
+TRUNCATED = {  # what is left of a row, and the reason
+    "whole but the last cell": (lambda row: row.rpartition(",")[0], "cells, other rows"),
+    "half": (lambda row: row[: len(row) // 2], "cells, other rows"),
+    "two joined": (lambda row: f"{row},{row}", "cells, but the header has"),
+    "open quote": (lambda row: f'"{row}', "has a quote that is not closed"),
+    "no time": (
+        lambda row: row.replace(row.split(",")[0], "noon", 1),
+        "time is 'noon'; all cells must be seconds",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", TRUNCATED)
+def test_unreadable_rows_of_our_table_are_listed_and_left_out(campaign, tmp_path, case):
+    pings, nodes = write_table(campaign, tmp_path)
+    whole = read_survey(pings, ReadOptions(nodes=nodes))
+    change, reason = TRUNCATED[case]
+    lines = pings.read_text().splitlines()
+    lines[6] = change(lines[6])
+    pings.write_text("\n".join(lines) + "\n")
+    survey = read_survey(pings, ReadOptions(nodes=nodes))
+    assert survey.line.tolist() == [line for line in whole.line.tolist() if line != 7]
+    np.testing.assert_array_equal(survey.travel_time, np.delete(whole.travel_time, 4))
+    assert survey.notes[-1].startswith(f"{pings}: 1 line left out, not readable: line 7: ")
+    assert reason in survey.notes[-1]
+
+
+@pytest.mark.parametrize("case", [name for name in TRUNCATED if name != "no time"])
+def test_unreadable_rows_of_garpos_are_listed_and_left_out(campaign, tmp_path, case):
+    path = write_garpos(campaign, tmp_path)
+    whole = read_survey(path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    lines = table.read_text().splitlines()
+    lines[8] = TRUNCATED[case][0](lines[8])
+    table.write_text("\n".join(lines) + "\n")
+    survey = read_survey(path)
+    kept = whole.line != 9
+    np.testing.assert_array_equal(survey.travel_time, whole.travel_time[kept])
+    np.testing.assert_array_equal(survey.line, whole.line[kept])
+    assert survey.notes[-1].startswith(f"{table}: 1 line left out, not readable: line 9: ")
+
+
+def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_path):
+    pings, nodes = write_table(campaign, tmp_path)
+    head, *rows = pings.read_text().splitlines()[1:]
+    bad = [row.replace("yes", "perhaps") for row in rows[: len(rows) // 2]]
+    pings.write_text("\n".join([head, *bad, *rows[len(rows) // 2 :]]) + "\n")
+    message = f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines cannot be read"
+    refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
+
+
+def test_rows_that_omit_their_last_optional_cells_are_whole(tmp_path):
+    pings = tmp_path / "pings.csv"
+    rows = [f"{10 * i},A,1.8,34.96{i},139.26" for i in range(4)]
+    pings.write_text(
+        "\n".join(["time,node,two_way_time_s,lat,lon,depth_m,use", *rows, "40,A,1.8,34.96,139.26,3,no"])
+    )
+    survey = read_survey(pings, ReadOptions(depth=1300.0))
+    assert len(survey) == 5
+    assert survey.notes == ()
+
+
+@pytest.mark.parametrize("bad", ["99 52.9270 S", "4 62.9270 S"])
+def test_a_latitude_that_does_not_exist_is_left_out(tmp_path, bad):
+    path, _ = write_obsrange(tmp_path)
+    text = path.read_text()
+    first = next(line for line in text.splitlines() if "msec" in line)
+    latitude = re.search(r"Lat: (.*? [NS])", first)[1]
+    path.write_text(text.replace(first, first.replace(latitude, bad), 1))
+    assert "1 line left out" in read_survey(path).notes[-1]
+
+
+@pytest.mark.parametrize("bad", ["741052807.0 0 0 0", "741052807.0 1e9 0 0", "741052807.0 -2.6e6 -4.5e6 3.6"])
+def test_positions_of_gnatss_that_are_not_on_the_earth_are_left_out(campaign, tmp_path, bad):
+    path = write_gnatss(campaign, tmp_path)
+    whole = read_survey(path)
+    file = next(f for f in tmp_path.rglob("*POS*"))
+    file.write_text(f"{file.read_text().rstrip()}\n{bad}\n")
+    survey = read_survey(path)
+    np.testing.assert_array_equal(survey.transmit_position, whole.transmit_position)
+    assert survey.notes[-1].startswith(f"{file}: 1 line left out, not readable: line ")

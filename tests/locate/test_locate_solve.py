@@ -13,7 +13,9 @@ from pymantaray.locate import LeverArm, LocateOptions, Node, PlatformError, Surv
 from pymantaray.locate.checks import check_survey
 from pymantaray.locate.evidence import posterior
 from pymantaray.locate.linear import Linearization
+from pymantaray.locate.mirror import with_mirrors
 from pymantaray.locate.noise import Correlation
+from pymantaray.locate.solve import solve
 from pymantaray.locate.sound_speed import SpeedPrior, sound_speed_terms
 from pymantaray.locate.travel_times import predict
 from pymantaray.locate.unknowns import SurveyUnknowns
@@ -231,6 +233,45 @@ def test_a_survey_along_a_line_reports_both_solutions(campaign, medium):
     ends = sorted([found.positions[0, 1], mirror.east])
     np.testing.assert_allclose(ends, [-400.0, 400.0], atol=2.0)
     np.testing.assert_allclose([mirror.north, found.positions[0, 0]], truth[0], atol=2.0)
+
+
+def test_the_side_of_lower_chi_square_is_the_solution(campaign, medium):
+    _, survey = line_survey(campaign, 400.0)
+    node = Node(
+        "A", (0.0, 390.0, 1300.2), (1000.0, 60.0, 0.3)
+    )  # 13 standard deviations from the mirror image
+    survey = survey.changed(nodes=[node])
+    right, _, solver = solve(survey, medium, SCALE)
+    values = right.values.copy()
+    values[1] *= -1.0
+    wrong = solver.settle(right.unknowns, values, right.correlation, right.posterior)
+    assert wrong.positions[0, 1] == pytest.approx(-400.0, abs=5.0)
+    found, (mirror,) = with_mirrors(solver, wrong)
+    assert found.positions[0, 1] == pytest.approx(400.0, abs=2.0)
+    assert mirror.east == pytest.approx(-400.0, abs=5.0)
+    expected = ((-400.0 - 390.0) ** 2 - (400.0 - 390.0) ** 2) / 60.0**2  # of the prior
+    assert mirror.chi_square_difference == pytest.approx(expected, rel=0.1)
+    assert not mirror.undecided
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"travel_time": 1e-3},
+            "times shorter than those of the prior positions .*; they must be in the unit",
+        ),
+        (
+            {"time": 1.0 / 86_400.0},
+            "time gives a median speed of .* m/s; it must be in seconds; multiply days by",
+        ),
+    ],
+)
+def test_units_that_make_sound_or_platform_too_fast_are_refused(campaign, medium, changes, message):
+    _, survey = line_survey(campaign, 400.0)
+    scaled = {name: factor * getattr(survey, name) for name, factor in changes.items()}
+    refused(LocateError, message, check_survey, survey.changed(**scaled), medium)
+    check_survey(survey, medium)
 
 
 def test_a_pattern_with_width_has_no_mirror_solution(located):

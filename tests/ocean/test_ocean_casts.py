@@ -420,3 +420,16 @@ def test_a_date_that_does_not_exist_is_a_note(tmp_path):
         cast = read_cast(write(tmp_path, text))
         assert np.isnat(cast.time)
         assert any("'2018-13-45'" in note and "not read; time unknown" in note for note in cast.notes)
+
+
+@pytest.mark.parametrize("bad", ["30,0.2", "30,abc,30.1", "30,0.2,30.1,30,0.2", '"30,0.2,30.1'])
+def test_unreadable_rows_of_a_cast_are_listed_and_left_out(tmp_path, bad):
+    lines = (HEAD + PLAIN).splitlines()
+    path = write(tmp_path, "\n".join([*lines[:4], bad, *lines[4:]]) + "\n")
+    cast = read_cast(path)
+    np.testing.assert_array_equal(cast.depth, Z)
+    np.testing.assert_array_equal(cast.temperature, T)
+    assert cast.notes[0].startswith(f"{path}: 1 line left out, not readable: line 5: ")
+    profile = read_profile(path)
+    np.testing.assert_array_equal(profile.depth, Z)
+    assert "1 line left out" in profile.notes[0]

@@ -45,11 +45,37 @@ def test_zeros_of_all_variables_are_land():
     for name in ("water_temp", "salinity", "water_u", "water_v"):
         np.testing.assert_array_equal(np.isnan(ocean[name].values), LAND)
     assert (
-        f"{LAND.sum()} points removed: all variables are exactly 0 there, as on land"
+        f"{LAND.sum()} points removed: temperature and salinity are exactly 0 there, as on land"
         in ocean.attrs["history"]
     )
     ocean = open_ocean(model(0.0).drop_vars(["u", "v"]), currents="rest")
     np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
+
+
+def test_zeros_of_temperature_and_salinity_are_land_whatever_the_currents():
+    ocean = open_ocean(model(0.0, zero=("t", "s")))
+    np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
+    fresh = model(0.0)
+    fresh["s"][:] = 0.0
+    assert "points removed" not in open_ocean(fresh).attrs.get("history", "")
+
+
+def test_a_salinity_of_zero_in_salty_water_is_noted():
+    ocean = open_ocean(model(0.0, zero=("s",)))
+    assert (ocean["salinity"].values[LAND] == 0.0).all()
+    assert f"{LAND.sum()} points have a salinity of 0 in salty water" in ocean.attrs["history"]
+
+
+def test_a_latitude_without_units_that_may_be_in_radians_is_refused():
+    axes = {"lat": ("lat", np.radians(LAT)), "lon": ("lon", np.radians(LON))}
+    refused(
+        OceanError,
+        "lat has no units and may be in degrees or radians; set its units",
+        open_ocean,
+        model(**axes),
+    )
+    plain = model(lat=("lat", LAT), lon=("lon", LON))
+    np.testing.assert_array_equal(open_ocean(plain)["lat"].values, LAT)
 
 
 def test_zeros_of_one_variable_are_water():

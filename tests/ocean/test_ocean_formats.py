@@ -10,7 +10,7 @@ from refusals import refused
 
 from pymantaray.acoustics import read_profile, read_profiles
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
-from pymantaray.ocean import cast_ocean, holds_casts, read_cast, read_casts
+from pymantaray.ocean import cast_folders, cast_ocean, holds_casts, read_cast, read_casts
 
 PRESSURE = np.array([3.0, 100.0, 500.0, 1000.0])
 TEMPERATURE = np.array([2.5, 1.2, 0.6, -0.4])
@@ -57,16 +57,73 @@ def test_bad_flags_of_whp_exchange_drop_the_level(tmp_path, letter, flag, kept):
     assert ("1 values rejected by quality flags" in cast.notes) == (kept == 3)
 
 
-def test_temperatures_of_whp_exchange_become_its_90_and_bottles_are_refused(tmp_path):
+def test_temperatures_of_whp_exchange_become_its_90(tmp_path):
     (tmp_path / "a_ct1.csv").write_text(whp(unit="IPTS-68"))
     np.testing.assert_allclose(read_cast(tmp_path / "a_ct1.csv").temperature, TEMPERATURE / 1.00024)
-    (tmp_path / "a_hy1.csv").write_text(whp().replace("CTD,", "BOTTLE,", 1))
-    refused(
-        OceanError,
-        "a_hy1.csv: a WHP-exchange file of bottles; only those of a CTD",
-        read_cast,
-        tmp_path / "a_hy1.csv",
+
+
+def bottles(*, unit="ITS-90", end="END_DATA\n", bad=()):
+    """Two casts, the second from the bottom up; ``bad`` lists rows of the first whose salinity of the CTD is flagged."""
+    head = (
+        "EXPOCODE,SECT_ID,STNNBR,CASTNO,SAMPNO,BTLNBR,BTLNBR_FLAG_W,DATE,TIME,LATITUDE,LONGITUDE,DEPTH,CTDPRS,CTDTMP,"
+        "CTDSAL,CTDSAL_FLAG_W,SALNTY,SALNTY_FLAG_W"
     )
+    rows = []
+    for cast, order in ((1, slice(None)), (2, slice(None, None, -1))):
+        for k, (p, t, s) in enumerate(zip(PRESSURE[order], TEMPERATURE[order], SALINITY[order], strict=True)):
+            flag = 4 if cast == 1 and k in bad else 2
+            rows.append(
+                f"  33RR2007,   I8S,     {cast},  1,     {k},     {k},2,2024080{cast}, 755,{LAT:9.4f}, {LON + cast:9.4f},  450,"
+                f" {p:8.1f}, {t:8.4f},  {s:8.4f},{flag},{s + 0.001:9.4f},{2 if k else 9}"
+            )
+    lines = [
+        "BOTTLE,20071011WHPSIODBK",
+        "#code : hyd_to_exchange.pl",
+        head,
+        f",,,,,,,,,,,,DBAR,{unit},PSS-78,,PSS-78,",
+        *rows,
+    ]
+    return "\n".join(lines) + f"\n{end}"
+
+
+def test_bottles_of_whp_exchange_are_casts(tmp_path):
+    path = tmp_path / "a_hy1.csv"
+    path.write_text(bottles())
+    casts = read_casts(path)
+    assert [cast.name for cast in casts] == ["1/1", "2/1"]
+    for k, cast in enumerate(casts, 1):
+        np.testing.assert_allclose(cast.depth, depth(PRESSURE))
+        np.testing.assert_array_equal(cast.temperature, TEMPERATURE)
+        np.testing.assert_array_equal(cast.salinity, SALINITY)
+        assert (cast.lat, cast.lon) == pytest.approx((LAT, LON + k), abs=1e-4)
+        assert cast.time == np.datetime64(f"2024-08-0{k}T07:55")
+    assert len(read_profiles(path)) == 2
+
+
+def test_flags_of_bottles_choose_the_salinity(tmp_path):
+    """The CTD's salinity is bad in two rows; the bottle of the first of them has no value."""
+    path = tmp_path / "a_hy1.csv"
+    path.write_text(bottles(bad=(0, 2), unit="IPTS-68", end=""))
+    cast = read_casts(path)[0]
+    np.testing.assert_allclose(cast.depth, depth(PRESSURE[1:]))
+    np.testing.assert_allclose(cast.temperature, TEMPERATURE[1:] / 1.00024)
+    np.testing.assert_allclose(
+        cast.salinity, [SALINITY[1], SALINITY[2] + 0.001, SALINITY[3]], rtol=0, atol=1e-9
+    )
+    notes = " ".join(cast.notes)
+    assert "salinity of 1 bottle, where the CTD has none" in notes
+    assert "no END_DATA" in notes
+
+
+def test_bottles_without_pressure_or_with_truncated_lines(tmp_path):
+    path = tmp_path / "a_hy1.csv"
+    path.write_text(bottles().replace("CTDPRS", "REVPRS"))
+    refused(OceanError, "a_hy1.csv: a WHP-exchange file without a column CTDPRS", read_casts, path)
+    lines = bottles().splitlines()
+    path.write_text("\n".join([*lines[:5], lines[5][:60], *lines[6:]]))
+    cast = read_casts(path)[0]
+    assert cast.depth.size == PRESSURE.size - 1
+    assert "1 line left out, not readable: line 6" in " ".join(cast.notes)
 
 
 def itp(profile=0, *, newer=True, levels=None, end="%endofdat\n", rising=False, year=2016):
@@ -106,6 +163,11 @@ def test_incomplete_profiles_of_an_ice_tethered_profiler_are_noted_or_refused(tm
     path = tmp_path / "itp99grd0000.dat"
     path.write_text(itp(levels=371, end=""))
     assert "4 levels, but the header states 371: the file may be incomplete" in read_cast(path).notes
+    path.write_text(itp(levels=2))
+    assert "4 levels, but the header states 2: the file may be incomplete" in read_cast(path).notes
+    text = itp(levels=5, end="")
+    path.write_text(text + text.splitlines()[-1][:33] + "\n")  # a fifth row that is cut after its temperature
+    assert "4 levels, but the header states 5: the file may be incomplete" in read_cast(path).notes
     path.write_text(itp(year=0))
     assert np.isnat(read_cast(path).time)
     for text in (itp().splitlines()[0], itp().replace("2016  275.75", "% 2016  275.75")):
@@ -141,6 +203,38 @@ def test_folders_and_archives_of_profiles_are_many_casts(tmp_path):
     refused(OceanError, "none.zip: none of 1 file has a cast; a.txt: ", read_casts, tmp_path / "none.zip")
     (tmp_path / "cut.zip").write_bytes((tmp_path / "itp99.zip").read_bytes()[:300])
     refused(OceanError, "cut.zip: not a readable ZIP archive", read_casts, tmp_path / "cut.zip")
+
+
+def test_an_archive_may_have_equal_names_and_links_lead_nowhere(tmp_path):
+    path = tmp_path / "casts.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        for k in range(2):
+            archive.writestr(f"leg{k}/itp99grd0000.dat", itp(k, year=2016 + k))
+        archive.writestr("__MACOSX/leg0/._itp99grd0000.dat", "resource fork")
+        link = zipfile.ZipInfo("link.dat")
+        link.external_attr = 0o120777 << 16
+        archive.writestr(link, "/etc/hostname")
+    casts = read_casts(path)
+    assert [str(cast.time)[:4] for cast in casts] == ["2016", "2017"]
+    assert not any("dropped, the first" in note for cast in casts for note in cast.notes)
+
+
+@pytest.mark.parametrize(("limit", "value", "message"), [
+    ("_MAX_FILES", 2, "3 files|more than 2"), ("_MAX_UNPACKED", 1000, "the limits are .* and 1e-06 GB; unpack a part"),
+    ("MAX_BYTES", 300, "itp2.dat has more than 300 bytes|itp0.dat has more than 300 bytes"),
+])  # fmt: skip
+def test_folders_and_archives_have_limits(tmp_path, monkeypatch, limit, value, message):
+    folder = tmp_path / "casts"
+    folder.mkdir()
+    with zipfile.ZipFile(tmp_path / "casts.zip", "w") as archive:
+        for k in range(3):
+            (folder / f"itp{k}.dat").write_text(itp(k))
+            archive.write(folder / f"itp{k}.dat", f"itp{k}.dat")
+    assert len(read_casts(folder)) == len(read_casts(tmp_path / "casts.zip")) == 3
+    monkeypatch.setattr(cast_folders, limit, value)
+    refused(OceanError, message, read_casts, tmp_path / "casts.zip")
+    if limit == "_MAX_FILES":
+        refused(OceanError, "3 files; the limit is 2; name a smaller folder", read_casts, folder)
 
 
 def copernicus(*, adjusted=False, depths=False):

@@ -11,6 +11,7 @@ from refusals import refused
 from pymantaray.acoustics import Medium, read_profile, read_profiles, write_asvp, write_profiles
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean import holds_casts, read_cast, read_casts
+from pymantaray.ocean.instrument_table import month_first_date
 
 LAT, LON = 74.5, -140.25
 TIME = np.datetime64("2014-07-24T19:20:00")
@@ -509,3 +510,13 @@ def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
     except MantaRayError as error:
         levels, lines = 2, str(error).splitlines()
     assert (levels >= 2, len(lines)) == (True, 1)
+
+
+@pytest.mark.parametrize(("words", "date", "notes"), [
+    ("12/25/2020", "2020-12-25", 0), ("25/12/2020", "2020-12-25", 0), ("12/11/2020", "2020-12-11", 1),
+    ("12/12/2020", "2020-12-12", 0), ("13/01/20", "2020-01-13", 0), ("soon", "", 1), ("", "", 0),
+    ("2020/4/28", "2020-04-28", 0), ("2020-04-28 21:06", "2020-04-28", 0), ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
+])  # fmt: skip
+def test_the_month_is_first_unless_it_cannot_be_one(words, date, notes):
+    read, made = month_first_date(words)
+    assert (read, len(made)) == (date, notes)

@@ -15,10 +15,11 @@ READ = {
     "South 12.51": -12.51, "12.51 degrees south": -12.51, "12°30'36\" S": -12.51, "12-30.6S": -12.51,
     "12:30.6 S": -12.51, "12 30 36 S (bridge)": -12.51, "12 deg 30.6 min S": -12.51, "32 15 S lat": -32.25,
     "-12 30.6": -12.51, "-12 30.6 S": -12.51, "N44 41.056": 44 + 41.056 / 60, "44 41.056 N 500 m from buoy": 44 + 41.056 / 60,
+    "12 30.6 Sur": -12.51, "12.51 Süd": -12.51, "Sud 12 30.6": -12.51, "12 30.6 Nord": 12.51, "12 59.99 S": -(12 + 59.99 / 60),
     "74.5": 74.5, "74": 74.0, "74.": 74.0, "+74.5": 74.5, "47 24.53 approx": 47 + 24.53 / 60,
 }  # fmt: skip
 UNREAD = (
-    "", "unknown", "S", "12 30.6 Q", "12 30.6 E", "S12 30.6 N", "-12 30.6 N", "12 75 S", "12.5 30 S", "12 30.6 5 S", "12,51 S",
+    "", "unknown", "S", "12 30.6 Q", "12 30.6 E", "S12 30.6 N", "-12 30.6 N", "12 75 S", "12 60 S", "12 30 60 S", "12 30.6 Este", "12.5 30 S", "12 30.6 5 S", "12,51 S",
     "12 N 30.5", "12 30.6 (position of the ship, S of the mooring)",
 )  # fmt: skip
 
@@ -34,7 +35,16 @@ def test_uncertain_latitudes_are_not_read(words):
 
 
 @pytest.mark.parametrize(
-    "words", ["W063 38.60", "w63 38.60", "W 63 38.6", "063 38.6 W (bridge)", "West 63 38.6"]
+    "words",
+    [
+        "W063 38.60",
+        "w63 38.60",
+        "W 63 38.6",
+        "063 38.6 W (bridge)",
+        "West 63 38.6",
+        "63 38.6 Oeste",
+        "Ouest 63 38.6",
+    ],
 )
 def test_longitudes_west_are_negative(words):
     assert angle(words, "longitude") == pytest.approx(-(63 + 38.6 / 60), abs=1e-12)
@@ -49,10 +59,13 @@ def test_notes_say_what_is_assumed_or_not_used():
         ),
     )
     assert position_in_text("12 30 Q", "63 15 E") == (None, ("position not read: latitude '12 30 Q'",))
+    assert math.isnan(angle("63 38.6 O", "longitude"))  # east in German, west in Spanish
     for fill in ("999", "0", "99.9999"):
         place, notes = position_in_text(fill, fill)
         assert place is None
         assert notes[0].endswith("not used: no fix, or not a place")
+    assert position_in_text("45", "360.5")[0] is None
+    assert position_in_text("45", "359.5")[0] == (45.0, 359.5)
 
 
 def test_comments_have_positions_in_any_order():

@@ -1,5 +1,6 @@
 """Travel-time tables: error bound, outcomes, inversion, files, and failure paths."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -222,6 +223,21 @@ def test_a_table_without_its_checksum_says_so(table: TravelTimeTable, tmp_path: 
         else "its bytes do not have their checksum"
     )
     refused(OnlineError, message, open_table, path)
+
+
+def test_a_netcdf_table_of_other_values_is_refused(table: TravelTimeTable, tmp_path: Path) -> None:
+    import xarray as xr
+
+    save_table(table, tmp_path / "table.nc")
+    with xr.open_dataset(tmp_path / "table.nc") as data:
+        data.load()
+    value = data["value"].copy()
+    value[0, 0] += np.float32(1e-3)
+    other = data.assign_attrs(record=json.dumps({"earth": "sphere"}))
+    moved = data.assign_attrs(lower=[x + 1.0 for x in data.attrs["lower"]])
+    for changed in (data.assign(value=value), other, moved):
+        changed.to_netcdf(tmp_path / "changed.nc")
+        refused(OnlineError, "its values do not have their checksum", open_table, tmp_path / "changed.nc")
 
 
 def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path) -> None:

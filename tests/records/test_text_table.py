@@ -7,6 +7,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.errors import RecordError
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import read_text_table
 
 ROWS = [["name", "depth (m)"], ["a", "1.5"], ["b", "2"]]
@@ -31,6 +32,7 @@ REFUSED = {  # a file's content, its size or a name
     "has one line, 'depth'; a table needs a header with names of columns, and rows": "depth\n",
     "is empty; a table needs a header": "",
     "a.csv, line 3: 4 cells, but the header has 3; check the separators": "x,y,z\n1,2,3\n1,2,3,4\n",
+    "a.csv: 3,000 columns; at most 2,000 are read": f"{','.join(f'c{k}' for k in range(3000))}\n{'1,' * 3000}\n",
     "2 lines give 1 rows; close all quotes|not a readable table": 'x,y\n"1,2\n3,4\n',
     "a.csv: a binary file, not a text table": b"\x80\x04\x95\0pickle",
     "more than 200,000,000 bytes; use a smaller": 200_000_001,
@@ -52,3 +54,21 @@ def test_what_is_no_table_is_refused_before_its_numbers_are_asked_for(tmp_path, 
     elif not isinstance(case, Path):
         path.write_bytes(case if isinstance(case, bytes) else case.encode())
     refused(RecordError, message, read_text_table, path)
+
+
+@pytest.mark.parametrize(
+    "cell", ["2263-05-01T00:00:00Z", "9999-01-01", "1600-01-01", "2018-13-45", "2018-02-30"]
+)
+def test_dates_that_nanoseconds_cannot_hold_are_no_dates(tmp_path, cell):
+    (tmp_path / "a.csv").write_text(f"time,x\n2018-01-01,1\n2261-12-31T23:59:59Z,2\n{cell},3\n")
+    table = read_text_table(tmp_path / "a.csv")
+    refused(
+        RecordError,
+        f"line 4: time is '{cell}'; all cells must be seconds, or all must be dates",
+        table.times,
+        "time",
+    )
+    invalid = InvalidLines()
+    times = table.readable(invalid, times=["time"]).times("time")
+    assert times.astype("datetime64[D]").astype(str).tolist() == ["2018-01-01", "2261-12-31"]
+    assert len(invalid) == 1

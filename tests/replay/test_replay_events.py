@@ -54,7 +54,7 @@ BAD = {
         HEAD,
         ROW.replace("2020-03-10T12:00:00Z", "noon"),
     ),
-    "line 2: receiver has no name": (HEAD, ROW.replace(",B,", ",,")),
+    "line 2: receiver is ''; it must have a name": (HEAD, ROW.replace(",B,", ",,")),
     "travel_time of event 1 is -1.6; allowed: seconds above 0": (HEAD, ROW.replace("1.6", "-1.6")),
     "travel_time of event 1 is 4000.0; allowed: seconds above 0, below 3600": (
         HEAD,
@@ -74,6 +74,16 @@ BAD = {
 def test_what_is_no_event_is_refused_by_its_line(tmp_path, message):
     head, row = BAD[message]
     refused(ReplayError, message, read_events, write(tmp_path, row, head=head))
+
+
+@pytest.mark.parametrize(
+    "bad", [ROW[:40], ROW.replace("1.6", "soon"), ROW.replace(",B,", ",,"), f"{ROW},{ROW}"]
+)
+def test_lines_that_are_no_events_are_listed_and_left_out(tmp_path, bad):
+    path = write(tmp_path, ROW, bad, ROW)
+    events = read_events(path)
+    assert events.travel_time.tolist() == [1.6, 1.6]
+    assert events.notes[0].startswith(f"{path}: 1 line left out, not readable: line 3: ")
 
 
 def events_at(times, casts=None, epoch="2020-03-10T12:00:00"):

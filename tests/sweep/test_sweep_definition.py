@@ -4,6 +4,7 @@ import datetime as dt
 
 import numpy as np
 import pytest
+from refusals import refused
 
 from pymantaray.config.keys import with_key
 from pymantaray.errors import SweepError
@@ -285,3 +286,9 @@ def test_a_name_that_no_table_can_have_is_refused_before_anything_runs(name):
     with pytest.raises(SweepError, match=r"^sweep: .*name") as caught:
         Sweep("quick", zipped=zipped)
     assert "\n" not in str(caught.value)
+
+
+def test_a_sweep_has_a_hundred_fields_at_most(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text('base = "quick"\n[cross]\n' + "".join(f'"k.{k}" = [1]\n' for k in range(30_000)))
+    refused(SweepError, "30,000 fields or lists of them; at most 100 can be crossed", load_sweep, path)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.medium import Medium
-from pymantaray.acoustics.near_ends import separated, with_direct_rays
+from pymantaray.acoustics.near_ends import of_one_instrument, separated, with_direct_rays, with_echoes
 from pymantaray.acoustics.rough import Ends, realized, with_rough_rays
 from pymantaray.acoustics.solving import as_positions, solve_on_cuda, solve_on_processor
 from pymantaray.arrays import Array
@@ -58,8 +58,8 @@ def find_eigenrays(
         Maximum numbers of reflections of an arrival, up to 15 each. The surface is flat or the underside of ice. Ice and sea
         bed are bilinear between grid points. All boundaries reflect without loss.
     spreading_cutoff_db : float or None
-        Eigenrays weaker than spherical spreading over the straight distance by more than this are discarded. None keeps every ray, as
-        echoes between equal positions need. [dB]
+        Eigenrays weaker than spherical spreading over the straight distance by more than this are discarded, except on links shorter
+        than 1 m, whose echoes return to one instrument. None keeps every ray. [dB]
     tolerance : float
         Allowed error of the integration at the end of a ray. [m]
     canonical : bool
@@ -123,7 +123,12 @@ def find_eigenrays(
     options: dict[str, Any] = {"tolerance": float(tolerance), "canonical": canonical, "device": device}
     find = _solved if medium.surface.roughness is None else _under_rough_surface
     arrivals = find(medium, ends, threads=threads, progress=progress, **options)
-    return with_direct_rays(arrivals, a, b, near)
+    arrivals = with_direct_rays(arrivals, a, b, near)
+    own = of_one_instrument(a, b) if cutoff < math.inf and any(ends.bounces) else np.empty(0, dtype=np.intp)
+    if not own.size:
+        return arrivals
+    echoes = find_eigenrays(medium, a[own], b[own], *ends.bounces, None, threads=threads, **options)
+    return with_echoes(arrivals, own, echoes)
 
 
 def _solved(

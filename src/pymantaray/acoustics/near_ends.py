@@ -3,7 +3,8 @@ Links whose ends coincide or nearly do, such as those of echo sounders: direct r
 
 The solver needs a direction from source to receiver and divides by their distance. Such links are solved with ends that are a
 micrometre apart, which changes the travel time of a reflected ray by less than a nanosecond. The direct ray between the true ends
-is straight.
+is straight. The cut-off compares rays with spherical spreading over the distance of the ends. Within one instrument this says nothing
+about an echo, so links shorter than `SHORT_LINK` keep all of theirs.
 """
 
 from dataclasses import fields, replace
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.medium import Medium
+from pymantaray.acoustics.selection import SHORT_LINK
 from pymantaray.arrays import Array, Mask
 from pymantaray.records import Arrivals, RayStatus
 
@@ -66,6 +68,26 @@ def with_direct_rays(arrivals: Arrivals, source: Array, receiver: Array, near: M
     )
     chord[links], margin[links], status[links] = own["travel_time"], 0.0, RayStatus.OK
     return replace(arrivals, **columns, chord_travel_time=chord, shadow_margin=margin, status=status)
+
+
+def of_one_instrument(source: Array, receiver: Array) -> NDArray[np.intp]:
+    """Links whose ends (n, 3) are less than `SHORT_LINK` apart."""
+    near = (np.abs(receiver - source) < SHORT_LINK).all(axis=1)  # first, so that no square overflows
+    links = np.flatnonzero(near)
+    distance = np.linalg.norm(receiver[links] - source[links], axis=1)
+    return np.asarray(links[distance < SHORT_LINK])
+
+
+def with_echoes(arrivals: Arrivals, links: NDArray[np.intp], echoes: Arrivals) -> Arrivals:
+    """Arrivals with those of some links replaced."""
+    columns = {}
+    for column in ("status", "shadow_margin", "complete"):
+        values = np.array(getattr(arrivals, column))
+        values[links] = getattr(echoes, column)
+        columns[column] = values
+    others = replace(arrivals.at({"arrival": ~np.isin(arrivals.link, links)}), **columns)
+    rows = {field.name: getattr(echoes, field.name) for field in fields(echoes)}
+    return others.with_more(rows | {"link": links[echoes.link]})
 
 
 def _direct_rays(arrivals: Arrivals, links: NDArray[np.intp], step: Array) -> dict[str, Array]:

@@ -355,7 +355,7 @@ def ray_picture(
     medium : Medium
         Sound speed and bathymetry.
     source, receiver : array_like, shape (3,)
-        Different positions ``(north, east, down)``. [m]
+        Positions ``(north, east, down)``; the section of equal ones is to the north. [m]
     fan_angles : array_like, shape (n_fan,)
         Launch angles of the fan, from the horizontal, positive down. Angles that are too steep for `trace_fan` are omitted.
         [rad]
@@ -380,8 +380,6 @@ def ray_picture(
     a, b = as_positions("source", source)[0], as_positions("receiver", receiver)[0]
     step = b - a
     horizontal = math.hypot(step[0], step[1])
-    if not np.any(step):
-        raise AcousticsError("source and receiver coincide; give two different positions")
     unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
     arrivals = find_eigenrays(medium, a, b, max_surface_bounces, max_bottom_bounces, spreading_cutoff_db)
     rays = [trace_paths(medium, a, b, arrivals)]

@@ -216,7 +216,12 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
     notes = repairs or (() if water is None else freezing_notes(*water, depth, lat, lon))
     time, time_notes = cast_time(table)
     place = (lat, lon) if np.isfinite(lat) else None
-    notes = (*cast_position(table)[1], *(note for note in time_notes if "not read" in note), *notes)
+    notes = (
+        *table.notes,
+        *cast_position(table)[1],
+        *(note for note in time_notes if "not read" in note),
+        *notes,
+    )
     return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
 
 

@@ -21,6 +21,9 @@ smallest loss, or the earliest of all only where each has a reflection.
 NEAR_DB = 1.0
 """Change of the cut-off by which a selection is tested; selections that it changes are marked. [dB]"""
 
+SHORT_LINK = 1.0
+"""Links below this length are between transducers of one instrument, whose echoes the cut-off does not compare with it. [m]"""
+
 
 class Chosen(NamedTuple):
     """Links with a selected arrival in ascending order, and the row of each arrival."""
@@ -92,11 +95,11 @@ def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> N
 
     The arrivals must be from a search with a cut-off that is `NEAR_DB` higher than ``cutoff_db`` [dB].
     """
-    if not (arrivals.spreading_db > cutoff_db - NEAR_DB).any():
+    if not _too_weak(arrivals, cutoff_db - NEAR_DB).any():
         return np.zeros(arrivals.status.size, dtype=bool)
     picks = []
     for cutoff in (cutoff_db - NEAR_DB, cutoff_db, cutoff_db + NEAR_DB):
-        link, row = choose_arrivals(arrivals, rule, detected=~(arrivals.spreading_db > cutoff))
+        link, row = choose_arrivals(arrivals, rule, detected=~_too_weak(arrivals, cutoff))
         pick = np.full(arrivals.status.size, -1)
         pick[link] = row
         picks.append(pick)
@@ -105,12 +108,18 @@ def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> N
 
 def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
     """Arrivals within a lower cut-off [dB] than that of their search; a link that loses all of its arrivals is WEAK with miss distance 0."""
-    strong = ~(arrivals.spreading_db > cutoff_db)
+    strong = ~_too_weak(arrivals, cutoff_db)
     if strong.all():
         return arrivals
     rows, status = arrivals.at({"arrival": strong}), arrivals.status
     weak = (status == RayStatus.OK) & (np.bincount(rows.link, minlength=status.size) == 0)
     return replace(rows, status=np.where(weak, np.int8(RayStatus.WEAK), status))
+
+
+def _too_weak(arrivals: Arrivals, cutoff_db: float) -> NDArray[np.bool_]:
+    """True for each arrival that a cut-off discards."""
+    short = arrivals.chord_travel_time * arrivals.source_sound_speed < SHORT_LINK
+    return np.asarray((arrivals.spreading_db > cutoff_db) & ~short[arrivals.link])
 
 
 def select(

@@ -24,6 +24,7 @@ from pymantaray.user_files import shown
 _UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
 
 _LONGEST_LINE = 2000  # characters
+_SEA_BED = re.compile(r"No such option: --(bottom|sea-?floor|sea-?bed|bottom-depth)(?![\w-])")
 
 app = Commands(
     name="mantaray",
@@ -127,7 +128,7 @@ def _memory_line() -> str:
 def _refuse(error: Any) -> NoReturn:
     """Print the error line of wrong usage, with a pointer to the help, and exit."""
     message = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
-    fault = without_secrets(message)
+    fault = _SEA_BED.sub(r"\g<0>; the depth of the sea bed is --bathymetry", without_secrets(message))
     if fault:  # without arguments there is no message, and the help is printed already
         command = error.ctx.command_path if error.ctx else "mantaray"
         _print_error(f"{command}: {fault}; see {command} --help")

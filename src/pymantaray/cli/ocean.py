@@ -354,8 +354,6 @@ class UniformOptions:
     bathymetry: Annotated[
         float | None,
         typer.Option(
-            "--bathymetry",
-            "--bottom",
             parser=quantity("m"),
             help="Depth of the sea bed, in m. Default: from the file.",
         ),

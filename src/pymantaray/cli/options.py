@@ -288,8 +288,6 @@ class GridOptions:
     bathymetry: Annotated[
         str | None,
         typer.Option(
-            "--bathymetry",
-            "--bottom",
             metavar="M|FILE",
             help="Depth of the sea floor in metres, or a NetCDF file of it; required for a profile. Default: the deepest levels"
             " of the ocean.",
@@ -500,7 +498,7 @@ class ArrivalOptions:
         str | None,
         typer.Option(
             metavar="DB|none",
-            help="Eigenrays weaker than spherical spreading by more than this are discarded. Default: 15.",
+            help="Eigenrays weaker than spherical spreading by more than this are discarded, except on links below 1 m. Default: 15.",
         ),
     ] = None
 

@@ -118,7 +118,7 @@ def replay(
     sections = {} if comparing.detection is None else sound_sections(comparing.detection)
     waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
     sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]
-    notes = list(dict.fromkeys(note for one in waters for note in water_notes(one)))
+    notes = [*measured.notes, *dict.fromkeys(note for one in waters for note in water_notes(one))]
     with progress_bars(quiet=printing.quiet) as report:
         result = replay_events(
             measured,

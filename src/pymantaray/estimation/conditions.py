@@ -15,8 +15,8 @@ from pymantaray.errors import EstimationError
 from pymantaray.estimation.build import LinkChoice, MeasuredRanges, build_graph, timed_ranges, with_ranges
 from pymantaray.estimation.candidates import CandidateModel
 from pymantaray.estimation.covariance import dead_reckoning_covariances
+from pymantaray.estimation.descents import choose, same_cost
 from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.minima import SAME_COST
 from pymantaray.estimation.on_sphere import OnSphere
 from pymantaray.estimation.range_models import (
     AdjustableModel,
@@ -212,7 +212,7 @@ class _Fleet:
         self, first: GraphSolution, estimator: Estimator, measurements: Measurements, solver: GraphSolver
     ) -> GraphSolution:
         """
-        Solve again from the optimum of the graph without ranges, and return the solution of lower cost.
+        Solve again from the optimum of the graph without ranges, and choose between both by the rule of `descents`.
 
         That start uses fixes and depths, unlike dead reckoning, and no ranges that could keep it in a wrong basin. If the two
         minima differ, the status is SECOND_MINIMUM.
@@ -221,16 +221,17 @@ class _Fleet:
             self._without_ranges = self._solved(
                 Estimator(None), measurements, self._values(*self._dead_reckoned), solver
             )
-        if not self._without_ranges.usable:
-            return first
-        second = self._solved(estimator, measurements, self._without_ranges.values, solver)
-        if not (first.usable and second.usable):
-            return second if second.usable else first
-        lower = min(first, second, key=lambda solution: solution.final_cost)
-        if abs(first.final_cost - second.final_cost) <= SAME_COST * (1.0 + lower.final_cost):
-            return first
-        status = SolveStatus.SECOND_MINIMUM if lower.status == SolveStatus.OK else lower.status
-        return replace(lower, status=status)
+        ends = [first]
+        if self._without_ranges.usable:
+            ends.append(self._solved(estimator, measurements, self._without_ranges.values, solver))
+        best = choose(
+            ends,
+            lambda end: end.continued(self._solved(estimator, measurements, end.values, solver)),
+        )
+        minima = [end.cost for end in ends if end.usable]
+        if len(minima) == 2 and not same_cost(*minima) and best.status == SolveStatus.OK:
+            return replace(best, status=SolveStatus.SECOND_MINIMUM)
+        return best
 
     def _first_solved(
         self, estimator: Estimator, measurements: Measurements, start: GraphValues, solver: GraphSolver

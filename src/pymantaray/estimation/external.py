@@ -13,6 +13,7 @@ from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.certificate import Certificate, certify
 from pymantaray.estimation.chordal_problem import not_quadratic
+from pymantaray.estimation.descents import lowest
 from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
 from pymantaray.estimation.g2o import ISAM, TORO, load_g2o
 from pymantaray.estimation.graph import (
@@ -28,7 +29,6 @@ from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.minima import (
     StartOutcome,
     largest_difference,
-    lowest,
     plausible_alternative,
     search_minima,
 )

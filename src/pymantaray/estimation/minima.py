@@ -9,6 +9,7 @@ from scipy.special import chdtri
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.chordal_problem import ChordalProblem
+from pymantaray.estimation.descents import finish, lowest, same_cost
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solution import GraphSolution
 from pymantaray.estimation.staircase import can_relax, relax, rounded
@@ -18,11 +19,9 @@ from pymantaray.geometry import stream
 
 SolveFrom = Callable[[GraphValues], GraphSolution]
 
-SAME_COST = 1e-6  # relative; smaller differences of the cost are of one minimum
 _SAME_POSITION = 1e-3  # of the extent of all positions; smaller differences are of one minimum
 _PLAUSIBLE = 0.95  # quantile of chi-square within which a second minimum is plausible, too
 _MAX_MIRRORED = 64  # solves from mirrored landmarks
-_MAX_CONTINUED = 8  # further solves from the end of the lowest descent, if it has not converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +40,12 @@ class StartOutcome:
     @property
     def cost(self) -> float:
         """Final cost, also of a descent that did not converge; infinite if the solve failed."""
-        found = self.solution.usable or self.solution.last_point is not None
-        return self.solution.final_cost if found and np.isfinite(self.solution.final_cost) else np.inf
+        return self.solution.cost
+
+    @property
+    def converged(self) -> bool:
+        """True if the solution is a converged optimum."""
+        return self.solution.usable
 
 
 def search_minima(
@@ -72,29 +75,15 @@ def search_minima(
     return outcomes
 
 
-def lowest(outcomes: Sequence[StartOutcome]) -> StartOutcome:
-    """Outcome of the lowest cost whatever its status; among equal costs a usable one, then the first."""
-    least = min(outcome.cost for outcome in outcomes)
-    equal = [o for o in outcomes if o.cost <= least + SAME_COST * (1.0 + least) or least == np.inf]
-    return next((o for o in equal if o.solution.usable), equal[0])
-
-
 def _finish(outcomes: list[StartOutcome], solve: SolveFrom) -> None:
-    """Continue the descent of the lowest outcome until it converges or its cost does not fall, in place."""
-    for _ in range(_MAX_CONTINUED):
-        best = lowest(outcomes)
-        if best.solution.usable or best.cost == np.inf:
-            return
-        again = solve(best.solution.values)
-        longer = replace(
-            again,
-            iterations=best.solution.iterations + again.iterations,
-            initial_cost=best.solution.initial_cost,
-        )
-        further = replace(best, solution=longer)
-        if not further.cost <= best.cost:
-            return
-        outcomes[outcomes.index(best)] = further
+    """Finish the descent of the lowest outcome, in place."""
+    best = lowest(outcomes)
+
+    def further(outcome: StartOutcome) -> StartOutcome:
+        again = solve(outcome.solution.values)
+        return replace(outcome, solution=outcome.solution.continued(again))
+
+    outcomes[outcomes.index(best)] = finish(best, further)
 
 
 def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) -> StartOutcome | None:
@@ -112,7 +101,7 @@ def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) 
 
 def same_minimum(one: StartOutcome, other: StartOutcome) -> bool:
     """True if two solutions have equal costs and positions."""
-    if abs(one.cost - other.cost) > SAME_COST * (1.0 + min(one.cost, other.cost)):
+    if not same_cost(one.cost, other.cost):
         return False
     a, b = _positions(one.solution.values), _positions(other.solution.values)
     extent = float(np.linalg.norm(np.ptp(a, axis=0)))

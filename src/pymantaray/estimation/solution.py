@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -156,6 +156,30 @@ class GraphSolution:
     def usable(self) -> bool:
         """True if the values are a converged optimum."""
         return self.status.usable
+
+    converged = usable
+
+    @property
+    def cost(self) -> float:
+        """Final cost, also of a descent that did not converge; infinite if the solve failed."""
+        found = self.usable or self.last_point is not None
+        return self.final_cost if found and math.isfinite(self.final_cost) else math.inf
+
+    def continued(self, again: "GraphSolution") -> "GraphSolution":
+        """
+        Join the solution of a further descent from the end of this one.
+
+        Parameters
+        ----------
+        again : GraphSolution
+            Solution of the further descent.
+
+        Returns
+        -------
+        GraphSolution
+            The further solution with the steps of both and the first initial cost.
+        """
+        return replace(again, iterations=self.iterations + again.iterations, initial_cost=self.initial_cost)
 
     @property
     def values(self) -> GraphValues:

@@ -12,44 +12,55 @@ import numpy as np
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.user_files import read_text
 
 HEADER = re.compile(r"\s*#\s*timestamp.*\bp_RS_R_x\b.*\bq_RS_w\b", re.IGNORECASE)
 _POSE = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
 _FIRST_DATE = 100_000_000_000_000_000  # ns; later stamps are dates, earlier stamps are from another clock
+_LAST_STAMP = 2**63 - 1  # ns
 
 
-def read_euroc(path: Path, *, enu: bool = False) -> list[Poses]:
+def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
     """
-    Read the trajectory of a EuRoC file; the name of the file is the name of the vehicle.
+    Read the trajectory of a EuRoC file, and a note about invalid lines; the name of the file is the name of the vehicle.
 
     With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up; without, north, east, down.
     """
     lines = read_text(path, ExchangeError, what="a EuRoC file").splitlines()
     header = next(line for line in lines if HEADER.match(line))
     names = [re.split(r"[\s\[]", cell.strip(" #"))[0] for cell in header.split(",")]
-    rows = [
-        (k, line.split(","))
-        for k, line in enumerate(lines, 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
     try:
         columns = [names.index(name) for name in _POSE]
     except ValueError:
         raise ExchangeError(f"{path}: a EuRoC file needs the columns {', '.join(_POSE)}") from None
-    time = np.empty(len(rows), dtype=np.int64)
-    poses = np.empty((len(rows), len(columns)))
-    for row, (number, cells) in enumerate(rows):
+    stamps: list[int] = []
+    poses: list[list[float]] = []
+    invalid = InvalidLines()
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
         try:
-            time[row] = int(cells[0])
-            poses[row] = [float(cells[k]) for k in columns]
-        except (ValueError, IndexError, OverflowError):
-            raise ExchangeError(
-                f"{path}, line {number}: not a pose of EuRoC: a whole number of nanoseconds, and {len(names) - 1} numbers"
-            ) from None
-    place, quaternion = poses[:, :3], poses[:, 3:]
+            stamp, pose = _stamp_and_pose(line.split(","), columns)
+        except (ValueError, IndexError):
+            wanted = f"a whole number of nanoseconds, and {len(names) - 1} numbers"
+            invalid.add(path, number, f"not a pose of EuRoC: {wanted}")
+            continue
+        stamps.append(stamp)
+        poses.append(pose)
+    invalid.refuse_most(len(poses), ExchangeError)
+    time, table = np.array(stamps, dtype=np.int64), np.array(poses).reshape(-1, len(columns))
+    place, quaternion = table[:, :3], table[:, 3:]
     if enu:
         place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
     dated = time.size > 0 and time.min() > _FIRST_DATE
-    stamps = time.astype("datetime64[ns]") if dated else 1e-9 * time
-    return [Poses(path.stem, stamps, place, quaternion, False, str(path))]
+    own_time = time.astype("datetime64[ns]") if dated else 1e-9 * time
+    return [Poses(path.stem, own_time, place, quaternion, False, str(path))], invalid.notes
+
+
+def _stamp_and_pose(cells: list[str], columns: list[int]) -> tuple[int, list[float]]:
+    """Time stamp [ns] and finite numbers of a row; a ValueError or IndexError for other rows."""
+    stamp, pose = int(cells[0]), [float(cells[k]) for k in columns]
+    if abs(stamp) > _LAST_STAMP or not np.isfinite(pose).all():
+        raise ValueError(cells[0])
+    return stamp, pose

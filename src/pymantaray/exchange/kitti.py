@@ -28,12 +28,13 @@ def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
         np.savetxt(temporary, poses.reshape(-1, 12), fmt="%.17g")
 
 
-def read_kitti(path: Path, *, enu: bool = False) -> list[Poses]:
+def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
     """
     Read the trajectory of a KITTI file and the times beside it; the name of the file is the name of the vehicle.
 
     The times, one per line, are in the first that exists of ``NAME_times.txt``, ``times-VEHICLE.txt`` (`write_kitti`'s
     ``CONDITION-VEHICLE.txt``) and ``times.txt``. Axes are as in `read_tum`.
+    An invalid line is an error, because poses and times belong together by their numbers.
     """
     names = [f"{path.stem}_times.txt", f"times-{path.stem.partition('-')[2]}.txt", "times.txt"]
     times = next((path.with_name(name) for name in names if exists(path.with_name(name))), None)
@@ -57,4 +58,4 @@ def read_kitti(path: Path, *, enu: bool = False) -> list[Poses]:
     quaternion = quaternion_from_matrix(rotation)
     if enu:
         place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
-    return [Poses(path.stem, time, place, quaternion, False, str(path))]
+    return [Poses(path.stem, time, place, quaternion, False, str(path))], ()

@@ -57,7 +57,7 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
     notes: list[str] = []
     for path in paths:
         text = _TEXTS.get(_text_format(path))
-        own, own_notes = _reader(path)(path) if text is None else (text(path, enu=enu), [])
+        own, own_notes = _reader(path)(path) if text is None else text(path, enu=enu)
         poses += [p if p.centre is not None else p._replace(centre=centre_beside(path)) for p in own]
         notes += own_notes
     tracks = Tracks.of(poses, notes).selected(names)

@@ -92,7 +92,8 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     else:
         names = _names(list(rows))
         notes = [
-            f"{path}: vehicle {name} from topic {topic}" for name, topic in zip(names, rows, strict=True)
+            f"{path}: vehicle {name} from topic {topic} in frame {values[0][3]!r}"
+            for name, (topic, values) in zip(names, rows.items(), strict=True)
         ]
     tracks = [_poses(name, values, path) for name, values in zip(names, rows.values(), strict=True)]
     return _with_centres(tracks, list(rows.values()), located, notes)
@@ -146,6 +147,14 @@ def _with_centres(
             notes = [*notes, note]
         for k in own:
             out[k] = tracks[k]._replace(centre=centred.centre)
+    without_centre = {frame for frame, track in zip(frames, out, strict=True) if track.centre is None}
+    if without_centre and len(set(frames)) > 1:
+        listed = ", ".join(sorted(set(frames)))
+        note = (
+            f"{tracks[0].file}: frames {listed} are taken as one; distances between their vehicles are right only if they have one"
+            " origin and the same axes"
+        )
+        notes = [*notes, note]
     return out, notes
 
 

@@ -13,6 +13,7 @@ from pymantaray.errors import ExchangeError, RecordError, SensingError
 from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, about_down, level
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import TextTable, read_text_table
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList
@@ -52,6 +53,7 @@ _UNITS = {
 }
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
+_ANGLES = ["heading", "pitch", "roll"]
 _OF_PINGS = "time", "transmitter", "receivers"
 _IN_MEMORY = "data frame"
 _MAX_RADIANS = 6.5  # slightly more than 2 pi
@@ -65,18 +67,20 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
 
     There is one trajectory per name of a vehicle. Without a column of names, there is one with the name of the file.
     """
-    return _trajectories(_parquet(path) if path.suffix.lower() == ".parquet" else _text(path))
+    invalid = InvalidLines()
+    table = _parquet(path) if path.suffix.lower() == ".parquet" else _text(path, invalid)
+    return _trajectories(table, invalid)
 
 
 def read_frame(frame: pd.DataFrame) -> tuple[list[Poses], list[str]]:
     """As `read_table`, for a data frame with the columns of a table; rows are counted from 1."""
     if frame.empty:
         raise ExchangeError(f"{_IN_MEMORY}: no rows; a trajectory needs at least two")
-    return _trajectories(_typed_table(Path(_IN_MEMORY), frame))
+    return _trajectories(_typed_table(Path(_IN_MEMORY), frame), InvalidLines())
 
 
-def _trajectories(table: TextTable) -> tuple[list[Poses], list[str]]:
-    """Poses of each vehicle in a table, and a note about unused columns."""
+def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses], list[str]]:
+    """Poses of each vehicle in a table, and notes about unused columns and lines that are left out."""
     path = table.path
     table, factors = _known_columns(table)
     conditions = table.frame.get("condition")
@@ -94,6 +98,11 @@ def _trajectories(table: TextTable) -> tuple[list[Poses], list[str]]:
             f"{error}; a trajectory needs time, lat and lon or north and east, and depth; optional are vehicle and either"
             " qw, qx, qy, qz or heading_deg, pitch_deg, roll_deg"
         ) from None
+    whole = set(_QUATERNION) <= there
+    angles = [n for n in factors if n in (_QUATERNION if whole else _ANGLES) or n == "convergence"]
+    names_of = {"vehicle"} & there
+    table = table.readable(invalid, times=["time"], numbers=[*place, "depth", *angles], words=names_of)
+    invalid.refuse_most(len(table.frame), ExchangeError)
     place_of = _numbers(table, factors, [*place, "depth"])
     time, quaternion = _times(table), _attitude(table, factors)
     if place[0] == "lat" and "convergence" in there:  # attitudes are relative to a frame's north
@@ -108,7 +117,8 @@ def _trajectories(table: TextTable) -> tuple[list[Poses], list[str]]:
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]
         poses.append(Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path), centre))
-    return poses, [f"{path}: unused columns: {', '.join(unread)}"] if unread else []
+    unused = [f"{path}: unused columns: {', '.join(unread)}"] if unread else []
+    return poses, [*unused, *invalid.notes]
 
 
 def _refuse_two_places_at_once(
@@ -169,9 +179,9 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
         raise ExchangeError(f"{path}: {error}") from None
 
 
-def _text(path: Path) -> TextTable:
+def _text(path: Path, invalid: InvalidLines | None = None) -> TextTable:
     try:
-        return read_text_table(path)
+        return read_text_table(path, invalid=invalid)
     except RecordError as error:
         raise ExchangeError(str(error)) from None
 
@@ -268,12 +278,7 @@ def _numbers(table: TextTable, factors: dict[str, float], columns: list[str]) ->
 
 def _vehicles(table: TextTable) -> NDArray[Any]:
     """Name of the vehicle of each row."""
-    cells = table.frame["vehicle"]
-    nameless = cells.isna() | (cells == "")
-    if nameless.any():
-        where = table.where(int(np.argmax(nameless)))
-        raise ExchangeError(f"{where}: no vehicle name; give one in each row, or remove the column")
-    return np.asarray(cells.astype(str).to_numpy())
+    return np.asarray(table.frame["vehicle"].astype(str).to_numpy())
 
 
 def _times(table: TextTable) -> NDArray[Any]:
@@ -288,7 +293,7 @@ def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:
     """Quaternions from quaternion columns or from heading, pitch and roll; None if the table has neither."""
     if set(_QUATERNION) <= set(factors):
         return _numbers(table, factors, _QUATERNION)
-    angles = [name for name in factors if name in ("heading", "pitch", "roll")]
+    angles = [name for name in factors if name in _ANGLES]
     quaternion = [name for name in _QUATERNION if name in factors]
     if not angles and quaternion:
         raise ExchangeError(

@@ -16,9 +16,11 @@ from pymantaray.errors import ExchangeError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories, VehicleStatus
 from pymantaray.records.digits import counted
+from pymantaray.records.text_table import check_speed
 
 SAME_TIME = 1e-6
 """Times that differ by less count as one. [s]"""
+_M_PER_DEGREE = 111_100.0
 _ABOVE_SURFACE = 5.0  # m; up to this an error of a depth sensor, beyond it an axis that points up
 _SAME_VEHICLE = 10.0  # m
 _MAX_COMPARED = 50  # vehicles
@@ -282,6 +284,12 @@ def level(heading: ArrayLike, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> 
     return np.asarray(Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True))
 
 
+def _metres(place: Array) -> Array:
+    """North, east and depth of latitudes and longitudes, to a percent. [m]"""
+    north, east = _M_PER_DEGREE * place[:, 0], _M_PER_DEGREE * np.unwrap(place[:, 1], period=360.0)
+    return np.column_stack([north, east * np.cos(np.radians(place[0, 0])), place[:, 2]])
+
+
 def _clean(p: Poses, notes: list[str]) -> Poses:
     """Check poses, sort them by time and drop repeated times; changes are appended to the notes."""
     who = f"{p.file}: {p.name}"
@@ -315,6 +323,8 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         above = place[:, 2] < 0.0
         notes.append(f"{who}: {above.sum()} poses up to {-top:.2g} m above the surface moved to the surface")
         place[above, 2] = 0.0
+    if not np.issubdtype(time.dtype, np.datetime64):
+        check_speed(time, _metres(place) if p.geodetic else place, f"{who}: time", ExchangeError)
     quaternion = None
     if p.quaternion is not None:
         quaternion = np.array(p.quaternion[order], dtype=float)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,10 @@ from pymantaray.estimation import FactorGraph, GraphValues
 from pymantaray.exchange.centre import Centre, centre_comments, centre_in_comments
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
+from pymantaray.messages import one_line
 from pymantaray.records import whole_file
+from pymantaray.records.digits import counted
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import check_seconds
 from pymantaray.user_files import read_text
 
@@ -109,36 +111,47 @@ def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
     return [path.with_name(f"{path.stem}-{name}{path.suffix}") for name in graph.vehicle_name.tolist()]
 
 
-def read_tum(path: Path, *, enu: bool = False) -> list[Poses]:
+def read_tum(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
     """
-    Read the trajectory of a TUM file; the name of the file is the name of the vehicle.
+    Read the trajectory of a TUM file, and a note about invalid lines; the name of the file is the name of the vehicle.
 
     With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up (ROS, REP-103), unlike in `write_tum`.
     """
-    table = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw")
+    invalid = InvalidLines()
+    table = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw", invalid)
     check_seconds(table[:, 0], f"{path}: time", ExchangeError)
     place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
     if enu:
         place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
     lines = read_text(path, ExchangeError).splitlines()
     centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
-    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)]
+    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)], invalid.notes
 
 
-def text_numbers(path: Path, width: int, about: str) -> Array:
-    """Finite numbers (n, width) of a text without header, separated by spaces or commas; ``about`` describes its rows."""
-    lines = read_text(path, ExchangeError).replace(",", " ").splitlines()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of an empty file
-            table = np.loadtxt(lines, ndmin=2)
-    except ValueError as error:
-        raise ExchangeError(f"{path}: not readable: {str(error).partition(';')[0]}; {about}") from None
-    if table.shape[-1] != width or not len(table):
-        raise ExchangeError(f"{path}: {len(table)} rows of {table.shape[-1]} numbers; {about}")
-    finite = np.isfinite(table).all(axis=1)
-    if not finite.all():
-        raise ExchangeError(
-            f"{path}: pose {int(np.argmin(finite))} has a number that is not finite; correct or remove it"
-        )
-    return table
+def text_numbers(path: Path, width: int, about: str, invalid: InvalidLines | None = None) -> Array:
+    """
+    Finite numbers (n, width) of a text without header, separated by spaces or commas; ``about`` describes its rows.
+
+    Lines with anything else are added to ``invalid``; without it, the first of them raises an error.
+    """
+    rows: list[list[float]] = []
+    wrong = InvalidLines() if invalid is None else invalid
+    for number, line in enumerate(read_text(path, ExchangeError).splitlines(), 1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            wrong.add(path, number, f"{one_line(line, 60)!r} has a word that is no number; {about}")
+            continue
+        if len(row) != width:
+            wrong.add(path, number, f"{counted(len(row), 'number')}; {about}")
+        elif not np.isfinite(row).all():
+            wrong.add(path, number, "a number is not finite; correct or remove it")
+        else:
+            rows.append(row)
+    wrong.refuse_most(0 if invalid is None else len(rows), ExchangeError)
+    if not rows:
+        raise ExchangeError(f"{path}: 0 rows of numbers; {about}")
+    return np.array(rows)

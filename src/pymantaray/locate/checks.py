@@ -13,6 +13,7 @@ from pymantaray.locate.solve import SurveySolution
 from pymantaray.locate.starts import mean_speed
 from pymantaray.locate.survey import Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
+from pymantaray.records.text_table import check_speed
 
 _MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
 _MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times with a wrong unit
@@ -61,6 +62,8 @@ def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
 def check_survey(survey: Survey, medium: Medium) -> None:
     """Raise an error for impossible units and signs before the solve."""
     _check_times(survey)
+    own = ~survey.between_nodes
+    check_speed(survey.time[own], survey.transmit_position[own], f"{survey.source}: time", LocateError)
     moved_to_water(survey, medium, np.array(survey.lever.offset))
     for node in survey.nodes:
         if node.position[2] < 0.0:
@@ -101,7 +104,7 @@ def moved_to_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, .
     notes = []
     for size, where, question in (
         (height, "above the surface", "are these ellipsoidal heights, or has the lever arm the wrong sign?"),
-        (below, "below the sea bed", "check the depths and the sea bed"),
+        (below, "below the sea bed", "check the depths and the sea bed."),
         (in_ice, "above the underside of the ice", ""),
     ):
         outside = int(np.count_nonzero(size > _ON_BOUNDARY))
@@ -187,7 +190,13 @@ def _check_units(survey: Survey, medium: Medium) -> None:
     two_way = survey.direction[alone] == TravelDirection.TWO_WAY
     expected = distance / speed * np.where(two_way, 2.0, 1.0)
     ratio = float(np.median(survey.travel_time[alone] / np.maximum(expected, 1e-6)))
-    if _MILLISECONDS[0] < ratio < _MILLISECONDS[1] and np.median(survey.travel_time) > 5.0:
+    low, high = _MILLISECONDS
+    if low < 1.0 / max(ratio, 1e-9) < high:
+        raise LocateError(
+            f"{survey.source}: travel times are {1.0 / ratio:,.0f} times shorter than those of the prior positions (median"
+            f" {np.median(survey.travel_time):g} s); they must be in the unit of their column's name"
+        )
+    if low < ratio < high and np.median(survey.travel_time) > 5.0:
         raise LocateError(
             f"{survey.source}: travel times are {ratio:,.0f} times those of the prior positions (median"
             f" {np.median(survey.travel_time):g} s); they must be in seconds; divide milliseconds by 1000"

@@ -16,7 +16,7 @@ from pymantaray.locate.bootstrap import bootstrap_positions
 from pymantaray.locate.budget import error_budget
 from pymantaray.locate.checks import below_bed, check_solution, check_survey, moved_to_water
 from pymantaray.locate.gross import reasons
-from pymantaray.locate.mirror import Mirror, mirrors
+from pymantaray.locate.mirror import Mirror, with_mirrors
 from pymantaray.locate.options import LocateOptions
 from pymantaray.locate.patterns import NoiseTest, noise_tests, test_table
 from pymantaray.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
@@ -403,6 +403,7 @@ def locate(
     chosen = options or LocateOptions()
     check_survey(survey, medium)
     solution, candidates, solver = solve(survey, medium, chosen)
+    solution, mirrors = with_mirrors(solver, solution)
     notes = below_bed(solution, medium)
     check_solution(solution, medium)
     notes += moved_to_water(survey, medium, solution.unknowns.lever(solution.values))
@@ -414,7 +415,7 @@ def locate(
         solution,
         candidate_table(candidates, solution),
         noise_tests(solution),
-        mirrors(solver, solution),
+        mirrors,
         reasons(solution, medium),
         draws,
         notes,

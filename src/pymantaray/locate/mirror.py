@@ -1,11 +1,13 @@
 """Second solution of a survey along one line: the mirror image of the node in the vertical plane through the line."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
+from pymantaray.estimation.descents import lowest
 from pymantaray.locate.solve import Solver, SurveySolution
 
 _MAX_WIDTH = 0.15  # width over length of a line for which mirror solutions are computed
@@ -24,8 +26,33 @@ class Mirror:
     undecided: bool
 
 
-def mirrors(solver: Solver, solution: SurveySolution) -> list[Mirror]:
-    """Mirror solutions of nodes whose pings are along one line."""
+class _Candidate(NamedTuple):
+    """Solution with its chi-square, and its description as a mirror of another solution."""
+
+    cost: float
+    solution: SurveySolution
+    mirror: Mirror | None = None
+
+    @property
+    def converged(self) -> bool:
+        """True if the positions have converged."""
+        return self.solution.settled
+
+
+def with_mirrors(solver: Solver, solution: SurveySolution) -> tuple[SurveySolution, list[Mirror]]:
+    """Solution of the lowest chi-square, and the mirror solutions of its nodes whose pings are along one line."""
+    for _ in solver.survey.names:
+        mirrored = _mirrored(solver, solution)
+        best = lowest([_Candidate(_cost(solution, solution), solution), *mirrored])
+        if best.solution is solution:
+            break
+        solution, mirrored = best.solution, []
+    mirrored = mirrored or _mirrored(solver, solution)
+    return solution, [candidate.mirror for candidate in mirrored if candidate.mirror is not None]
+
+
+def _mirrored(solver: Solver, solution: SurveySolution) -> list[_Candidate]:
+    """Solutions from the mirror image of one node after the other."""
     survey = solver.survey
     near, away = solution.transducers()
     result = []
@@ -47,20 +74,14 @@ def mirrors(solver: Solver, solution: SurveySolution) -> list[Mirror]:
         mirrored = _descend(solver, solution, values)
         if mirrored is None:
             continue
-        place, difference = mirrored.positions[k], _cost(mirrored, solution) - _cost(solution, solution)
+        place, cost = mirrored.positions[k], _cost(mirrored, solution)
+        difference = cost - _cost(solution, solution)
         apart = float(np.linalg.norm(place[:2] - solution.positions[k, :2]))
         if apart < abs(offset):  # it converged to the first solution
             continue
-        result.append(
-            Mirror(
-                name,
-                float(place[0]),
-                float(place[1]),
-                float(place[2]),
-                float(difference),
-                bool(difference < _MIN_DIFFERENCE),
-            )
-        )
+        north, east, depth = map(float, place)
+        mirror = Mirror(name, north, east, depth, difference, bool(difference < _MIN_DIFFERENCE))
+        result.append(_Candidate(cost, mirrored, mirror))
     return result
 
 

@@ -17,12 +17,18 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey
 from pymantaray.ocean.convert import parse_instant
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import TextTable, check_seconds, read_text_table
 from pymantaray.user_files import exists, read_text
 
 _MAX_TIME_OF_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or modified Julian dates
 _LATEST = 9e9  # s since 1970; 64-bit nanoseconds end in 2262
 _MJD_1970 = 40587 * 86400.0
+_REQUIRED = ["TT", "ST", "ant_e0", "ant_n0", "ant_u0"]
+_NUMBERS = [
+    *("RT", "ant_e1", "ant_n1", "ant_u1"),
+    *(f"{angle}{end}" for end in "01" for angle in ("head", "pitch", "roll")),
+]
 _TRUE = ("true", "t", "1", "1.0", "yes")
 
 
@@ -80,8 +86,11 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
     names = settings.text("Site-parameter", "Stations").split()
     nodes, rigid = _nodes(settings, names)
     pings = _find(settings, settings.text("Data-file", "datacsv"))
-    table = read_text_table(pings)
-    table.require(["MT", "TT", "ST", "ant_e0", "ant_n0", "ant_u0"])
+    invalid = InvalidLines()
+    table = read_text_table(pings, invalid=invalid)
+    there = set(table.frame.columns)
+    table = table.readable(invalid, words=["MT"], numbers=[*_REQUIRED, *(n for n in _NUMBERS if n in there)])
+    invalid.refuse_most(len(table.frame), LocateError)
     survey = _survey(settings, table, nodes, names)
     profile = settings.text("Obs-parameter", "SoundSpeed", "")
     lever = settings.numbers("Model-parameter", "ATDoffset", 3, "0 0 0")
@@ -93,7 +102,10 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
             rigid=rigid,
             profile=None if not profile else _profile(_find(settings, profile)),
             frame=LocalFrame(latitude, longitude),
-            notes=(f"{path}: depths are relative to the site's origin, {height:g} m above the ellipsoid",),
+            notes=(
+                f"{path}: depths are relative to the site's origin, {height:g} m above the ellipsoid",
+                *invalid.notes,
+            ),
         )
     )
 
@@ -121,7 +133,7 @@ def _nodes(
 
 def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]) -> Survey:
     columns = set(table.frame.columns)
-    time, sent, e0, n0, u0 = table.numbers(["TT", "ST", "ant_e0", "ant_n0", "ant_u0"]).T
+    time, sent, e0, n0, u0 = table.numbers(_REQUIRED).T
     check_seconds(sent, f"{table.path}: ST", LocateError)
     near = np.column_stack([n0, e0, -u0])
     received = table.numbers(["RT"])[:, 0] if "RT" in columns else sent + time

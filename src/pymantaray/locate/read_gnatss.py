@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
-from pymantaray.locate.read_options import ReadOptions, check_most_are_valid, invalid_note, skipped_note
+from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, PlatformError, Survey
+from pymantaray.messages import one_line
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import MONTHS, check_seconds
 from pymantaray.user_files import matching_files, read_text
 
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 _TIME_TOLERANCE = 2e-3  # s; between an instant and its position
+_RADIUS = (6.3e6, 6.5e6)  # m; limits of the distance of a platform from the centre of the Earth
 _SIGMA = (100.0, 100.0, 100.0)  # m; standard deviations of prior positions
 
 
@@ -90,23 +93,23 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
 def _times(paths: list[Path], count: int) -> tuple[tuple[Array, Array, NDArray[np.int64]], tuple[str, ...]]:
     """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line numbers; and notes."""
     stamps, times, lines = [], [], []
-    invalid: list[tuple[int, str]] = []
-    for number, text, words in _lines(paths):
+    invalid = InvalidLines()
+    allowed = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
+    for path, number, text, words in _lines(paths):
         try:
             row = _row_of_times(words, count)
         except (ValueError, KeyError, IndexError):
-            invalid.append((number, text))
+            invalid.add(path, number, f"{one_line(text, 60)!r} is not {allowed}")
             continue
         stamps.append(row[0])
         times.append(row[1:])
         lines.append(number)
-    allowed = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
-    check_most_are_valid(paths[0], len(times), invalid, allowed)
+    invalid.refuse_most(len(times), LocateError)
     values = np.array(times, dtype=float).reshape(-1, count) * 1e-6
     values[values <= 0.0] = np.nan
     order = np.argsort(stamps, kind="stable")
     measured = np.array(stamps)[order], values[order], np.array(lines, dtype=np.int64)[order]
-    return measured, invalid_note(paths[0], invalid)
+    return measured, invalid.notes
 
 
 def _row_of_times(words: list[str], count: int) -> list[float]:
@@ -126,18 +129,21 @@ def _positions(
 ) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
     """Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²]; and notes."""
     rows: list[list[float]] = []
-    invalid: list[tuple[int, str]] = []
-    for number, text, words in _lines(paths):
+    invalid = InvalidLines()
+    for path, number, text, words in _lines(paths):
         try:
             values = [float(word.replace("D", "E")) for word in words[:13]]
         except ValueError:
             values = []
-        if len(values) < 4 or not np.isfinite(values).all():
-            invalid.append((number, text))
+        if not _is_position(values):
+            reason = (
+                f"{one_line(text, 60)!r} is not a time, X, Y, Z near the Earth's surface and nine covariances"
+            )
+            invalid.add(path, number, reason)
             continue
         values += [0.0] * (13 - len(values))
         rows.append([*values[:4], values[4], values[8], values[12]])
-    check_most_are_valid(paths[0], len(rows), invalid, "a time, X, Y, Z and nine covariances")
+    invalid.refuse_most(len(rows), LocateError)
     table = np.array(rows)
     if not table.size:
         raise LocateError(f"{paths[0]}: no position in this file")
@@ -147,16 +153,24 @@ def _positions(
     lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
     north, east = frame.to_local(lat, lon)
     place = np.column_stack([north, east, geoid - height])
-    return (table[:, 0], place, table[:, 4:7]), invalid_note(paths[0], invalid)
+    return (table[:, 0], place, table[:, 4:7]), invalid.notes
 
 
-def _lines(paths: list[Path]) -> Iterator[tuple[int, str, list[str]]]:
-    """Number, text and words of each line that is neither empty nor a comment."""
+def _is_position(values: list[float]) -> bool:
+    """True for a time and a geocentric position, with all or none of its covariances."""
+    if len(values) not in (4, 13) or not np.isfinite(values).all():
+        return False
+    low, high = _RADIUS
+    return low < float(np.linalg.norm(values[1:4])) < high
+
+
+def _lines(paths: list[Path]) -> Iterator[tuple[Path, int, str, list[str]]]:
+    """File, number, text and words of each line that is neither empty nor a comment."""
     for path in paths:
         for number, text in enumerate(read_text(path, LocateError).splitlines(), 1):
             words = text.replace(",", " ").split()
             if words and not words[0].startswith("#"):
-                yield number, text, words
+                yield path, number, text, words
 
 
 def _survey(

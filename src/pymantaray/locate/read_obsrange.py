@@ -13,8 +13,10 @@ import numpy as np
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
-from pymantaray.locate.read_options import ReadOptions, check_most_are_valid, invalid_note, skipped_note
+from pymantaray.locate.read_options import ReadOptions, skipped_note
 from pymantaray.locate.survey import Node, Survey
+from pymantaray.messages import one_line
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.user_files import read_text
 
 _FIRST_DAY, _LAST_DAY = np.datetime64("1970-01-01", "s"), np.datetime64("2200-01-01", "s")
@@ -28,6 +30,7 @@ _PING = re.compile(
     + _ANGLE.format("EWew")
     + r"(?:\s+Alt:\s*\S+)?\s+Time\s*\(UTC\):\s*(\d{4}):(\d{1,3}):(\d{1,2}):(\d{1,2}):(\d{1,2}(?:\.\d*)?)\s*$"
 )
+_ALLOWED = "a ping; write it as 6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29 Time(UTC): 2018:114:06:04:30"
 _LOOKS_LIKE_PING = re.compile(r"^\s*-?[\d.]+\s*msec", re.IGNORECASE)
 _ROW = re.compile(
     r"^\s*(?P<date>\d{4}-\d{2}-\d{2})\s+(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)\s*,\s*(?P<m>\d*)\s*,\s*(?P<ms>[\d.]*)\s*,\s*"
@@ -52,7 +55,7 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
     """Read the survey of one node."""
     head: dict[str, str] = {}
     pings: list[tuple[int, float, float, float, float]] = []  # line, time, ms, lat, lon
-    skipped, invalid = 0, list[tuple[int, str]]()
+    skipped, invalid = 0, InvalidLines()
     for number, line in enumerate(_text(path).splitlines(), 1):
         ping = _ping(line) if not line.lstrip().startswith("#") else None
         if ping is not None:
@@ -64,21 +67,16 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
             or _LOOKS_LIKE_PING.match(line)
             or (pings and re.match(r"^\s*\d{4}-\d{2}-\d{2}\s", line))
         ):
-            invalid.append((number, line))
+            invalid.add(path, number, f"{one_line(line, 60)!r} is not {_ALLOWED}")
         elif not pings and (entry := _HEAD.match(line)) and "skipped" not in line.lower():
             head.setdefault(entry["key"].lower(), entry["value"])
         elif line.strip() and not set(line.strip()) <= set("=-#") and not line.lstrip().startswith("#"):
             skipped += 1
-    check_most_are_valid(
-        path,
-        len(pings),
-        invalid,
-        "a ping; write it as 6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:06:04:30",
-    )
+    invalid.refuse_most(len(pings), LocateError)
     if not pings:
         raise LocateError(f"{path}: none of {skipped} events has an answer; the survey needs answers")
     survey = _survey(path, head, pings, skipped, options)
-    return options.applied(survey.changed(notes=(*survey.notes, *invalid_note(path, invalid))))
+    return options.applied(survey.changed(notes=(*survey.notes, *invalid.notes)))
 
 
 def _ping(line: str) -> tuple[float, float, float, float] | None:
@@ -113,7 +111,11 @@ def _instant(date: str, clock: str) -> float:
 
 
 def _angle(degrees: str, minutes: str, side: str) -> float:
-    return (int(degrees) + float(minutes) / 60.0) * (-1.0 if side in "SWsw" else 1.0)
+    """Degrees; a ValueError for an angle that does not exist."""
+    value = int(degrees) + float(minutes) / 60.0
+    if not (float(minutes) < 60.0 and value <= (90.0 if side in "NSns" else 360.0)):
+        raise ValueError(degrees)
+    return value * (-1.0 if side in "SWsw" else 1.0)
 
 
 def _survey(
@@ -160,7 +162,10 @@ def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
             raise LocateError(
                 f"{path}: drop point {which} is {text!r}; it must be degrees, or degrees and minutes such as 01 35.6114 N"
             ) from None
-        value = _angle(*match.groups())
+        try:
+            value = _angle(*match.groups())
+        except ValueError:
+            value = np.inf
     limit = 90.0 if which == "latitude" else 360.0
     if not abs(value) <= limit:
         raise LocateError(

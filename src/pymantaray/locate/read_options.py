@@ -9,10 +9,6 @@ import numpy as np
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.locate.survey import LeverArm, Node, PlatformError, Survey
-from pymantaray.messages import one_line
-from pymantaray.records.digits import counted
-
-_MAX_SHOWN = 3  # invalid lines in a note
 
 
 @dataclass(frozen=True)
@@ -167,19 +163,3 @@ def _extended(wanted: Array, time: Array, values: Array) -> Array:
 def skipped_note(path: Path, count: int) -> tuple[str, ...]:
     """Note with the number of events without an answer."""
     return (f"{path}: {count} event{'' if count == 1 else 's'} without an answer",) if count else ()
-
-
-def check_most_are_valid(path: Path, valid: int, invalid: list[tuple[int, str]], allowed: str) -> None:
-    """Raise an error for the first invalid line (number, text) if at least as many lines are invalid as valid."""
-    if invalid and len(invalid) >= max(valid, 1):
-        number, line = invalid[0]
-        raise LocateError(f"{path}, line {number}: {one_line(line, 80)!r} is not {allowed}")
-
-
-def invalid_note(path: Path, invalid: list[tuple[int, str]]) -> tuple[str, ...]:
-    """Note with the number of invalid lines (number, text) that a reader left out, and the first of them."""
-    if not invalid:
-        return ()
-    shown = ", ".join(f"line {number} {one_line(line, 60)!r}" for number, line in invalid[:_MAX_SHOWN])
-    more = ", ..." if len(invalid) > _MAX_SHOWN else ""
-    return (f"{path}: {counted(len(invalid), 'line')} left out, not readable: {shown}{more}",)

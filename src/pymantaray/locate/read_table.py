@@ -1,5 +1,7 @@
 """Reader of tables of pings, one per row, with units in column names; optional tables of nodes and tracks."""
 
+from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.locate.checks import check_places
 from pymantaray.locate.read_options import ReadOptions
 from pymantaray.locate.survey import LeverArm, Node, Survey, TravelDirection, check_names
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import TextTable, read_text_table
 
 _TIMES = {
@@ -22,17 +25,22 @@ _TIMES = {
 }
 _DIRECTIONS = {"from node": TravelDirection.FROM_NODE, "to node": TravelDirection.TO_NODE}
 _SIGMA = (5000.0, 5000.0, 300.0)  # m; default standard deviations of a node
+_HORIZONTAL = [
+    *("lat", "lon", "lat_rx", "lon_rx"),
+    *("north_m", "east_m", "north_rx_m", "east_rx_m"),
+]
+_ANGLES = [f"{name}{end}_deg" for end in ("", "_rx") for name in ("heading", "pitch", "roll")]
+_LIMITS = {"lat": 90.0, "lon": 360.0}  # degrees
 _FALSE, _TRUE = ("0", "false", "no", "n", "f"), ("1", "true", "yes", "y", "t", "")
 
 
 def read_table(path: Path, options: ReadOptions) -> Survey:
     """Read a survey from a table; the how-to lists its columns."""
-    table = read_text_table(path)
+    invalid = InvalidLines()
+    table = read_text_table(path, invalid=invalid)
     kind = _time_column(table)
-    table.require(["time", "node", kind])
+    table = _readable(table, kind, options, invalid)
     names = table.words("node")
-    if "" in names:
-        raise LocateError(f"{table.where(names.index(''))}: no name of the node; add it")
     time, epoch = table.seconds("time")
     travel_time = table.numbers([kind])[:, 0] * _TIMES[kind][1]
     partners = table.words("partner")
@@ -60,8 +68,44 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
         frame=frame,
         epoch=epoch,
         source=str(path),
+        notes=invalid.notes,
     )
     return options.applied(survey)
+
+
+def _readable(table: TextTable, kind: str, options: ReadOptions, invalid: InvalidLines) -> TextTable:
+    """Rows with a time, a node and a travel time, and positions of the platform or the name of a partner."""
+    choices: dict[str, Collection[str]] = {"use": _TRUE + _FALSE}
+    if _TIMES[kind][0] != TravelDirection.TWO_WAY:
+        choices["direction"] = (*_DIRECTIONS, "")
+    optional = ["sigma_s", *_HORIZONTAL, "depth_m", "depth_rx_m", *_ANGLES]
+    table = table.readable(
+        invalid, times=["time"], numbers=[kind], words=["node"], optional=optional, choices=choices
+    )
+    by_track = bool(options.track)
+    keep = np.ones(len(table.frame), dtype=bool)
+    for name in [] if by_track else [name for name in _HORIZONTAL if name in table.frame.columns]:
+        values = table.optional(name)
+        limit = _LIMITS.get(name[:3], np.inf)
+        alone = np.array([word == "" for word in table.words("partner")], dtype=bool)
+        for row in np.flatnonzero(alone & keep & ~(np.abs(values) <= limit)).tolist():
+            invalid.add(table.path, int(table.frame.index[row]), _position_fault(table, row, name, limit))
+            keep[row] = False
+    invalid.refuse_most(int(keep.sum()), LocateError)
+    return replace(table, frame=table.frame[keep])
+
+
+def _position_fault(table: TextTable, row: int, name: str, limit: float) -> str:
+    cell = table.frame[name].iloc[row]
+    if not np.isfinite(limit) or cell.lower() in ("", "nan"):
+        return f"the position of the platform is incomplete: {name} is {cell!r}"
+    lat, lon = (table.frame[name.replace(name[:3], axis)].iloc[row] for axis in ("lat", "lon"))
+    exchanged = (
+        "; they may be exchanged" if name.startswith("lat") and abs(float(lon or "nan")) <= 90.0 else ""
+    )
+    return (
+        f"position is {lat}, {lon}; latitude must be -90 to 90 and longitude -360 to 360 degrees{exchanged}"
+    )
 
 
 def _time_column(table: TextTable) -> str:
@@ -75,11 +119,7 @@ def _time_column(table: TextTable) -> str:
 
 
 def _flags(table: TextTable) -> NDArray[np.bool_]:
-    words = [word.lower() for word in table.words("use")]
-    for row, word in enumerate(words):
-        if word not in _TRUE + _FALSE:
-            raise LocateError(f"{table.where(row)}: use is {word!r}; allowed: yes, no, 1, 0")
-    return np.array([word in _FALSE for word in words])
+    return np.array([word.lower() in _FALSE for word in table.words("use")])
 
 
 def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
@@ -88,8 +128,6 @@ def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
     if _TIMES[kind][0] == TravelDirection.TWO_WAY:
         return out
     for row, word in enumerate(words):
-        if word.lower() not in (*_DIRECTIONS, ""):
-            raise LocateError(f"{table.where(row)}: direction is {word!r}; allowed: {', '.join(_DIRECTIONS)}")
         out[row] = _DIRECTIONS.get(word.lower(), TravelDirection.FROM_NODE)
     return out
 
@@ -124,21 +162,9 @@ class _Places:
             self.frame = LocalFrame(*self._tracks.centre) if self._tracks.centre is not None else None
         elif self._geodetic and not between.all():
             lat, lon = (table.optional(name)[~between] for name in ("lat", "lon"))
-            self._check(lat, lon)
             self.frame = LocalFrame(float(np.median(lat)), float(np.median(lon)))
         self.platform = None if not self._geodetic else tuple(table.optional(n) for n in ("lat", "lon"))
         self.attitude = self._attitudes()
-
-    def _check(self, lat: Array, lon: Array) -> None:
-        wrong = ~(np.abs(lat) <= 90.0) | ~(np.abs(lon) <= 360.0)
-        if wrong.any():
-            row = int(np.flatnonzero(~self._between)[np.argmax(wrong)])
-            here = float(lat[np.argmax(wrong)]), float(lon[np.argmax(wrong)])
-            raise LocateError(
-                f"{self._table.where(row)}: position is {here[0]:g}, {here[1]:g}; latitude must be"
-                " -90 to 90 and longitude -360 to 360 degrees"
-                + ("; they may be exchanged" if abs(here[1]) <= 90.0 < abs(here[0]) else "")
-            )
 
     def to_frame(self, frame: LocalFrame | None) -> None:
         """Convert positions to a frame."""
@@ -171,12 +197,7 @@ class _Places:
         else:
             north, east = (self._table.optional(f"{name}{suffix}_m") for name in ("north", "east"))
         depth = self._table.optional(f"depth{suffix}_m", self._options.transducer_depth)
-        place = np.column_stack([north, east, depth])
-        bad = ~np.isfinite(place).all(axis=1) & ~self._between
-        if bad.any():
-            row = int(np.argmax(bad))
-            raise LocateError(f"{self._table.where(row)}: the position of the platform is incomplete")
-        return place
+        return np.column_stack([north, east, depth])
 
     def _attitudes(self) -> list[Array]:
         out = list[Array]()

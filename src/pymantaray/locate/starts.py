@@ -7,13 +7,13 @@ import numpy as np
 from pymantaray.acoustics import Medium
 from pymantaray.arrays import Array
 from pymantaray.estimation import LOSSES
+from pymantaray.estimation.descents import choose
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.locate.survey import Node, Survey, TravelDirection
 from pymantaray.locate.travel_times import transducers
 
 _MAX_STEPS = 60
 _CONVERGED = 1e-2  # m
-_MAX_CONTINUED = 8  # further descents from the end of the lowest one, if it has not converged
 _GUESSES = 8  # around the pings, in addition to their middle and the prior
 _MIN_SCALE = 1.0  # m
 
@@ -52,14 +52,9 @@ def _from_ranges(points: Array, ranges: Array, node: Node, *, biased: bool) -> A
     guesses = [np.array(node.position[:2]), centre]
     guesses += [centre + reach * np.array([np.cos(a), np.sin(a)]) for a in around]
     ends = [_descend(points, ranges, np.append(guess, depth), node, biased=biased) for guess in guesses]
-    best = min(ends, key=lambda end: end.cost)
-    for _ in range(_MAX_CONTINUED):
-        if best.converged:
-            break
-        further = _descend(points, ranges, best.position, node, biased=biased, bias=best.bias)
-        if further.cost >= best.cost:
-            break
-        best = further
+    best = choose(
+        ends, lambda end: _descend(points, ranges, end.position, node, biased=biased, bias=end.bias)
+    )
     return best.position
 
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 _MAX_DISAGREEMENT = 0.05  # fraction of the wet points
 _STORAGE = ("coordinates", "calendar")
+_SALTY = 5.0  # practical salinity or g/kg
 _MAX_TEXT = 300  # characters of a title or a source
 
 
@@ -44,11 +45,8 @@ def ocean_of(
         for role, (_, count) in raw.items()
         if count
     ]
-    land = _zeros({role: values for role, (values, _) in raw.items()})
-    if land.any():
-        steps.append(
-            f"{np.count_nonzero(land)} points removed: all variables are exactly 0 there, as on land"
-        )
+    land, about = _zeros(raw["water_temp"][0], raw["salinity"][0])
+    steps += about
     values = {
         role: np.where(land, np.nan, _in_our_unit(raw[role][0], part, field))
         for role, (part, field) in fields.items()
@@ -99,11 +97,21 @@ def ocean_of(
     return ocean.assign_attrs(history="\n".join(lines)) if lines else ocean
 
 
-def _zeros(fields: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Points where temperature and salinity are exactly 0 in the unit of the file, and no current is different from 0."""
-    tracers = (fields["water_temp"] == 0.0) & (fields["salinity"] == 0.0)
-    currents = [fields[name] for name in ("water_u", "water_v") if name in fields]
-    return np.asarray(np.logical_and.reduce([tracers, *(np.nan_to_num(c) == 0.0 for c in currents)]))
+def _zeros(temperature: Array, salinity: Array) -> tuple[NDArray[np.bool_], list[str]]:
+    """Points where both are exactly 0 in the unit of the file, which is land unless the water is fresh everywhere; and notes."""
+    salty = salinity > 0.0
+    land = (temperature == 0.0) & (salinity == 0.0) & bool(salty.any())
+    fresh = (salinity == 0.0) & ~land
+    steps = []
+    if land.any():
+        count = np.count_nonzero(land)
+        steps.append(f"{count} points removed: temperature and salinity are exactly 0 there, as on land")
+    if fresh.any() and salty.any() and np.median(salinity[salty]) > _SALTY:
+        count = np.count_nonzero(fresh)
+        steps.append(
+            f"{count} points have a salinity of 0 in salty water: if 0 means missing, declare it (_FillValue)"
+        )
+    return land, steps
 
 
 def _in_our_unit(raw: Array, part: "Part", field: cf.Field) -> Array:

@@ -22,6 +22,8 @@ from pymantaray.ocean.instruments import instrument_table
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, freezing_notes, repair_salinity, sound_speed
+from pymantaray.ocean.whp import bottle_table, is_bottles
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import read_text, read_text_table
 
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
@@ -349,6 +351,18 @@ class CastTable:
                 quantity, int(np.argmax(pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna()))
             ) from None
 
+    def readable(self, invalid: InvalidLines) -> CastTable:
+        """Table without the lines that have text where a number is needed; a note lists them."""
+        keep = np.ones(len(self.rows), dtype=bool)
+        for quantity, (position, _) in self.columns.items():
+            cells = self.rows[position]
+            text = pd.to_numeric(cells, errors="coerce").isna() & ~cells.str.lower().isin(_MISSING)
+            for row in np.flatnonzero(text & keep).tolist():
+                invalid.add(self.path, self.lines[row], self._fault(quantity, row))
+            keep &= ~text.to_numpy()
+        invalid.refuse_most(int(keep.sum()), OceanError)
+        return replace(self, rows=self.rows[keep], notes=(*self.notes, *invalid.notes))
+
     def text(self, kind: str) -> list[str] | None:
         """Cells of the time or station column; None without such a column."""
         return self.rows[self.texts[kind]].to_list() if kind in self.texts else None
@@ -363,13 +377,15 @@ class CastTable:
         if keys is None or (len(set(keys)) < 2 and "station" not in self.texts):
             return {"": self}
         groups = self.rows.groupby(np.array(keys, dtype=object), sort=False)
-        return {str(key): replace(self, rows=rows) for key, rows in groups}
+        notes = iter([self.notes])  # of all rows: once, with the first cast
+        return {str(key): replace(self, rows=rows, notes=next(notes, ())) for key, rows in groups}
 
     def _no_number(self, quantity: str, row: int) -> OceanError:
+        return OceanError(f"{self.path}, line {self.lines[row]}: {self._fault(quantity, row)}")
+
+    def _fault(self, quantity: str, row: int) -> str:
         cell = self.rows[self.columns[quantity][0]].iloc[row]
-        return OceanError(
-            f"{self.path}, line {self.lines[row]}: {self.name(quantity)} is {cell!r}; it must be a number"
-        )
+        return f"{self.name(quantity)} is {cell!r}; it must be a number"
 
 
 def read_cast_table(path: str | Path) -> CastTable:
@@ -381,17 +397,32 @@ def read_cast_table(path: str | Path) -> CastTable:
     """
     try:
         text = read_text(Path(path))
-        instrument = instrument_table(Path(path), text.splitlines())
+        lines = text.splitlines()
+        instrument = instrument_table(Path(path), lines)
         if instrument is not None:
             return _of_instrument(Path(path), instrument)
-        table = read_text_table(path, text)
+        invalid = InvalidLines()
+        bottles = is_bottles(lines)
+        text, notes = bottle_table(path, lines) if bottles else (text, ())
+        table = read_text_table(path, text, invalid=invalid)
     except RecordError as error:
         raise OceanError(str(error)) from None
     header = tuple(table.frame.columns)
     columns, texts = _columns(table.path, header)
     rows = table.frame.set_axis(range(len(header)), axis=1)
     bracketed = any("[unit=" in title for title in header)
-    return CastTable(table.path, header, rows, table.comments, columns, texts, bracketed)
+    whole = CastTable(
+        table.path,
+        header,
+        rows,
+        table.comments,
+        columns,
+        texts,
+        bracketed,
+        instrument="WHP-exchange bottles" if bottles else "",
+        notes=notes,
+    )
+    return whole.readable(invalid)
 
 
 def _of_instrument(path: Path, instrument: InstrumentTable) -> CastTable:

@@ -72,7 +72,7 @@ def read_cast(
     path : str or pathlib.Path
         One of: CSV with named columns (depth or pressure; in-situ, potential or conservative temperature; practical or
         absolute salinity); a point table of HYCOM from the NetCDF Subset Service, also with packed integers; an Argo NetCDF
-        file; a CF data set of profiles; in-situ profiles of Copernicus; WHP-exchange of a CTD; a profile of an ice-tethered
+        file; a CF data set of profiles; in-situ profiles of Copernicus; WHP-exchange of a CTD or bottles; a profile of an ice-tethered
         profiler; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``, CastAway, Valeport, AML).
     lat, lon : float, optional
         Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon -140.0``. [degrees]
@@ -452,7 +452,7 @@ def cast_ocean(
     if not cast.depth[0] < bottom <= DEEPEST:
         raise OceanError(
             f"cast {cast.name}: the bathymetry is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
-            f" and at most {DEEPEST:g} m; give the depth of the sea bed with --bathymetry (in Python: bathymetry)"
+            f" and at most {DEEPEST:g} m; give the depth of the sea bed as bathymetry"
         )
     instant = cast.time if time is None else parse_instant(time)
     z, level_notes = _levels(cast, levels, bottom)

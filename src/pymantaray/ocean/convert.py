@@ -273,7 +273,13 @@ def minute(time: np.datetime64) -> str:
 def degrees(data: xr.Dataset, name: str, quantity: str) -> Array:
     """Latitudes or longitudes of a variable in degrees, from degrees or radians."""
     values, unit = numbers(data, name), text(data.variables[name], "units")
-    return to_our_unit(values, quantity, unit, where=f"{file_name(data)}: {name}") if unit else values
+    if unit:
+        return to_our_unit(values, quantity, unit, where=f"{file_name(data)}: {name}")
+    if quantity == "latitude" and values.size > 1 and np.nanmax(np.abs(values), initial=0.0) <= 0.5 * math.pi:
+        raise OceanError(
+            f"{file_name(data)}: {name} has no units and may be in degrees or radians; set its units to degrees_north or radians"
+        )
+    return values
 
 
 def time_text(ocean: xr.Dataset) -> str:

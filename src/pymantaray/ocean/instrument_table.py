@@ -59,6 +59,7 @@ _UNITS = {
 _CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
 MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
 DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
+_YEAR_FIRST = re.compile(r"\s*(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)")
 _TWO_NUMBERS_FIRST = re.compile(r"\s*(\d{1,2})/(\d{1,2})/(\d{4}|\d\d)(?!\d)")
 
 
@@ -132,9 +133,11 @@ def position_texts(head: Lines) -> tuple[str, str]:
 
 def month_first_date(words: str) -> tuple[str, list[str]]:
     """Convert a date such as 07/24/2014 to ISO 8601, and note an assumption; the day is first if it cannot be a month."""
+    if match := _YEAR_FIRST.match(words):
+        return f"{match[1]}-{int(match[2]):02d}-{int(match[3]):02d}", []
     match = _TWO_NUMBERS_FIRST.match(words)
     if match is None:
-        return "", [f"date {words[:40]!r} not read"] if words and not words[:4].isdigit() else []
+        return "", [f"date {words[:40]!r} not read"] if words.strip() else []
     month, day = int(match[1]), int(match[2])
     year = int(match[3]) + (2000 if len(match[3]) == 2 else 0)
     notes = []

@@ -5,21 +5,29 @@ import re
 
 Position = tuple[float, float]
 """Latitude and longitude. [degrees]"""
-_SIDES = {"n": 1.0, "north": 1.0, "s": -1.0, "south": -1.0, "e": 1.0, "east": 1.0, "w": -1.0, "west": -1.0}
+_SIDES = {"n": 1.0, "s": -1.0, "e": 1.0, "w": -1.0}
 _SIDES_OF = {"latitude": "ns", "longitude": "ew"}
-_SIDE = r"(?<![a-z])(?:north|south|east|west|[nsew])(?![a-z])"
+_WORDS = {
+    **dict.fromkeys(("n", "north", "nord", "norte"), "n"),
+    **dict.fromkeys(("s", "south", "sud", "süd", "sur", "sul"), "s"),
+    **dict.fromkeys(("e", "east", "est", "este", "leste", "ost"), "e"),
+    **dict.fromkeys(("w", "west", "ouest", "oeste"), "w"),
+}
+"""Hemispheres in the languages of instruments; the letter O alone is east or west."""
+_ANY_WORD = "|".join(sorted(_WORDS, key=len, reverse=True))
+_SIDE = rf"(?<![^\W\d_])(?:{_ANY_WORD})(?![^\W\d_])"
 _MARK = {"degrees": r"(?:degrees?|deg\.?|[d°º*:-])", "minutes": r"(?:minutes?|min\.?|[m'′’:])"}
 _BEHIND = {unit: rf"(?:\s*{mark}\s*|\s+)" for unit, mark in _MARK.items()}
 _ANGLE = re.compile(
-    r"(?P<before>north|south|east|west|[nsew])?\.?\s*(?P<sign>[-+])?\s*"
+    rf"(?P<before>{_ANY_WORD})?\.?\s*(?P<sign>[-+])?\s*"
     r"(?P<degrees>\d+(?:\.\d*)?|\.\d+)"
     rf"(?:{_BEHIND['degrees']}(?P<minutes>\d+(?:\.\d*)?)"
     rf"(?:{_BEHIND['minutes']}(?P<seconds>\d+(?:\.\d*)?)(?:\s*(?:seconds?|sec\.?|[\"″”]|''|s(?=\s*[nsew])))?"
     rf"|\s*{_MARK['minutes']})?|\s*{_MARK['degrees']})?"
-    r"[\s(\[]*(?P<after>(?<![a-z])(?:north|south|east|west|[nsew])(?![a-z]))?(?![\d.])(?P<rest>.*)",
+    rf"[\s(\[]*(?P<after>{_SIDE})?(?![\d.])(?P<rest>.*)",
     re.IGNORECASE,
 )
-_KEY = r"\b{}\b\s*[:=]?(?=\s*(?:[nsew]|north|south|east|west)?\s*[-+]?[.\d])"
+_KEY = r"\b{}\b\s*[:=]?(?=\s*(?:" + _ANY_WORD + r")?\s*[-+]?[.\d])"
 _LAT, _LON = (re.compile(_KEY.format(name), re.IGNORECASE) for name in ("lat(?:itude)?", "lon(?:gitude)?"))
 
 
@@ -33,7 +41,7 @@ def angle(words: str, axis: str) -> float:
     match = _ANGLE.fullmatch(words.strip())
     if match is None:
         return math.nan
-    sides = {side[0].lower() for side in (match["before"], match["after"]) if side}
+    sides = {_WORDS[side.lower()] for side in (match["before"], match["after"]) if side}
     rest, minutes = match["rest"], match["minutes"]
     complete = match["after"] and "." in match["degrees"] + str(minutes)  # what follows is a comment
     unclear = (

@@ -15,7 +15,12 @@ from pymantaray.geometry.longitude import wrapped
 from pymantaray.ocean.convert import DEEPEST, is_our_unit, our_unit
 
 DIMS = ("depth", "lat", "lon")
-_NOTED = ("climatology, for ", "outside its valid range removed", "all variables are exactly 0 there")
+_NOTED = (
+    "climatology, for ",
+    "outside its valid range removed",
+    "are exactly 0 there",
+    "a salinity of 0 in salty water",
+)
 MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need four points
 
 

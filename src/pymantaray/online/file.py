@@ -123,15 +123,20 @@ def c_header() -> str:
 
 
 def _packed(table: TravelTimeTable) -> bytes:
-    """Header and arrays of a table, little-endian, and their checksum."""
+    """Packed form of a table: its content and the checksum of that."""
+    content = _content(table)
+    return content + _CHECKSUM.pack(zlib.crc32(content))
+
+
+def _content(table: TravelTimeTable) -> bytes:
+    """Header and arrays of a table, little-endian."""
     tree = table.tree
     counts = (tree.root.size, tree.branch.size, len(tree.corner), len(tree.value), tree.sigma.size)
     header = _HEADER.pack(MAGIC, FORMAT, *counts, *table.lower, *table.upper, table.tolerance)
-    content = header + b"".join(
+    return header + b"".join(
         np.ascontiguousarray(getattr(tree, name), dtype=dtype).tobytes()
         for name, (_, dtype, _, _) in _COLUMNS.items()
     )
-    return content + _CHECKSUM.pack(zlib.crc32(content))
 
 
 def _unpacked(content: bytes) -> TravelTimeTable:
@@ -176,8 +181,8 @@ def _from_netcdf(path: Path) -> TravelTimeTable:
 
 
 def _checksum(table: TravelTimeTable) -> int:
-    """CRC-32 of the packed form and of the record."""
-    return zlib.crc32(json.dumps(table.attrs).encode(), zlib.crc32(_packed(table)))
+    """CRC-32 of the content and of the record (not of the packed form: a CRC-32 over bytes with their own is constant)."""
+    return zlib.crc32(json.dumps(table.attrs).encode(), zlib.crc32(_content(table)))
 
 
 def _triple(numbers: Sequence[float]) -> tuple[float, float, float]:

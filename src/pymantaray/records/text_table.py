@@ -1,14 +1,19 @@
 """Reader of text tables, CSV and similar formats, which keeps the line of the file of each row."""
 
+import csv
 import io
 import math
 import re
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import MantaRayError, RecordError
+from pymantaray.messages import one_line
 from pymantaray.records.csv_text import unguarded
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.user_files import read_bytes
 
 if TYPE_CHECKING:
@@ -19,8 +24,14 @@ if TYPE_CHECKING:
 MONTHS = {name: k + 1 for k, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}  # noqa: SIM905
 """Number of a month by the first three letters of its English name."""
 _LATEST = 1e11  # s; 1970 plus this is the year 5138
+_MAX_COLUMNS = 2000
+_YEARS = (1700, 2261)
+_FASTEST = 3000.0  # m/s; 1 m/s with hours or days for seconds is more
 _SINCE_1970 = {"milliseconds": 1e14, "microseconds": 1e17, "nanoseconds": math.inf}
 """Upper limits of stamps."""
+_FINITE = "it must be a finite number"
+_OPTIONAL = "it must be a number or an empty cell"
+_TIMES = "all cells must be seconds, or all must be dates such as 2014-07-15T12:00:00Z (without a zone: UTC)"
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 
@@ -53,10 +64,52 @@ class TextTable:
         wrong = np.argwhere(~np.isfinite(values))
         if wrong.size:
             row, k = wrong[0]
-            cell = self.frame[columns[k]].iloc[row]
-            shown = repr(cell) if isinstance(cell, str) else cell
-            raise RecordError(f"{self.where(row)}: {columns[k]} is {shown}; it must be a finite number")
+            raise RecordError(f"{self.where(row)}: {self._fault(columns[k], row, _FINITE)}")
         return values
+
+    def readable(
+        self,
+        invalid: InvalidLines,
+        *,
+        times: Collection[str] = (),
+        numbers: Collection[str] = (),
+        optional: Collection[str] = (),
+        words: Collection[str] = (),
+        choices: Mapping[str, Collection[str]] | None = None,
+    ) -> "TextTable":
+        """
+        Table of the rows whose cells have readable times, finite numbers, numbers or nothing, text, or one of several words.
+
+        Other rows are added to the invalid lines. Columns of ``optional`` and ``choices`` may be absent.
+        """
+        import numpy as np
+
+        self.require([*times, *numbers, *words])
+        there = set(self.frame.columns)
+        faults: list[tuple[NDArray[np.bool_], str, str]] = []
+        for name in words:
+            empty = np.array([word == "" for word in self.words(name)], dtype=bool)
+            faults.append((empty | self.frame[name].isna().to_numpy(), name, "it must have a name"))
+        for name in numbers:
+            faults.append((~np.isfinite(numbers_of(self.frame[name])), name, _FINITE))
+        for name in set(optional) & there:
+            faults.append((self._not_optional(name), name, _OPTIONAL))
+        for name, allowed in (choices or {}).items():
+            wrong = np.array([word.lower() not in allowed for word in self.words(name)], dtype=bool)
+            faults.append((wrong, name, f"allowed: {', '.join(filter(None, allowed))}"))
+        for name in times:
+            faults.append((self._not_times(name), name, _TIMES))
+        keep = np.ones(len(self.frame), dtype=bool)
+        for wrong, name, allowed_cells in faults:
+            for row in np.flatnonzero(wrong & keep).tolist():
+                invalid.add(self.path, int(self.frame.index[row]), self._fault(name, row, allowed_cells))
+            keep &= ~wrong
+        return self if keep.all() else replace(self, frame=self.frame[keep])
+
+    def _fault(self, column: str, row: int, allowed: str) -> str:
+        cell = self.frame[column].iloc[row]
+        shown = repr(cell[:40]) if isinstance(cell, str) else cell
+        return f"{column} is {shown}; {allowed}"
 
     def where(self, row: int) -> str:
         """Name of the file and line of a row, for messages."""
@@ -74,14 +127,20 @@ class TextTable:
         if column not in self.frame.columns:
             return np.full(len(self.frame), default)
         cells = self.frame[column]
-        values = numbers_of(cells.mask(cells == "", str(default)))
-        wrong = np.isnan(values) & (cells != "").to_numpy() & (cells.str.lower() != "nan").to_numpy()
+        wrong = self._not_optional(column)
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise RecordError(
-                f"{self.where(row)}: {column} is {cells.iloc[row]!r}; it must be a number or an empty cell"
-            )
-        return values
+            raise RecordError(f"{self.where(row)}: {self._fault(column, row, _OPTIONAL)}")
+        return numbers_of(cells.mask(cells == "", str(default)))
+
+    def _not_optional(self, column: str) -> "NDArray[np.bool_]":
+        """True for cells that are neither a number nor empty."""
+        import numpy as np
+
+        cells = self.frame[column]
+        return np.asarray(
+            np.isnan(numbers_of(cells)) & (cells != "").to_numpy() & (cells.str.lower() != "nan").to_numpy()
+        )
 
     def seconds(self, column: str) -> "tuple[NDArray[np.float64], np.datetime64]":
         """Column of times as seconds since the first date and this date, or as seconds and NaT."""
@@ -102,25 +161,42 @@ class TextTable:
         import pandas as pd
 
         cells = self.frame[column]
-        if pd.api.types.is_datetime64_any_dtype(cells):
-            dates, wrong = cells, cells.isna().to_numpy()
-        else:
-            seconds = numbers_of(cells)
-            number = np.isfinite(seconds)
-            if number.all():
-                check_seconds(seconds, f"{self.path}: {column}", RecordError)
-                return seconds
-            dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
-            wrong = ~number if 2 * np.count_nonzero(number) > number.size else number | dates.isna()
+        wrong = self._not_times(column)
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise RecordError(
-                f"{self.where(row)}: {column} is {str(cells.iloc[row])[:40]!r}; all cells must be seconds,"
-                " or all must be dates such as 2014-07-15T12:00:00Z (without a zone: UTC)"
-            )
+            raise RecordError(f"{self.where(row)}: {column} is {str(cells.iloc[row])[:40]!r}; {_TIMES}")
+        if pd.api.types.is_datetime64_any_dtype(cells):
+            dates = cells
+        else:
+            seconds = numbers_of(cells)
+            if np.isfinite(seconds).all():
+                check_seconds(seconds, f"{self.path}: {column}", RecordError)
+                return seconds
+            dates = _dates(cells)
         if dates.dt.tz is not None:
             dates = dates.dt.tz_convert("UTC").dt.tz_localize(None)
         return dates.to_numpy(dtype="datetime64[ns]")
+
+    def _not_times(self, column: str) -> "NDArray[np.bool_]":
+        """True for cells that are neither seconds nor dates, or differ in this from most cells."""
+        import numpy as np
+        import pandas as pd
+
+        cells = self.frame[column]
+        if pd.api.types.is_datetime64_any_dtype(cells):
+            return np.asarray(cells.isna())
+        number = np.isfinite(numbers_of(cells))
+        if 2 * np.count_nonzero(number) > number.size:
+            return np.asarray(~number)
+        return np.asarray(number | _dates(cells).isna())
+
+
+def _dates(cells: "pd.Series[Any]") -> "pd.Series[Any]":
+    """Dates in UTC, NaT for other cells and for years that 64-bit nanoseconds do not cover."""
+    import pandas as pd
+
+    dates = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
+    return dates.where(dates.dt.year.between(*_YEARS))
 
 
 def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRayError]) -> None:
@@ -131,6 +207,24 @@ def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRay
         raise error(
             f"{where} is up to {latest:.17g}, which is not in seconds but looks like {unit} since 1970; divide the times so"
             " that they are in seconds, or write dates such as 2014-07-15T12:00:00Z"
+        )
+
+
+def check_speed(
+    time: "NDArray[np.float64]", position: "NDArray[np.float64]", where: str, error: type[MantaRayError]
+) -> None:
+    """Raise an error if positions (n, k) [m] at times in order [s] move so fast that the times must be days or hours."""
+    import numpy as np
+
+    step = np.diff(time)
+    moved = step > 0.0
+    if np.count_nonzero(moved) < 1:
+        return
+    with np.errstate(over="ignore"):
+        speed = float(np.median(np.linalg.norm(np.diff(position, axis=0)[moved], axis=1) / step[moved]))
+    if speed > _FASTEST:
+        raise error(
+            f"{where} gives a median speed of {speed:,.0f} m/s; it must be in seconds; multiply days by 86400, hours by 3600"
         )
 
 
@@ -146,11 +240,14 @@ def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
     return values
 
 
-def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
+def read_text_table(
+    path: str | Path, text: str | None = None, *, invalid: InvalidLines | None = None
+) -> TextTable:
     """
     Read a table with a header and the separator of the header: comma, semicolon, tab or spaces.
 
-    ``text`` is the content of the file, if it is read already.
+    ``text`` is the content of the file, if it is read already. Rows with more cells than the header, and rows with fewer cells
+    than most rows, are added to ``invalid``; without it, the former raise an error, and the latter have empty cells.
     """
     import pandas as pd
 
@@ -163,6 +260,13 @@ def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
         content = "is empty" if not rows else f"has one line, {next(iter(rows.values()))[:40]!r}"
         raise RecordError(f"{path}: {content}; a table needs a header with names of columns, and rows")
     separator = next((s for s in ",;\t" if s in next(iter(rows.values()))), r"\s+")
+    n_titles = _count_cells(next(iter(rows.values())), separator)
+    if n_titles > _MAX_COLUMNS:
+        raise RecordError(
+            f"{path}: {n_titles:,} columns; at most {_MAX_COLUMNS:,} are read; check the separators"
+        )
+    if invalid is not None:
+        rows = _whole_rows(path, lines, rows, separator, invalid)
     try:
         cells = pd.read_csv(
             io.StringIO("\n".join(rows.values())),
@@ -183,6 +287,40 @@ def read_text_table(path: str | Path, text: str | None = None) -> TextTable:
         raise RecordError(f"{path}: {len(rows)} lines give {len(cells)} rows; close all quotes")
     cells = cells.fillna("").map(str.strip).map(unguarded).set_axis(list(rows))
     return TextTable(path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values()))
+
+
+def _whole_rows(
+    path: Path, lines: dict[int, str], rows: dict[int, str], separator: str, invalid: InvalidLines
+) -> dict[int, str]:
+    """Header and rows that have as many cells as most rows, or more up to the number of titles."""
+    header, *numbers = rows
+    titles = _count_cells(rows[header], separator)
+    width = {i: min(_count_cells(lines[i], separator), titles) for i in numbers}
+    usual, _ = Counter(width.values()).most_common(1)[0]
+    kept = {header: rows[header]}
+    for i in numbers:
+        count = _count_cells(rows[i], separator)
+        if not count:
+            invalid.add(path, i, f"{one_line(lines[i], 60)!r} has a quote that is not closed")
+        elif count > titles:
+            invalid.add(path, i, f"{count} cells, but the header has {titles}; check the separators")
+        elif width[i] < usual:
+            invalid.add(path, i, f"{one_line(lines[i], 60)!r} has {width[i]} cells, other rows {usual}")
+        else:
+            kept[i] = rows[i]
+    return kept
+
+
+def _count_cells(line: str, separator: str) -> int:
+    """Number of cells of a line; 0 if a quote is not closed."""
+    if separator == r"\s+":
+        return len(line.split())
+    if '"' not in line:
+        return line.count(separator) + 1
+    try:
+        return len(next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)))
+    except csv.Error:
+        return 0
 
 
 def read_text(path: Path) -> str:

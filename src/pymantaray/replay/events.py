@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import RecordError, ReplayError
 from pymantaray.geometry.checks import checked_array
+from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import TextTable, read_text_table
 
 Names = NDArray[np.str_]
 ENDS = ("source", "receiver")
 _PLACES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
+_MILLISECONDS = (300.0, 3000.0)  # ratio of times with a wrong unit
+_SOUND_SPEED = 1500.0  # m/s
+_M_PER_DEGREE = 111_100.0
 _MAX_TIME = 3600.0  # s; a longer travel time is in another unit
 
 
@@ -39,6 +43,8 @@ class Events:
         Name of the cast of the event, empty for the nearest in time, as by default.
     epoch : numpy.datetime64
         UTC of time 0; NaT, the default, if only differences of time are known.
+    notes : sequence of str
+        Lines that the reader left out.
     """
 
     time: Array
@@ -51,6 +57,7 @@ class Events:
     sigma: Array = field(default_factory=lambda: np.empty(0))
     cast: Names = field(default_factory=lambda: np.empty(0, dtype=str))
     epoch: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -125,29 +132,31 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     Raises
     ------
     ReplayError
-        If a column is missing, or a cell is invalid; the message names the line.
+        If a column is missing, or a value is impossible. Lines that cannot be parsed are left out with a note, and an error if
+        they are half of the file or more.
     """
+    invalid = InvalidLines()
     try:
-        table = read_text_table(path)
-        return _events(table if nodes is None else _placed(table, read_text_table(nodes)))
+        table = read_text_table(path, invalid=invalid)
+        return _events(table if nodes is None else _placed(table, read_text_table(nodes)), invalid)
     except RecordError as error:
         raise ReplayError(str(error)) from None
 
 
-def _events(table: TextTable) -> Events:
+def _events(table: TextTable, invalid: InvalidLines) -> Events:
     path, columns = table.path, set(table.frame.columns)
     geographic = {f"{end}_lat" for end in ENDS} <= columns
     if geographic and "source_north" in columns:
         raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one of the two")
     places = [f"{end}_{axis}" for end in ENDS for axis in _PLACES[geographic]]
     table.require(["time", *ENDS, *places, "travel_time", *sorted({"sigma", "cast"} & columns)])
-    numbers = table.numbers([*places, "travel_time"])
+    measured = [*places, "travel_time"]
+    table = table.readable(invalid, times=["time"], numbers=measured, words=ENDS, optional=["sigma"])
+    invalid.refuse_most(len(table.frame), ReplayError)
+    numbers = table.numbers(measured)
     names = {end: table.words(end) for end in ENDS}
-    for end, words in names.items():
-        if not all(words):
-            raise ReplayError(f"{table.where(words.index(''))}: {end} has no name")
     time, epoch = table.seconds("time")
-    return Events(
+    events = Events(
         time=time,
         source=np.array(names["source"], dtype=str),
         receiver=np.array(names["receiver"], dtype=str),
@@ -158,7 +167,26 @@ def _events(table: TextTable) -> Events:
         sigma=table.optional("sigma"),
         cast=np.array(table.words("cast"), dtype=str),
         epoch=epoch,
+        notes=invalid.notes,
     )
+    _check_unit(table, numbers, geographic=geographic)
+    return events
+
+
+def _check_unit(table: TextTable, numbers: Array, *, geographic: bool) -> None:
+    """Raise an error if travel times, the last column behind both positions, are thousands of times too long or too short."""
+    step = numbers[:, 3:6] - numbers[:, :3]
+    if geographic:
+        step[:, :2] *= _M_PER_DEGREE
+        step[:, 1] *= np.cos(np.radians(numbers[:, 0]))
+    expected = np.linalg.norm(step, axis=1) / _SOUND_SPEED
+    ratio = float(np.median(numbers[:, 6] / np.maximum(expected, 1e-6)))
+    low, high = _MILLISECONDS
+    if low < ratio < high or low < 1.0 / max(ratio, 1e-9) < high:
+        raise ReplayError(
+            f"{table.path}: travel_time is {ratio:.3g} times the distance over {_SOUND_SPEED:g} m/s (median {np.median(numbers[:, 6]):g} s);"
+            " it must be in seconds"
+        )
 
 
 def _placed(table: TextTable, nodes: TextTable) -> TextTable:

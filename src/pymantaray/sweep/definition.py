@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +22,7 @@ from pymantaray.study.tracks import with_tracks
 from pymantaray.user_files import parse_toml, read_text
 
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
+_MAX_AXES = 100
 _COLUMNS = frozenset(
     [
         "condition",
@@ -169,8 +171,12 @@ class Sweep:
             raise SweepError(
                 f"sweep: {taken[0]} is the name of another column of its tables; give another name"
             )
-        if twice := sorted({name for name in names if names.count(name) > 1}):
+        if twice := sorted(name for name, count in Counter(names).items() if count > 1):
             raise SweepError(f"sweep: {', '.join(twice)} is given more than once; remove all but one")
+        if len(axes) > _MAX_AXES:
+            raise SweepError(
+                f"sweep: {len(axes):,} fields or lists of them; at most {_MAX_AXES} can be crossed"
+            )
         self.axes = tuple(axes)
 
     @property

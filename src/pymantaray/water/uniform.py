@@ -80,7 +80,7 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
     where = label(section, profile)
     if section.bathymetry is None:
         raise OceanError(
-            f"{where}: a profile has no sea bed; give its depth in metres with --bathymetry (in Python: bathymetry; in TOML:"
+            f"{where}: a profile has no sea bed; give its depth in metres as bathymetry (in TOML:"
             " ocean.bathymetry)"
         )
     if section.time_varying:
@@ -148,7 +148,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
             if profile.water is None
             else "position, which this task needs; give --centre LAT LON (in Python: centre)"
             if place is None
-            else "sea bed of one depth, which this task needs; give it in metres with --bathymetry (in Python: bathymetry)"
+            else "sea bed of one depth, which this task needs; give it in metres as bathymetry"
         )
         raise OceanError(f"{label(section, profile)}: the profile has no {lacks}")
     temperature, salinity = profile.water
