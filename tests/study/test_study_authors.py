@@ -1,6 +1,7 @@
 """Configurations of the paper's authors' program as studies, and studies for that program."""
 
 import json
+import os
 from collections import Counter
 from pathlib import Path
 
@@ -162,11 +163,23 @@ def test_what_the_program_refuses_or_cannot_use_is_refused(line, tmp_path):
         ('{"a": 1, "a": 2}', "key 'a' occurs twice"),
         ("[1]", "found list; it must be a table"),
         ('{"rng_seed": NaN}', "NaN is not a number of JSON"),
+        ("[" * 100_000, "not valid JSON"),
     ],
 )
 def test_what_is_no_configuration_is_refused(text, line, tmp_path):
     (tmp_path / "sim.json").write_text(text)
     refused(StudyError, line, load_study, tmp_path / "sim.json")
+
+
+def test_files_of_a_configuration_are_regular(tmp_path):
+    os.mkfifo(tmp_path / "pipe.json")
+    refused(StudyError, "pipe.json: not a regular file", load_study, tmp_path / "pipe.json")
+    for name in ("/dev/zero", str(tmp_path / "pipe.json"), str(tmp_path)):
+        path = write_simulation(tmp_path, simulation() | {"env_config_file": name})
+        refused(MantaRayError, "not a regular file|is a folder", load_study, path)
+    for name in ("n" * 5000, "a\0b"):
+        path = write_simulation(tmp_path, simulation() | {"env_config_file": name})
+        refused(StudyError, "env_config_file: no file", load_study, path)
 
 
 def test_land_and_robots_that_leave_have_a_line(tmp_path):

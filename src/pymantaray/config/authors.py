@@ -13,6 +13,7 @@ from pymantaray.config.checks import NAME, checked
 from pymantaray.config.common import NonNegativeFloat, PositiveFloat, Section
 from pymantaray.config.keys import Tree
 from pymantaray.errors import OceanError, StudyError
+from pymantaray.user_files import exists, shown
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 """Letters of the program's robots."""
@@ -243,8 +244,8 @@ def read_simulation(path: Path) -> StudyImport:
     robots = [_robot(robot, f"{label}: robots[{i}]") for i, robot in enumerate(simulation.robots)]
     period = _sampling_period(simulation, label)
     environment = find_file(simulation.env_config_file, path)
-    if not environment.is_file():
-        raise StudyError(f"{label}: env_config_file: no file {environment}; correct the name")
+    if not exists(environment):
+        raise StudyError(f"{label}: env_config_file: no file {shown(environment)}; correct the name")
     notes = [*_notes(simulation, period), *_water_notes(simulation, robots, environment, label)]
     tree = _study(simulation, robots, period, environment, path)
     given = (key for key in WITHOUT_MEANING if _is_given(content, key))
