@@ -70,6 +70,58 @@ def test_a_float_moves_as_in_the_program(tmp_path):
     assert depth[19] == pytest.approx(300.0 - 0.5 * (1900.0 - 1800.5), abs=0.02)
 
 
+def program_depths(robot, step, samples, steps_per_sample):
+    """Depths of a float by the program's rules, step by step: it finds that it has arrived, counts its hold, and then moves."""
+    depth, hold, down = robot["position"][2], robot.get("start_offset_seconds", 0.0), False
+    holding, elapsed = hold > 0.0, 0.0
+    down = not holding  # the first hold is one at the surface
+    out = [depth]
+    for _ in range(samples):
+        for _ in range(steps_per_sample):
+            goal = robot["target_depth"] if down else robot["surface_depth"]
+            if holding:
+                elapsed += step
+                if elapsed >= hold:
+                    holding, down = False, not down
+            elif (depth >= goal) if down else (depth <= goal):
+                holding, elapsed = True, 0.0
+                hold = robot["hold_seconds"] if down else robot["surface_hold_seconds"]
+            else:
+                speed = robot["vertical_speed"]
+                depth += step * min(max(10.0 * (goal - depth), -speed), speed)
+        out.append(depth)
+    return np.array(out)
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1, 0.125, 0.2, 1.0])
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"target_depth": 50.0, "hold_seconds": 60.0, "surface_hold_seconds": 60.0},
+        {"target_depth": 77.7, "hold_seconds": 500.0, "surface_hold_seconds": 0.0, "start_offset_seconds": 1800.0},
+        {"target_depth": 300.3, "hold_seconds": 1800.0, "surface_hold_seconds": 3600.0, "surface_depth": 0.3},
+        {"target_depth": 120.0, "hold_seconds": 90.0, "surface_hold_seconds": 33.3, "vertical_speed": 0.13},
+    ],
+)  # fmt: skip
+def test_floats_keep_the_depths_of_the_program_over_many_cycles(step, keys, tmp_path):
+    """One step more in each hold would move a float by metres in 8 h; it stops at its depth and the program within a step beyond."""
+    tree = simulation()
+    robot = {
+        "type": "current_drift",
+        "position": [0.0, 0.0, 0.01],
+        "vertical_speed": 0.5,
+        "surface_depth": 0.01,
+        **keys,
+    }
+    tree["timing"] = {"end_time_hours": 8.0, "physics_dt": step, "ping_interval_min": 30.0}
+    tree["robots"] = [robot, tree["robots"][1]]
+    ours = mission_of(load_study(write_simulation(tmp_path, tree))).truth.position[0, :, 2]
+    theirs = program_depths(robot, step, 288, round(100.0 / step))
+    np.testing.assert_allclose(
+        ours, theirs, rtol=0, atol=2.0 * step * robot["vertical_speed"] + 1e-5, err_msg=str(ours - theirs)
+    )
+
+
 def test_a_first_hold_is_at_the_start_depth(tmp_path):
     tree = simulation()
     tree["robots"][0] |= {"position": [0.0, 0.0, 40.0], "start_offset_seconds": 300.0}
@@ -115,6 +167,45 @@ def test_multipath_takes_reflections_only_without_a_direct_arrival(tmp_path):
     acoustics = load_study(write_simulation(tmp_path, tree)).acoustics
     assert acoustics.arrival == "direct-or-first"
     assert acoustics.max_surface_bounces > 0
+
+
+def test_depths_that_the_program_does_not_reach_have_a_line(tmp_path):
+    tree = simulation()
+    tree["robots"][0]["target_depth"] = 1950.0
+    _, lines = import_study(write_simulation(tmp_path, tree))
+    assert any("target_depth 1950 m is outside the water, z 0 to 1900 m" in line for line in lines)
+    tree = simulation()
+    tree["timing"]["physics_dt"] = 0.05
+    _, lines = import_study(write_simulation(tmp_path, tree))
+    assert any("physics_dt is 0.05 s, and the program" in line for line in lines)
+    tree["timing"]["physics_dt"] = 1.0
+    _, lines = import_study(write_simulation(tmp_path, tree))
+    assert any("the program passes a depth by up to 0.5 m" in line for line in lines)
+
+
+def test_a_float_outside_the_grid_of_the_current_has_a_line(tmp_path):
+    path = write_simulation(tmp_path)
+    for key, part, line in (("x", slice(2, None), "x 0 to 9000 m"), ("z", slice(0, 3), "z 0 to 200 m")):
+        sections = arrays()
+        current = sections["current"]
+        where = tuple(part if axis == key else slice(None) for axis in "xyz")
+        shape = tuple(current[axis].size for axis in "xyz")
+        current |= {name: current[name].reshape(shape)[where] for name in "uv"} | {key: current[key][part]}
+        write_environment(tmp_path, sections)
+        tree = simulation()
+        tree["robots"][0]["position"] = [-500.0, 0.0, 0.01] if key == "x" else [500.0, 0.0, 0.01]
+        path.write_text(json.dumps(tree))
+        _, lines = import_study(path)
+        assert any(f"robots[0]: it leaves the grid of the current, {line}" in said for said in lines), lines
+
+
+def test_whole_numbers_may_have_a_point(tmp_path):
+    tree = simulation() | {"rng_seed": 3.0}
+    tree["acoustics"]["num_beams"] = 100.0
+    assert load_study(write_simulation(tmp_path, tree)).study.seed == 3
+    refused(
+        StudyError, "rng_seed: found 3.5", load_study, write_simulation(tmp_path, tree | {"rng_seed": 3.5})
+    )
 
 
 REFUSED = {

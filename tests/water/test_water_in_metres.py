@@ -208,7 +208,12 @@ def test_arrays_are_regular_files_that_are_as_long_as_their_headers_say(tmp_path
         data.symlink_to(target)
         refused(OceanError, r"ssp.data: .*data.npy: (not a regular file|is a folder)", open_water, path)
     data.unlink()
-    for damaged in (content[:-8], content.replace(b"(100,)", b"(100000000000,)"), content[:20], b"\x93NUMPY\x09\x00"):
+    for damaged in (
+        content[:-8],
+        content.replace(b"(100,)", b"(100000000000,)"),
+        content[:20],
+        b"\x93NUMPY\x09\x00",
+    ):
         data.write_bytes(damaged)
         refused(OceanError, r"ssp.data: .*data.npy: (.* bytes of values|not a .npy file)", open_water, path)
     for name in ("/dev/zero", str(tmp_path / "pipe"), "n" * 5000, "a\0b"):
