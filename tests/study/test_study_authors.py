@@ -158,7 +158,7 @@ def test_a_fleet_of_twelve_has_a_line(tmp_path):
     assert config.fleet.vehicles[11].name == "L"
     assert any("12th robot the letter L" in line for line in lines)
     tree["robots"] = [tree["robots"][0]] * 27
-    refused(StudyError, "robots: .*26", load_study, write_simulation(tmp_path, tree))
+    refused(StudyError, "robots: found 27 entries; allowed: 26 or less", load_study, write_simulation(tmp_path, tree))
 
 
 def test_multipath_takes_reflections_only_without_a_direct_arrival(tmp_path):
@@ -238,6 +238,7 @@ REFUSED = {
         t["sensors"].update(odom_freq_hz=0.02),
         t["pfg"].update(use_ground_truth_odometry=False),
     ),
+    "timing.ping_interval_min is 150 min, longer than end_time_hours, 2 h": lambda t: t["timing"].update(ping_interval_min=150),
     "range_variance: found 0": lambda t: t["pfg"].update(range_variance=0),
 }  # fmt: skip
 

@@ -288,6 +288,11 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
     """Longest period of samples that contains poses, pings and the end. [s]"""
     timing, sensors = simulation.timing, simulation.sensors
     step = _fraction(timing.physics_dt)
+    if timing.ping_interval_min > 60.0 * timing.end_time_hours:
+        raise StudyError(
+            f"{label}: timing.ping_interval_min is {timing.ping_interval_min:g} min, longer than end_time_hours,"
+            f" {timing.end_time_hours:g} h: there would be no ping; shorten it"
+        )
     for key in ("gt_freq_hz", "odom_freq_hz", "gps_freq_hz"):
         steps = 1 / (_fraction(getattr(sensors, key)) * step)
         if steps < 1 or steps.denominator != 1:
