@@ -12,10 +12,10 @@ from refusals import refused
 from scipy.interpolate import RegularGridInterpolator
 from trilinear_fan import first_direct_time
 
-from pymantaray import load_study
+from pymantaray import load_study, run_study
 from pymantaray.authors import export_authors
 from pymantaray.config.load import import_study
-from pymantaray.errors import ExchangeError, MantaRayError, StudyError
+from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
 from pymantaray.ocean.environment import read_arrays
 from pymantaray.records import RayStatus
 from pymantaray.study.manifest import Stopwatch
@@ -288,6 +288,47 @@ def test_land_and_robots_that_leave_have_a_line(tmp_path):
     assert any("the water has land, at which the program stops" in line for line in lines)
     assert any("robots[1]: its last position is outside the grid" in line for line in lines)
     assert mission_of(config).truth.status[1, -1] != 0
+
+
+def test_beliefs_about_water_in_metres(tmp_path):
+    """With the file of the true water, the estimate is that of the exact water; in other water it is not."""
+    write_simulation(tmp_path)
+    model = "range_model = {{ kind = 'eigenray', belief = {} }}"
+    beliefs = {
+        "exact": "'exact'",
+        "file": "{ kind = 'file', source = 'environment.json' }",
+        "mean": "'mean'",
+        "cast": "'cast'",
+        "offset": "{ kind = 'offset', sound_speed = [1.0] }",
+        "numerics": "{ kind = 'numerics', every_level = 2 }",
+    }
+    text = 'base = "sim.json"\n[study]\nrealizations = 1\n'
+    text += "".join(f"[conditions.{name}]\n{model.format(belief)}\n" for name, belief in beliefs.items())
+    (tmp_path / "mine.toml").write_text(text)
+    run = run_study(load_study(tmp_path / "mine.toml"), tmp_path / "run", workers=1)
+    position = {name: run.estimates.position[run.estimates.condition.tolist().index(name)] for name in beliefs}
+    np.testing.assert_array_equal(position["file"], position["exact"])
+    # at the middle of the grid and in the mean of it, the field is the same but for the gradient along x and y
+    for name in ("mean", "cast", "numerics"):
+        assert 0.0 < np.abs(position[name] - position["exact"]).max() < 20.0, name
+    assert np.abs(position["offset"] - position["exact"]).max() > 0.5
+
+
+@pytest.mark.parametrize(
+    "belief",
+    [
+        "{ kind = 'perturbed', rms = 1.0, horizontal_scale = 5e3, down_to = 300.0 }",
+        "{ kind = 'other-day', days_earlier = 5.0 }",
+        "{ kind = 'numerics', equation = 'unesco' }",
+        "{ kind = 'cast', down_to = 100.0 }",
+    ],
+)
+def test_beliefs_that_need_temperature_are_refused_in_water_in_metres(belief, tmp_path):
+    write_simulation(tmp_path)
+    text = f"base = 'sim.json'\n[conditions.one]\nrange_model = {{ kind = 'eigenray', belief = {belief} }}\n"
+    (tmp_path / "mine.toml").write_text(text)
+    config = load_study(tmp_path / "mine.toml")
+    refused(OceanError, "water in metres has no", run_study, config, tmp_path / "run", workers=1)
 
 
 def test_a_toml_file_can_change_a_configuration_of_the_program(tmp_path):
