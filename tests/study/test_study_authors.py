@@ -158,7 +158,12 @@ def test_a_fleet_of_twelve_has_a_line(tmp_path):
     assert config.fleet.vehicles[11].name == "L"
     assert any("12th robot the letter L" in line for line in lines)
     tree["robots"] = [tree["robots"][0]] * 27
-    refused(StudyError, "robots: found 27 entries; allowed: 26 or less", load_study, write_simulation(tmp_path, tree))
+    refused(
+        StudyError,
+        "robots: found 27 entries; allowed: 26 or less",
+        load_study,
+        write_simulation(tmp_path, tree),
+    )
 
 
 def test_multipath_takes_reflections_only_without_a_direct_arrival(tmp_path):
@@ -306,7 +311,9 @@ def test_beliefs_about_water_in_metres(tmp_path):
     text += "".join(f"[conditions.{name}]\n{model.format(belief)}\n" for name, belief in beliefs.items())
     (tmp_path / "mine.toml").write_text(text)
     run = run_study(load_study(tmp_path / "mine.toml"), tmp_path / "run", workers=1)
-    position = {name: run.estimates.position[run.estimates.condition.tolist().index(name)] for name in beliefs}
+    position = {
+        name: run.estimates.position[run.estimates.condition.tolist().index(name)] for name in beliefs
+    }
     np.testing.assert_array_equal(position["file"], position["exact"])
     # at the middle of the grid and in the mean of it, the field is the same but for the gradient along x and y
     for name in ("mean", "cast", "numerics"):

@@ -34,19 +34,21 @@ def extra_steps(start: float, target: float, surface: float, speed: float, step:
     The program moves by whole steps until it has passed a depth; a study's float stops at it. The first dive and ascent give the
     depths between which the program moves later. At most ``limit`` steps are compared.
     """
-    depth, counts = start, []
-    for goal in (target, surface, target, surface):
-        depth, count = _passed(depth, goal, speed, step, limit)
-        counts.append(count)
-        if count in (None, limit):
-            break
-    if len(counts) == 4 and counts[3] is not None:
-        ours = _reached(target - surface, speed, step)
-        return Holds(counts[2] - ours + _ARRIVAL_STEPS, counts[3] - ours + _ARRIVAL_STEPS)
-    if counts[0] is None:
+    ours = _reached(target - start, speed, step), _reached(target - surface, speed, step)
+    depth, dive = _passed(start, target, speed, step, limit)
+    if dive is None:
         return Holds(None, None)
-    dive = counts[0] - _reached(target - start, speed, step) + _ARRIVAL_STEPS
-    return Holds(dive, None if counts[-1] is None else _ARRIVAL_STEPS)
+    first = Holds(dive - ours[0] + _ARRIVAL_STEPS, _ARRIVAL_STEPS)
+    if dive == limit:
+        return first
+    depth, ascent = _passed(depth, surface, speed, step, limit)
+    if ascent is None:
+        return first._replace(surface=None)
+    depth, dive = _passed(depth, target, speed, step, limit)
+    _, ascent = _passed(depth, surface, speed, step, limit)
+    if dive is None or ascent is None:
+        return first
+    return Holds(dive - ours[1] + _ARRIVAL_STEPS, ascent - ours[1] + _ARRIVAL_STEPS)
 
 
 def _passed(depth: float, goal: float, speed: float, step: float, limit: int) -> tuple[float, int | None]:

@@ -104,7 +104,11 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
         allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
     if kind == "tuple_type" and isinstance(value, dict) and getattr(root, "in_toml", False):
         allowed = f"tables in a list, each under [[{where}]]"
-    shown = f"{len(value)} entries" if kind in ("too_short", "too_long") and value is not None else _REPR.repr(value)
+    shown = (
+        f"{len(value)} entries"
+        if kind in ("too_short", "too_long") and value is not None
+        else _REPR.repr(value)
+    )
     return f"{where}: found {shown}; allowed: {allowed}"
 
 

@@ -287,19 +287,21 @@ class Beliefs:
         """Local ocean of files or of a cast, over the part of the study's domain that they cover; it must contain the fleet."""
         name = ", ".join(section.source)
         try:
-            if file_in_metres(section.source[0]):
-                local = self._local_in_metres(section)
-            elif self._in_metres:
-                raise OceanError(
-                    "has latitudes and longitudes, or is a cast, but the water of the study is in metres; give a file in metres"
-                )
-            else:
-                is_cast = holds_casts(section.source[0])
-                local = self._local_of_cast(section) if is_cast else self._local_of_ocean(section)
+            local = self._local_of_files(section)
             self._check_holds_fleet(local)
         except OceanError as error:
             raise OceanError(f"belief {name}: {str(error).removeprefix(f'{name}: ')}") from None
         return local
+
+    def _local_of_files(self, section: FileBelief) -> xr.Dataset:
+        if file_in_metres(section.source[0]):
+            return self._local_in_metres(section)
+        if self._in_metres:
+            raise OceanError(
+                "has latitudes and longitudes, or is a cast, but the water of the study is in metres; give a file in metres"
+            )
+        is_cast = holds_casts(section.source[0])
+        return self._local_of_cast(section) if is_cast else self._local_of_ocean(section)
 
     def _local_in_metres(self, section: FileBelief) -> xr.Dataset:
         """Ocean of a file in metres, about the study's centre."""
