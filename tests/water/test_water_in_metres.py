@@ -168,7 +168,7 @@ BAD = {
     "`currents`: unknown key. Did you mean `current`": lambda t: t.update(currents=t.pop("current")),
     "current.v: missing; add it": lambda t: t["current"].pop("v"),
     "ssp: missing; add it": lambda t: t.pop("ssp"),
-    "source_dir: no folder": lambda t: t.update(source_dir="elsewhere"),
+    "source_dir: no folder": lambda t: t.update(source_dir="no-such-folder"),
     "ssp.data: .*none.npy: no such file": lambda t: t["ssp"].update(data="none.npy"),
     "ssp.x: found 3; it must be a file name": lambda t: t["ssp"].update(x=3),
 }
