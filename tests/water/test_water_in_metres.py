@@ -1,6 +1,7 @@
 """Water in metres: environment.json of the paper's authors, NetCDF files and data sets in memory."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.atlas import Atlas
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle
-from pymantaray.ocean.environment import environment_arrays
+from pymantaray.ocean.environment import environment_arrays, read_environment
 from pymantaray.records import Trajectories
 from pymantaray.study.manifest import Stopwatch
 from pymantaray.study.mission import simulate_mission
@@ -167,8 +168,8 @@ BAD = {
     "`currents`: unknown key. Did you mean `current`": lambda t: t.update(currents=t.pop("current")),
     "current.v: missing; add it": lambda t: t["current"].pop("v"),
     "ssp: missing; add it": lambda t: t.pop("ssp"),
-    "source_dir: no folder": lambda t: t.update(source_dir="elsewhere"),
-    "ssp.data: .*cannot be read": lambda t: t["ssp"].update(data="none.npy"),
+    "source_dir: no folder": lambda t: t.update(source_dir="no-such-folder"),
+    "ssp.data: .*none.npy: no such file": lambda t: t["ssp"].update(data="none.npy"),
     "ssp.x: found 3; it must be a file name": lambda t: t["ssp"].update(x=3),
 }
 
@@ -186,7 +187,7 @@ WRONG = {
     "float32; the program reads float64 only": lambda a: a.astype(np.float32),
     "ssp.data has 99 values; its axes x, y, z need 5 x 4 x 5": lambda a: a.ravel()[:-1],
     "Fortran order": lambda a: np.asfortranarray(a),
-    "not a .npy file of numbers": lambda _: np.array([object()]),
+    "object; the program reads float64 only": lambda _: np.array([object()]),
 }
 
 
@@ -195,6 +196,30 @@ def test_wrong_arrays_are_refused_in_one_line(line, tmp_path):
     path = write_environment(tmp_path)
     np.save(tmp_path / "data" / "ssp" / "data.npy", WRONG[line](arrays()["ssp"]["data"]), allow_pickle=True)
     refused(OceanError, line, open_water, path)
+
+
+def test_arrays_are_regular_files_that_are_as_long_as_their_headers_say(tmp_path):
+    path = write_environment(tmp_path)
+    data = tmp_path / "data" / "ssp" / "data.npy"
+    content = data.read_bytes()
+    os.mkfifo(tmp_path / "pipe")
+    for target in ("/dev/zero", tmp_path / "pipe", tmp_path):
+        data.unlink()
+        data.symlink_to(target)
+        refused(OceanError, r"ssp.data: .*data.npy: (not a regular file|is a folder)", open_water, path)
+    data.unlink()
+    for damaged in (
+        content[:-8],
+        content.replace(b"(100,)", b"(100000000000,)"),
+        content[:20],
+        b"\x93NUMPY\x09\x00",
+    ):
+        data.write_bytes(damaged)
+        refused(OceanError, r"ssp.data: .*data.npy: (.* bytes of values|not a .npy file)", open_water, path)
+    for name in ("/dev/zero", str(tmp_path / "pipe"), "n" * 5000, "a\0b"):
+        path = write_environment(tmp_path, source_dir=name)
+        refused(OceanError, "source_dir: no folder", open_water, path)
+    refused(OceanError, "not a regular file", read_environment, tmp_path / "pipe")
 
 
 def test_wrong_data_sets_are_refused_in_one_line():

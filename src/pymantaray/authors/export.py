@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from pymantaray.arrays import Array
-from pymantaray.config.authors import HOLD_STEPS, LETTERS, REFLECTED
+from pymantaray.config.authors import LETTERS, REFLECTED
+from pymantaray.config.authors_holds import counted_steps, extra_steps
 from pymantaray.config.fleet import DriftingVehicle, FloatVehicle, StationVehicle, TwistVehicle
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
@@ -189,14 +190,16 @@ def _robot(section: Any, vehicle: Vehicle, step: float, duration: float) -> dict
     if isinstance(section, FloatVehicle):
         cycle = vehicle.behaviour
         assert isinstance(cycle, FloatCycle)
+        motion = cycle.target_depth, cycle.surface_depth, cycle.vertical_speed
+        extra = extra_steps(depth, *motion, step, round(duration / step))
         return {
             **drift,
             "target_depth": cycle.target_depth,
-            "hold_seconds": _hold(cycle.hold_depth_time, step),
-            "surface_hold_seconds": _hold(cycle.hold_surface_time, step),
+            "hold_seconds": _hold(cycle.hold_depth_time, extra.depth, step, duration),
+            "surface_hold_seconds": _hold(cycle.hold_surface_time, extra.surface, step, duration),
             "vertical_speed": cycle.vertical_speed,
             "surface_depth": cycle.surface_depth,
-            "start_offset_seconds": cycle.start_delay,
+            "start_offset_seconds": _hold(cycle.start_delay, 0, step, duration) if cycle.start_delay else 0.0,
         }
     raise ExchangeError(
         f"vehicle {vehicle.name!r}: the program has no robot that moves like it; use floats, stations, drifting vehicles at"
@@ -204,9 +207,13 @@ def _robot(section: Any, vehicle: Vehicle, step: float, duration: float) -> dict
     )
 
 
-def _hold(seconds: float, step: float) -> float:
-    """Hold of the program for one of a vehicle, to whole microseconds. [s]"""
-    return max(round(seconds - HOLD_STEPS * step, 6), 0.0)
+def _hold(seconds: float, extra: int | None, step: float, duration: float) -> float:
+    """Hold of the program for one of a vehicle, to whole microseconds or half a step. [s]"""
+    if seconds > duration or extra is None:
+        return seconds
+    steps = round(seconds / step) - extra
+    nominal = max(round(steps * step, 6), 0.0)
+    return nominal if counted_steps(nominal, step) <= steps else (steps - 0.5) * step
 
 
 def _notes(config: StudyConfig, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:

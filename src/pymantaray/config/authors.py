@@ -7,25 +7,33 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
+from pymantaray.config.authors_holds import DEPTH_GAIN, Holds, counted_steps, extra_steps
 from pymantaray.config.checks import NAME, checked
 from pymantaray.config.common import NonNegativeFloat, PositiveFloat, Section
 from pymantaray.config.keys import Tree
 from pymantaray.errors import OceanError, StudyError
+from pymantaray.user_files import exists, shown
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 """Letters of the program's robots."""
 _LANDMARK_LETTER = LETTERS.index("L")
-_DEPTH_GAIN = 10.0  # 1/s, of the program
-HOLD_STEPS = 1
-"""Steps by which a hold of the program is longer than its time: it counts from the step after the arrival."""
+_ENDLESS = 1e12  # s
+_LARGE_STEP = 0.1  # m; a float of the program stops up to one step beyond its depth
 REFLECTED = ("first", "direct-or-first")
 """Arrivals that may have reflections."""
 _MULTIPATH_BOUNCES = 3  # of each boundary; weaker arrivals do not come first
 
 Position = Annotated[tuple[float, float, float], Field(strict=False)]
-Count = Annotated[int, Field(ge=1)]
+
+
+def _whole(value: Any) -> Any:
+    """Whole number that a file writes with a point."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+Count = Annotated[int, Field(ge=1), BeforeValidator(_whole)]
 
 
 class Timing(Section):
@@ -160,7 +168,7 @@ class Simulation(Section):
     """Water."""
     run_name: Annotated[str, Field(min_length=1)] = "sim"
     """Name."""
-    rng_seed: Annotated[int, Field(ge=0)] = 10020
+    rng_seed: Annotated[int, Field(ge=0), BeforeValidator(_whole)] = 10020
     """Seed of the sensors' noise."""
     bellhop_memory_mib: Count = 80
     """Memory of Bellhop. [MiB]"""
@@ -243,9 +251,13 @@ def read_simulation(path: Path) -> StudyImport:
     robots = [_robot(robot, f"{label}: robots[{i}]") for i, robot in enumerate(simulation.robots)]
     period = _sampling_period(simulation, label)
     environment = find_file(simulation.env_config_file, path)
-    if not environment.is_file():
-        raise StudyError(f"{label}: env_config_file: no file {environment}; correct the name")
-    notes = [*_notes(simulation, period), *_water_notes(simulation, robots, environment, label)]
+    if not exists(environment):
+        raise StudyError(f"{label}: env_config_file: no file {shown(environment)}; correct the name")
+    notes = [
+        *_notes(simulation, period),
+        *_float_notes(simulation, robots),
+        *_water_notes(simulation, robots, environment, label),
+    ]
     tree = _study(simulation, robots, period, environment, path)
     given = (key for key in WITHOUT_MEANING if _is_given(content, key))
     return StudyImport(tree, tuple(given), tuple(notes))
@@ -276,6 +288,11 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
     """Longest period of samples that contains poses, pings and the end. [s]"""
     timing, sensors = simulation.timing, simulation.sensors
     step = _fraction(timing.physics_dt)
+    if timing.ping_interval_min > 60.0 * timing.end_time_hours:
+        raise StudyError(
+            f"{label}: timing.ping_interval_min is {timing.ping_interval_min:g} min, longer than end_time_hours,"
+            f" {timing.end_time_hours:g} h: there would be no ping; shorten it"
+        )
     for key in ("gt_freq_hz", "odom_freq_hz", "gps_freq_hz"):
         steps = 1 / (_fraction(getattr(sensors, key)) * step)
         if steps < 1 or steps.denominator != 1:
@@ -331,12 +348,26 @@ def _notes(simulation: Simulation, period: float) -> Iterator[str]:
             yield f"pfg.{key}: axes differ; their mean is used, as PyFactorGraph does"
 
 
+def _float_notes(simulation: Simulation, robots: list[ConstantVelocity | CurrentDrift]) -> Iterator[str]:
+    """Depths at which floats of the program stop elsewhere, or which they never reach."""
+    step = simulation.timing.physics_dt
+    for i, robot in enumerate(robots):
+        if isinstance(robot, CurrentDrift):
+            if None in float_steps(robot, simulation.timing):
+                yield (
+                    f"robots[{i}]: physics_dt is {step:g} s, and the program, which slows down below 0.1 s, never reaches one of its"
+                    " depths and stays there; so does this study"
+                )
+            elif robot.vertical_speed * step > _LARGE_STEP:
+                yield f"robots[{i}]: the program passes a depth by up to {robot.vertical_speed * step:g} m; here the robot stops at it"
+
+
 def _water_notes(
     simulation: Simulation, robots: list[ConstantVelocity | CurrentDrift], environment: Path, label: str
 ) -> Iterator[str]:
     """Check positions in the grid; yield what the program cannot do in it."""
     from pymantaray.geometry.boundary import BoundarySurface
-    from pymantaray.ocean.environment import read_environment
+    from pymantaray.ocean.environment import read_arrays, read_environment
     from pymantaray.ocean.metres import ocean_in_metres
 
     arrays = read_environment(environment)
@@ -362,11 +393,24 @@ def _water_notes(
     if bed.depth.min() <= 0.0:
         yield f"{environment.name}: the water has land, at which the program stops"
     seconds = 3600.0 * simulation.timing.end_time_hours
+    current = read_arrays(environment).get("current")
     for i, robot in enumerate(robots):
         if isinstance(robot, ConstantVelocity):
             x, y, z = (p + seconds * v for p, v in zip(robot.position, robot.velocity, strict=True))
             if (where := fault((x, y, z))) is not None:
                 yield f"robots[{i}]: its last position is {where}; the program stops there, here only the robot does"
+            continue
+        x, y, z = robot.position
+        if (where := fault((x, y, robot.target_depth))) is not None:
+            yield f"robots[{i}]: target_depth {robot.target_depth:g} m is {where}; here the robot stops at the sea floor"
+        if current is None:
+            yield f"robots[{i}]: the water has no current; here the robot is at rest horizontally"
+        elif outside := [
+            f"{key} {current[key][0]:g} to {current[key][-1]:g} m"
+            for key, low, high in (("x", x, x), ("y", y, y), ("z", z, robot.target_depth))
+            if not current[key][0] <= low <= high <= current[key][-1]
+        ]:
+            yield f"robots[{i}]: it leaves the grid of the current, {', '.join(outside)}, where the program writes nothing; here the current at the edge is used"
 
 
 def _study(
@@ -425,9 +469,7 @@ def _study(
         "ranging": {"timing": acoustics.tof_mode.replace("_", "-")},
         "noise": noise,
         "fleet": {
-            "vehicles": [
-                _vehicle(r, name, timing.physics_dt) for r, name in zip(robots, LETTERS, strict=False)
-            ]
+            "vehicles": [_vehicle(robot, name, timing) for robot, name in zip(robots, LETTERS, strict=False)]
         },
         "landmarks": [
             {"name": f"L{i}", "north": north, "east": east, "depth": depth}
@@ -442,21 +484,38 @@ def _name(run_name: str) -> str:
     return name if re.match(NAME, name) else "sim"
 
 
-def _vehicle(robot: ConstantVelocity | CurrentDrift, name: str, step: float) -> Tree:
+def float_steps(robot: CurrentDrift, timing: Timing) -> Holds:
+    """Steps of holds beyond those that the program counts."""
+    limit = round(3600.0 * timing.end_time_hours / timing.physics_dt)
+    cycle = robot.target_depth, robot.surface_depth, robot.vertical_speed
+    return extra_steps(robot.position[2], *cycle, timing.physics_dt, limit)
+
+
+def _vehicle(robot: ConstantVelocity | CurrentDrift, name: str, timing: Timing) -> Tree:
     """Nested dictionaries of a vehicle."""
     east, north, depth = robot.position
     placed: Tree = {"name": name, "north": north, "east": east, "depth": depth}
     if isinstance(robot, ConstantVelocity):
         v_east, v_north, v_down = robot.velocity
         return {"kind": "twist", **placed, "twist": [0.0, 0.0, 0.0, v_north, v_east, v_down]}
+    step, duration = timing.physics_dt, 3600.0 * timing.end_time_hours
+    extra = float_steps(robot, timing)
+
+    def hours(seconds: float, more: int | None) -> float:
+        if seconds > duration:  # it never ends
+            return min(seconds, _ENDLESS) / 3600.0
+        if more is None:
+            return (duration + seconds) / 3600.0
+        return (counted_steps(seconds, step) + more) * step / 3600.0
+
     return {
         "kind": "float",
         **placed,
         "target_depth": robot.target_depth,
-        "start_delay_h": robot.start_offset_seconds / 3600.0,
-        "hold_depth_h": (robot.hold_seconds + HOLD_STEPS * step) / 3600.0,
-        "hold_surface_h": (robot.surface_hold_seconds + HOLD_STEPS * step) / 3600.0,
+        "start_delay_h": hours(robot.start_offset_seconds, 0) if robot.start_offset_seconds else 0.0,
+        "hold_depth_h": hours(robot.hold_seconds, extra.depth),
+        "hold_surface_h": hours(robot.surface_hold_seconds, extra.surface),
         "vertical_speed": robot.vertical_speed,
         "surface_depth": robot.surface_depth,
-        "depth_gain": _DEPTH_GAIN,
+        "depth_gain": DEPTH_GAIN,
     }

@@ -33,6 +33,7 @@ _ALLOWED = {
     "string_type": "text",
     "string_pattern_mismatch": "text that matches {pattern}",
     "too_short": "{min_length} or more",
+    "too_long": "{max_length} or less",
     "string_too_short": "text of at least one letter",
     "finite_number": "a finite number",
     "tuple_type": "a list",
@@ -103,7 +104,11 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
         allowed = _PATTERNS.get(context["pattern"], f"text that matches {context['pattern']}")
     if kind == "tuple_type" and isinstance(value, dict) and getattr(root, "in_toml", False):
         allowed = f"tables in a list, each under [[{where}]]"
-    shown = f"{len(value)} entries" if kind == "too_short" and value is not None else _REPR.repr(value)
+    shown = (
+        f"{len(value)} entries"
+        if kind in ("too_short", "too_long") and value is not None
+        else _REPR.repr(value)
+    )
     return f"{where}: found {shown}; allowed: {allowed}"
 
 

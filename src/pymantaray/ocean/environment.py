@@ -2,6 +2,7 @@
 
 import difflib
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.messages import one_line
+from pymantaray.user_files import exists, open_regular, read_text, shown
 
 ENDING = ".json"
 ARRAYS = {
@@ -27,7 +29,9 @@ _FILES = {
     "ssp": {"z": "depth_coords", "data": "ssp"},
     "current": {},
 }
-_MAX_CHARACTERS = 10_000_000
+_MAX_JSON_BYTES = 10_000_000
+_MAX_ARRAY_BYTES = 4_000_000_000
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 _COMPONENTS = {"current_east": "u", "current_north": "v"}
 _FIELDS = ("sound_speed", *_COMPONENTS)
 _BELOW_FLOOR = 10.0  # m
@@ -50,16 +54,9 @@ def read_json(path: Path) -> dict[str, Any]:
     OceanError
         If the file cannot be read, is not JSON, or has a key twice.
     """
+    text = read_text(path, OceanError, what="a JSON file", limit=_MAX_JSON_BYTES)
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_MAX_CHARACTERS + 1)
-        if len(text) > _MAX_CHARACTERS:
-            raise OceanError(f"{path}: cannot be read: more than {_MAX_CHARACTERS:,} characters")
         tree = json.loads(text, object_pairs_hook=_without_repetition, parse_constant=_no_constant)
-    except UnicodeDecodeError:
-        raise OceanError(f"{path}: cannot be read: not UTF-8 text") from None
-    except OSError as error:
-        raise OceanError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
         raise OceanError(f"{path}: not valid JSON: {one_line(error)}") from None
     if not isinstance(tree, dict):
@@ -103,7 +100,7 @@ def find_file(name: str, beside: Path) -> Path:
         parts = parts[1:]
     above = [folder, *folder.parents]
     places = [folder / name, Path(name).absolute(), *(parent.joinpath(*parts) for parent in above)]
-    return next((place for place in places if place.exists()), places[0])
+    return next((place for place in places if exists(place)), places[0])
 
 
 def is_environment(path: str | Path) -> bool:
@@ -129,8 +126,8 @@ def _paths(path: Path) -> dict[str, dict[str, Path]]:
     if not isinstance(tree[_SOURCE], str):
         raise OceanError(f"{path}: {_SOURCE}: found {tree[_SOURCE]!r}; it must be the name of a folder")
     source = find_file(tree[_SOURCE], path)
-    if not source.is_dir():
-        raise OceanError(f"{path}: {_SOURCE}: no folder {source}; correct the name")
+    if not (exists(source) and source.is_dir()):
+        raise OceanError(f"{path}: {_SOURCE}: no folder {shown(source)}; correct the name")
     out = {}
     for section, keys in ARRAYS.items():
         if section in tree:
@@ -188,7 +185,7 @@ def read_arrays(path: str | Path) -> dict[str, dict[str, Array]]:
             if arrays[key].size != np.prod(shape):
                 raise OceanError(
                     f"{Path(path).name}: {section}.{key} has {arrays[key].size} values; its axes"
-                    f" {', '.join(axes)} need {' x '.join(map(str, shape))}"
+                    f" {', '.join(axes)} need {_text(shape)}"
                 )
             arrays[key] = arrays[key].reshape(shape)
         out[section] = arrays
@@ -196,20 +193,34 @@ def read_arrays(path: str | Path) -> dict[str, dict[str, Array]]:
 
 
 def _array(file: Path, label: str) -> Array:
-    try:
-        array = np.load(file, allow_pickle=False)
-    except OSError as error:
-        raise OceanError(f"{label}: {file}: cannot be read: {error.strerror or one_line(error)}") from None
-    except (ValueError, EOFError) as error:
-        raise OceanError(f"{label}: {file}: not a .npy file of numbers ({one_line(error)})") from None
-    if not isinstance(array, np.ndarray) or array.dtype != np.float64:
-        found = array.dtype if isinstance(array, np.ndarray) else "several arrays"
-        raise OceanError(f"{label}: {file}: {found}; the program reads float64 only; convert the array")
-    if not array.flags.c_contiguous:
-        raise OceanError(
-            f"{label}: {file}: Fortran order; the program reads C order only; use numpy.ascontiguousarray"
+    """Array of a ``.npy`` file, whose header is compared with its size before memory is allocated."""
+
+    def refusal(text: str) -> OceanError:
+        return OceanError(f"{label}: {text}")
+
+    with open_regular(file, refusal, what="a .npy file", limit=_MAX_ARRAY_BYTES) as stream:
+        try:
+            version = np.lib.format.read_magic(stream)
+            shape, fortran, dtype = _HEADERS[version](stream)
+        except (ValueError, EOFError, KeyError, SyntaxError, RecursionError) as error:
+            raise refusal(f"{shown(file)}: not a .npy file of numbers ({one_line(error)})") from None
+        if dtype != np.float64:
+            raise refusal(f"{shown(file)}: {dtype}; the program reads float64 only; convert the array")
+        if fortran and len(shape) > 1:
+            raise refusal(
+                f"{shown(file)}: Fortran order; the program reads C order only; use numpy.ascontiguousarray"
+            )
+        values = stream.read()
+    if len(values) != math.prod(shape) * dtype.itemsize:
+        raise refusal(
+            f"{shown(file)}: {len(values):,} bytes of values, but its header says {_text(shape)} values;"
+            " write the array again"
         )
-    return array
+    return np.frombuffer(values, dtype=dtype).reshape(shape).copy()
+
+
+def _text(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape)) or "1"
 
 
 def read_environment(path: str | Path) -> xr.Dataset:

@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics.medium import Interpolation
 from pymantaray.arrays import Array
 from pymantaray.config.common import own_files
 from pymantaray.config.estimators import (
@@ -46,12 +47,14 @@ from pymantaray.ocean import (
 )
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.local import TensorSpline
+from pymantaray.ocean.metres import ocean_in_metres
 from pymantaray.ocean.perturb import draw_sound_speed_error
 from pymantaray.ocean.window import Window
 from pymantaray.sensing import ReceptionOptions
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run
 from pymantaray.water.instants import utc_instant
+from pymantaray.water.metres import file_in_metres, read_file_in_metres, section_in_metres
 from pymantaray.water.ocean import (
     OceanFields,
     build_ocean,
@@ -222,6 +225,8 @@ class Beliefs:
             local = self._run.ocean_in(realization)
         if isinstance(section, FileBelief):
             local = self._from_files(section)
+        elif self._in_metres and not isinstance(section, ExactBelief | OffsetBelief):
+            local, interpolation = self._belief_in_metres(section)
         elif isinstance(section, OffsetBelief):
             local = _offset(local, np.interp(local["depth"].values, section.depth, section.sound_speed))
         elif isinstance(section, NumericsBelief):
@@ -241,6 +246,32 @@ class Beliefs:
             spreading_cutoff_db=acoustics.cutoff_db,
         )
 
+    @property
+    def _in_metres(self) -> bool:
+        """True if the study's water has no latitudes, temperatures and salinities."""
+        no_columns = self._ocean is not None and self._ocean.geographic is None and self._ocean.cast is None
+        return no_columns or section_in_metres(self.config.ocean)
+
+    def _belief_in_metres(self, section: AnyBelief) -> tuple[xr.Dataset, Interpolation]:
+        """Local ocean and interpolation of a belief about water in metres."""
+        local, interpolation = self._run.ocean, self.config.acoustics.interpolation
+        speed = local["sound_speed"]
+        if isinstance(section, NumericsBelief) and section.equation is None:
+            levels = _every(local["depth"].size, section.every_level)
+            return local.isel(depth=levels), section.interpolation or interpolation
+        if isinstance(section, MeanBelief):
+            column = speed.mean(("north", "east"))
+        elif isinstance(section, CastBelief) and section.down_to is None:
+            north, east = self._local_cast_place(section)
+            column = speed.interp(north=north, east=east)
+        else:
+            raise OceanError(
+                f"belief {section.kind}: water in metres has no temperature and salinity, which this belief needs; use exact,"
+                " mean, cast (without down_to), offset, numerics (without equation) or file"
+            )
+        uniform = column.broadcast_like(speed).transpose(*speed.dims).assign_attrs(speed.attrs)
+        return local.assign(sound_speed=uniform), interpolation
+
     def _local_by(self, equation: Equation, geographic: xr.Dataset) -> xr.Dataset:
         """Local ocean over the study's domain and sea floor."""
         section = self.config.ocean.model_copy(update={"equation": equation})
@@ -256,15 +287,30 @@ class Beliefs:
         """Local ocean of files or of a cast, over the part of the study's domain that they cover; it must contain the fleet."""
         name = ", ".join(section.source)
         try:
-            local = (
-                self._local_of_cast(section)
-                if holds_casts(section.source[0])
-                else self._local_of_ocean(section)
-            )
+            local = self._local_of_files(section)
             self._check_holds_fleet(local)
         except OceanError as error:
             raise OceanError(f"belief {name}: {str(error).removeprefix(f'{name}: ')}") from None
         return local
+
+    def _local_of_files(self, section: FileBelief) -> xr.Dataset:
+        if file_in_metres(section.source[0]):
+            return self._local_in_metres(section)
+        if self._in_metres:
+            raise OceanError(
+                "has latitudes and longitudes, or is a cast, but the water of the study is in metres; give a file in metres"
+            )
+        is_cast = holds_casts(section.source[0])
+        return self._local_of_cast(section) if is_cast else self._local_of_ocean(section)
+
+    def _local_in_metres(self, section: FileBelief) -> xr.Dataset:
+        """Ocean of a file in metres, about the study's centre."""
+        if len(section.source) > 1:
+            raise OceanError("several files; name one file in metres")
+        if section.cast is not None or section.time is not None:
+            raise OceanError("a file in metres has no casts and no time; remove the keys cast and time")
+        path = section.source[0]
+        return ocean_in_metres(read_file_in_metres(path), path)
 
     def _local_of_cast(self, section: FileBelief) -> xr.Dataset:
         """Water of a cast everywhere, over the sea floor of the study."""
@@ -344,14 +390,17 @@ class Beliefs:
             return self._ocean.geographic
         return open_start(self.config.ocean)
 
+    def _local_cast_place(self, section: CastBelief) -> tuple[float, float]:
+        """Position of the cast north and east. [m]"""
+        if section.north is not None and section.east is not None:
+            return section.north, section.east
+        stations = (v for v in self.config.fleet.vehicles if isinstance(v, StationVehicle))
+        first = next(stations, None)
+        return (0.0, 0.0) if first is None else (first.north, first.east)
+
     def _cast_place(self, section: CastBelief) -> tuple[float, float]:
         """Latitude and longitude of the cast. [degrees]"""
-        north, east = section.north, section.east
-        if north is None or east is None:
-            stations = (v for v in self.config.fleet.vehicles if isinstance(v, StationVehicle))
-            first = next(stations, None)
-            north, east = (0.0, 0.0) if first is None else (first.north, first.east)
-        lat, lon = self._frame.to_geodetic(north, east)
+        lat, lon = self._frame.to_geodetic(*self._local_cast_place(section))
         return float(lat), float(lon)
 
     @property

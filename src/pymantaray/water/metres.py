@@ -30,7 +30,17 @@ _WITHOUT_MEANING = (
 
 def section_in_metres(section: OceanSection) -> bool:
     """True if the source of a section is water in metres."""
-    return len(section.source) == 1 and (is_environment(section.source[0]) or holds_metres(section.source[0]))
+    return len(section.source) == 1 and file_in_metres(section.source[0])
+
+
+def file_in_metres(path: str) -> bool:
+    """True if a file has water in metres."""
+    return is_environment(path) or holds_metres(path)
+
+
+def read_file_in_metres(path: str) -> xr.Dataset:
+    """Read a file with water in metres."""
+    return read_environment(path) if is_environment(path) else read_metres(path)
 
 
 def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | None:
@@ -39,8 +49,7 @@ def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | No
         return data if is_in_metres(data) else None
     if not section_in_metres(section):
         return None
-    source = section.source[0]
-    return read_environment(source) if is_environment(source) else read_metres(source)
+    return read_file_in_metres(section.source[0])
 
 
 def local_of(section: OceanSection, data: xr.Dataset) -> xr.Dataset:
