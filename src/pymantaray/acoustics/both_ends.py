@@ -23,8 +23,8 @@ _KNOWLEDGE = (RayStatus.UNRESOLVED, RayStatus.SHADOW, RayStatus.BLOCKED, RayStat
 
 
 def unresolved_links(results: Results) -> NDArray[np.intp]:
-    """Indices of the links whose search left intervals that may contain more rays."""
-    return np.flatnonzero(results.info[:, at.RESOLVED] == 0.0)
+    """Indices of the links whose search left intervals that may contain more rays, or found rays beside the plane."""
+    return np.flatnonzero(results.info[:, at.RESOLVED] < 1.0)
 
 
 def merged(results: Results, links: NDArray[np.intp], other: Results) -> Results:
@@ -47,7 +47,9 @@ def merged(results: Results, links: NDArray[np.intp], other: Results) -> Results
         elif not counts[i]:
             info[i, at.MARGIN] = np.fmin(info[i, at.MARGIN], other.info[k, at.MARGIN])
             status[i] = max(status[i], other.status[k], key=_KNOWLEDGE.index)
-        info[i, at.RESOLVED] = min(info[i, at.COMPLETE], other.info[k, at.RESOLVED])
+        info[i, at.RESOLVED] = min(
+            info[i, at.COMPLETE], max(info[i, at.RESOLVED], other.info[k, at.RESOLVED])
+        )
     return type(results)(np.concatenate(rows), counts, status, info)
 
 

@@ -65,7 +65,7 @@ N_ARRIVAL = 15
 HORIZONTAL, CHORD, VERTICAL = 0, 1, 2  # as `records.RayAxis`
 
 # Information about a link: chord travel time [s], sound speed at both ends [m/s], smallest miss [m], number of traced rays, 1 if
-# there was room for all arrivals, and 1 if the search resolved all intervals.
+# there was room for all arrivals, and 1 if the search resolved all intervals, or a half if it should be repeated from the other end.
 CHORD_TIME, SOURCE_SPEED, RECEIVER_SPEED, MARGIN, RAYS, COMPLETE, RESOLVED = range(7)
 N_INFO = 7
 

@@ -79,6 +79,8 @@ _LATER = -1  # status of a link that is put off
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
 _RESOLVED = 30.0  # m
+# RESOLVED of a link of at least this length with rays beside the plane: others may be on a curve of rays that this end does not meet
+_FROM_ONE_END, _FAR = 0.5, 12e3
 _SMALL_SHIFT = 1e-4  # rad, an upper bound; the angles move by about a twentieth of it
 _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
 _FINER = 0.1  # share of the tolerance for the eigenrays of such links: their errors grow with the divergence
@@ -412,6 +414,8 @@ def _end(section, course, found, bounces, settings, i, work, results):
     info[at.RAYS] = rays
     info[at.COMPLETE] = 1.0 if complete else 0.0
     info[at.RESOLVED] = 1.0 if resolved and complete else 0.0
+    if resolved and complete and course.cross and count > 0 and link.horizontal > _FAR:
+        info[at.RESOLVED] = _FROM_ONE_END
     if count > 0:
         sort_rows(work.rows, count)
         results.status[i] = OK

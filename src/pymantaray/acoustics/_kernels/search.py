@@ -64,6 +64,8 @@ _WINDOW_WIDTH = (
 _MIN_BEND, _MIN_BEND_TIMES_DEFECT = 0.2, 1.25
 _NOISE = 4.0  # tolerances; the miss of a ray out of the plane may differ by this between two attempts
 _PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
+_WEAK_SHARE = 0.1  # of the slope of a weak ray: slope of a ray at the cut-off
+_FOLD, _FOLD_RATE = 1e-4, 20.0  # jump of the cross-track slowness, and its rate by the launch angle
 _UNKNOWN = 1e30  # m; error of a cubic
 # Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss differ from the mean by less than the first
 # share, and the slownesses at the end from their predictions by less than the second share of the smaller one
@@ -526,6 +528,8 @@ def _gather(varies, course, search, asked, pending, tally, work):
                     n_brackets = _add_around(st[top, end], fine, n_brackets, k, work)
         if verdict == _DROP and same and not reflecting and h < search.min_width:
             resolved = resolved and not _unresolved(a, b, h, search)
+        if verdict != _SPLIT and course.cross:
+            resolved = resolved and not _folds(a, b, h, search.weak)
         if verdict != _SPLIT:
             continue
         # the fan's tolerance matters
@@ -676,6 +680,16 @@ def _unresolved(a, b, h, search):
     noise = search.fine * max(1.0, min(a[at.GROWTH], b[at.GROWTH]))
     nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
     return abs(rise) < search.weak * h and nearest < reach + noise
+
+
+@kernel
+def _folds(a, b, h, weak):
+    """True if the cross-track slowness jumps between two rays beside the plane: several rays of one launch angle end in it."""
+    if h >= _WEAK_WIDTH or a[at.GOOD] * b[at.GOOD] <= 0.0 or a[at.LEFT] + b[at.LEFT] > 0.0:
+        return False
+    if min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > _WEAK_SHARE * weak:
+        return False
+    return abs(b[at.CROSS] - a[at.CROSS]) > max(_FOLD, _FOLD_RATE * h)
 
 
 @kernel
