@@ -147,26 +147,15 @@ def _derivative(s, data, rows, at_stage, state, across):
     cy, cyz, cyy, squares = 0.0 * x, 0.0 * x, 0.0 * x, p * p
     if across is not None:
         y, q = load(rows, _NEXT_BESIDE), load(rows, _NEXT_BESIDE + 1)
-        b0, b1, b2, b3, e0, e1, e2, e3 = mix(data, place + 8.0, stride, (u, t))
-        half = 0.5 * y
-        a0, a1 = a0 + y * (b0 + half * e0), a1 + y * (b1 + half * e1)
-        a2, a3 = a2 + y * (b2 + half * e2), a3 + y * (b3 + half * e3)
-        cyy = e0 + x * (e1 + x * (e2 + x * e3))
-        cy = b0 + x * (b1 + x * (b2 + x * b3)) + y * cyy
-        cyz = b1 + x * (2.0 * b2 + 3.0 * x * b3) + y * (e1 + x * (2.0 * e2 + 3.0 * x * e3))
+        more, cy, cyz, cyy = _field_beside(mix(data, place + 8.0, stride, (u, t)), x, y)
+        a0, a1, a2, a3 = a0 + more[0], a1 + more[1], a2 + more[2], a3 + more[3]
         squares = squares + q * q
     c = a0 + x * (a1 + x * (a2 + x * a3))
     cz = a1 + x * (2.0 * a2 + 3.0 * x * a3)
     czz = 2.0 * a2 + 6.0 * x * a3
     beyond = z - inside
     if any_lane(absolute(beyond) > 0.0):
-        scale = choose(beyond < 0.0, ABOVE_SCALE, BELOW_SCALE)
-        part = beyond / scale
-        f = 1.0 / (1.0 + part * part)
-        g = root(f)
-        czz = choose(absolute(beyond) > 0.0, -3.0 * part * f * f * g * cz / scale, czz)
-        c = c + beyond * g * cz
-        cz = f * g * cz
+        c, cz, czz = _extended(beyond, c, cz, czz)
     least, c_ref = 1e-6 * c * c, load(rows, _C_REF)
     square = c_ref * c_ref - c * c * squares
     room = square - least
@@ -186,21 +175,54 @@ def _derivative(s, data, rows, at_stage, state, across):
     else:
         squared, by = n * n, cy * ic
         mixed, second = squared * (3.0 * cz * ic * by - cyz * ic), squared * (3.0 * by * by - cyy * ic)
-        gradient = nnw, -1.0 * squared * by
-        bends = nw * nw + n * nww, mixed, second
-        slowness, inverses, beside = (p, q), (ih, ih3), _BESIDE_SLOPES + _N_BESIDE * stage
-        store(rows, beside, q * ih)
-        store(rows, beside + 1, gradient[1] * ih)
-        variation = xi, eta, load(rows, _NEXT_BESIDE + 2), load(rows, _NEXT_BESIDE + 3)
-        _vary(rows, (slopes + 2, beside + 2), variation, slowness, gradient, bends, inverses)
-        variation = (
-            load(rows, _NEXT_BESIDE + 4),
-            load(rows, _NEXT_BESIDE + 5),
-            load(rows, _NEXT_BESIDE + 6),
-            load(rows, _NEXT_BESIDE + 7),
-        )
-        _vary(rows, (beside + 4, beside + 6), variation, slowness, gradient, bends, inverses)
+        gradient, bends = (nnw, -1.0 * squared * by), (nw * nw + n * nww, mixed, second)
+        _vary_coupled(rows, stage, (p, q, xi, eta), gradient, bends, (ih, ih3))
     return room
+
+
+@inlined
+def _extended(beyond, c, cz, czz):
+    """Sound speed and its derivatives at distances beyond the levels, as in `field`."""
+    scale = choose(beyond < 0.0, ABOVE_SCALE, BELOW_SCALE)
+    part = beyond / scale
+    f = 1.0 / (1.0 + part * part)
+    g = root(f)
+    bend = choose(absolute(beyond) > 0.0, -3.0 * part * f * f * g * cz / scale, czz)
+    return c + beyond * g * cz, f * g * cz, bend
+
+
+@inlined
+def _field_beside(coefficients, x, y):
+    """
+    Cubic in depth to be added to that of the sound speed at offsets y from the plane, and c_y, c_yz and c_yy.
+
+    The coefficients are those of the cubics of c_y and c_yy in the plane.
+    """
+    b0, b1, b2, b3, e0, e1, e2, e3 = coefficients
+    half = 0.5 * y
+    more = y * (b0 + half * e0), y * (b1 + half * e1), y * (b2 + half * e2), y * (b3 + half * e3)
+    cyy = e0 + x * (e1 + x * (e2 + x * e3))
+    cy = b0 + x * (b1 + x * (b2 + x * b3)) + y * cyy
+    cyz = b1 + x * (2.0 * b2 + 3.0 * x * b3) + y * (e1 + x * (2.0 * e2 + 3.0 * x * e3))
+    return more, cy, cyz, cyy
+
+
+@inlined
+def _vary_coupled(rows, stage, state, gradient, bends, inverses):
+    """Write the right-hand sides of the offset and slowness across the plane, and of both coupled variations."""
+    p, q, xi, eta = state
+    slopes, beside = _SLOPES + 4 * stage, _BESIDE_SLOPES + _N_BESIDE * stage
+    store(rows, beside, q * inverses[0])
+    store(rows, beside + 1, gradient[1] * inverses[0])
+    variation = xi, eta, load(rows, _NEXT_BESIDE + 2), load(rows, _NEXT_BESIDE + 3)
+    _vary(rows, (slopes + 2, beside + 2), variation, (p, q), gradient, bends, inverses)
+    variation = (
+        load(rows, _NEXT_BESIDE + 4),
+        load(rows, _NEXT_BESIDE + 5),
+        load(rows, _NEXT_BESIDE + 6),
+        load(rows, _NEXT_BESIDE + 7),
+    )
+    _vary(rows, (beside + 4, beside + 6), variation, (p, q), gradient, bends, inverses)
 
 
 @inlined
