@@ -420,7 +420,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     assert line.startswith(f"{table}: positions are local and no file gives the centre of their frame")
     for part in centre:
         assert f"{abs(round(part, 3)):g} {'N' if part > 0 else 'W'}" in line
-    assert "--centre" in line
+    assert "`centre`" in line
     assert "ocean.centre_lat" in line
     caplog.clear()
     measure(table, OCEAN, 1800.0)
