@@ -206,7 +206,7 @@ def _maximum_between(a, b, h, bend, resolved):
     as a share of the nearer miss. The depths of neighbours must predict each other to within resolved.
     """
     defect = max(_turning_defect(a, b, h, at.TOP), _turning_defect(a, b, h, at.LOW))
-    return defect > resolved or bend > _MIN_BEND and bend * defect > _MIN_BEND_TIMES_DEFECT
+    return defect > resolved or (bend > _MIN_BEND and bend * defect > _MIN_BEND_TIMES_DEFECT)
 
 
 @kernel
