@@ -103,6 +103,14 @@ LINKS = {
         (-0.01084, 1),
         (0.062762, 1),
     ),
+    "other-layer-19.4-km": (
+        7,
+        [3431.95044544, -15202.04225112, 132.21643247],
+        [-15984.52395547, -15630.3383528, 397.39696424],
+        2e-4,
+        (0.05438643, 1),
+        (-0.06137362, 1),
+    ),
     "pair-7.6-km": (
         5,
         [1330.86500815, 31036.41182393, 83.55665371],
@@ -133,6 +141,15 @@ def test_rays_that_fans_find_from_either_end_are_found(link):
         rays = rays_near(fan, *pair, angle, Look(TIME, UNEVEN, half_width, 801))
         assert is_strong(rays).sum() == number
         assert missing(rays, found_rays(arrivals), TIME, UNEVEN) == []
+
+
+def test_rays_that_turn_in_another_layer_than_their_neighbours_are_found_from_either_end():
+    """Neighbours of equal slopes pass the receiver 700 m below it and turn 45 m deeper; from this end all five rays were lost."""
+    name, source, receiver, *_ = LINKS["other-layer-19.4-km"]
+    for ends in ((source, receiver), (receiver, source)):
+        arrivals = find_eigenrays(medium_of(name), *map(np.array, ends), canonical=False)
+        assert arrivals.complete.all()
+        assert arrivals.travel_time.size == 5
 
 
 @pytest.mark.parametrize("name", ["gulf", 2, 4])

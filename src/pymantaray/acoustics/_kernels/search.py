@@ -197,16 +197,16 @@ def _window(a, b, length):
 
 
 @kernel
-def _maximum_between(a, b, h, bend):
+def _maximum_between(a, b, h, bend, resolved):
     """True if a sound-speed maximum seems to turn one of two rays, while the other one crosses it.
 
     The least and greatest depths of a ray are smooth functions of the launch angle, except at the angle of a ray that runs along the crest
     of a maximum. In water that varies horizontally, rays near that angle may enter a duct beyond the crest: the miss then changes
     by hundreds of metres within 1e-4 rad, which neither ray's derivative shows. bend is the larger slope defect of the miss,
-    as a share of the nearer miss.
+    as a share of the nearer miss. The depths of neighbours must predict each other to within resolved.
     """
     defect = max(_turning_defect(a, b, h, at.TOP), _turning_defect(a, b, h, at.LOW))
-    return bend > _MIN_BEND and bend * defect > _MIN_BEND_TIMES_DEFECT
+    return defect > resolved or (bend > _MIN_BEND and bend * defect > _MIN_BEND_TIMES_DEFECT)
 
 
 @kernel
@@ -767,7 +767,8 @@ def _judge_smooth(a, b, varies, direct, length, search):
     clear = clear and max(abs(ea), abs(eb)) < search.resolved
     window = varies and h > _WINDOW_WIDTH and _window(a, b, length)
     may_hide = direct and varies and h > _PASSAGE_WIDTH
-    hidden = may_hide and _maximum_between(a, b, h, max(abs(ea), abs(eb)) / max(nearest, 1e-9))
+    bend = max(abs(ea), abs(eb)) / max(nearest, 1e-9)
+    hidden = may_hide and _maximum_between(a, b, h, bend, search.resolved)
     return _DROP if h < search.min_width or (clear and not window and not hidden) else _SPLIT
 
 
