@@ -196,7 +196,8 @@ class SectionFan:
                 q = np.interp(angles, angles[came], better)  # rays that did not come take their neighbours'
         # the width across the plane: derivative of the offset by its slowness, which horizontal refraction changes
         beside = self.trace(source, azimuth, angles, q + _DIFFERENCE, step, stops, section)[0]
-        out[:, 0, A] = np.abs(beside[:, 0, Y] - out[:, 0, Y]) / _DIFFERENCE
+        both = np.isfinite(out[:, 0, Z]) & np.isfinite(beside[:, 0, Z])  # states of other rays are not set
+        out[both, 0, A] = np.abs(beside[both, 0, Y] - out[both, 0, Y]) / _DIFFERENCE
         place = receiver[0], receiver[1], source[2], c_source, self._speed(section[-1], receiver[1])
         return Rays(*_roots(0, angles, out[:, 0], place))
 
