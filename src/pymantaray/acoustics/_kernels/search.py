@@ -530,6 +530,7 @@ def _gather(varies, course, search, asked, pending, tally, work):
             resolved = resolved and not _unresolved(a, b, h, search)
         if verdict != _SPLIT and course.cross:
             resolved = resolved and not _folds(a, b, h, search.weak)
+            resolved = resolved and not (h < _WINDOW_WIDTH and _window(a, b, course.length))
         if verdict != _SPLIT:
             continue
         # the fan's tolerance matters
