@@ -315,7 +315,7 @@ def test_beliefs_about_water_in_metres(tmp_path):
         name: run.estimates.position[run.estimates.condition.tolist().index(name)] for name in beliefs
     }
     np.testing.assert_array_equal(position["file"], position["exact"])
-    # at the middle of the grid and in the mean of it, the field is the same but for the gradient along x and y
+    # a cast at the middle of the grid, and its mean, lack only the gradients along x and y
     for name in ("mean", "cast", "numerics"):
         assert 0.0 < np.abs(position[name] - position["exact"]).max() < 20.0, name
     assert np.abs(position["offset"] - position["exact"]).max() > 0.5

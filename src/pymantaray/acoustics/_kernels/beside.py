@@ -14,10 +14,14 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import find_level, move_level, smooth_beside
 from pymantaray.acoustics._kernels.layout import MAX_STEPS, Ray
 from pymantaray.acoustics._kernels.step import MIN_WIDTH, TUBE, A, C, step_error
-from pymantaray.acoustics._kernels.trace import note_exit, record_node, step_to_level, trace
+from pymantaray.acoustics._kernels.trace import (
+    MAX_STUCK,
+    note_exit,
+    record_node,
+    step_to_level,
+    trace,
+)
 from pymantaray.compile import inlined, kernel, out_of_line, shared
-
-_MAX_STUCK = 20  # minimum steps in a row; then the ray is so flat that rounding of the field turns it
 
 
 @inlined
@@ -144,7 +148,7 @@ def _trace_beside(s, walls, course, angle, q0, tol, ray):
                 h *= max(0.2, 0.9 * math.sqrt(math.sqrt(most / error)))
                 continue
             stuck += 1
-            if stuck > _MAX_STUCK:
+            if stuck > MAX_STUCK:
                 break
         pos = length if last else pos + h
         h *= min(4.0, 0.75 * math.sqrt(math.sqrt(most / error))) if error > 0.0 else 5.0
@@ -166,8 +170,10 @@ def _trace_beside(s, walls, course, angle, q0, tol, ray):
             if count >= path.shape[0]:
                 break
             record_node(path[count], pos, y, K[0], axis, at.IN_WATER)
+    if pos < length:
+        return False, count, turns, 0
     _combine(y)
-    return pos >= length, count, turns, 0
+    return True, count, turns, 0
 
 
 @inlined

@@ -78,10 +78,12 @@ OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records
 _LATER = -1  # status of a link that is put off
 _SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
-_RESOLVED = 30.0  # m
+_RESOLVED = 30.0  # m; by which neighbours may fail to predict the miss and the extreme depths of each other
 # RESOLVED of a link of at least this length with rays beside the plane: others may be on a curve of rays that this end does not meet
-_FROM_ONE_END, _FAR = 0.5, 12e3
-_SMALL_SHIFT = 1e-4  # rad, an upper bound; the angles move by about a twentieth of it
+_FROM_ONE_END, _FAR = 0.5, 12e3  # and m
+_SMALL_SHIFT = (
+    1e-4  # rad; an upper bound of the shift by horizontal refraction, about twenty times the shift itself
+)
 _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
 _FINER = 0.1  # share of the tolerance for the eigenrays of such links: their errors grow with the divergence
 _SAMPLES = 8  # columns of a section

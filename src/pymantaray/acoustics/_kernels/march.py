@@ -434,8 +434,8 @@ def _relay(flights, n_links, rows):
                 _end_in_plane(node, rows, lane)
             target = link[at.FLIGHT_ENDS + 1] - link[at.FLIGHT_ENDS]
             miss, grown = rows[at.W, lane] - target, rows[_GROWN, lane] / rows[_SPAN, lane]
-            again_across = crosses and rows[_ATTEMPTS, lane] < MOST_ATTEMPTS
-            if again_across and astray(rows[_OFFSET, lane], miss, node[at.TOL], grown, rows[_SPAN, lane]):
+            may_repeat = crosses and rows[_ATTEMPTS, lane] < MOST_ATTEMPTS
+            if may_repeat and astray(rows[_OFFSET, lane], miss, node[at.TOL], grown, rows[_SPAN, lane]):
                 rows[_ATTEMPTS, lane] += 1.0
                 _launch(node, rows[_EXPECTED, lane], rows[_LEVELS, lane], rows, lane)
                 continue
@@ -469,7 +469,7 @@ def _end_in_plane(node, rows, lane):
     """
     Let a ray end in the plane, to first order: change its end and its node's cross-track slowness.
 
-    Its derivatives become those along the rays that end in the plane, as in `trace`.
+    Its derivatives become those along the rays that end in the plane, as in `beside`.
     """
     shift, side = rows[_OFFSET, lane] / rows[_Y_Q, lane], -rows[_Y_ANGLE, lane] / rows[_Y_Q, lane]
     node[at.CROSS] -= shift

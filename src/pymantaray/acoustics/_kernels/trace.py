@@ -36,7 +36,7 @@ from pymantaray.acoustics._kernels.layout import MAX_STEPS, BoundaryRule, Course
 from pymantaray.acoustics._kernels.step import FAN_TUBE, MIN_WIDTH, TUBE, derivative, step, step_error
 from pymantaray.compile import inlined, kernel, out_of_line, shared
 
-_MAX_STUCK = 20  # minimum steps in a row; then the ray is so flat that rounding of the field turns it
+MAX_STUCK = 20  # minimum steps in a row; then the ray is so flat that rounding of the field turns it
 _ENDLESS_LEG = 1e7  # m; length of a leg that ends at a boundary
 
 
@@ -222,7 +222,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 h *= max(0.2, 0.9 * math.sqrt(math.sqrt(allowed / error)))
                 continue
             stuck += 1
-            if stuck > _MAX_STUCK:
+            if stuck > MAX_STUCK:
                 return False, count, turns, code
         h_next = h * (min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0)
         face = -1
