@@ -105,8 +105,8 @@ LINKS = {
     ),
     "other-layer-19.4-km": (
         7,
-        [3431.95044544, -15202.04225112, 132.21643247],
-        [-15984.52395547, -15630.3383528, 397.39696424],
+        [3431.9504454434064, -15202.04225112336, 132.21643246670334],
+        [-15984.523955468881, -15630.338352799072, 397.3969642370017],
         2e-4,
         (0.05438643, 1),
         (-0.06137362, 1),
@@ -152,9 +152,40 @@ def test_rays_that_turn_in_another_layer_than_their_neighbours_are_found_from_ei
         assert arrivals.travel_time.size == 5
 
 
+def test_a_far_link_with_arrivals_has_the_rays_of_both_ends():
+    """The fan of one end meets a curve of rays that the fan of the other end does not meet, and both searches seem complete."""
+    source = np.array([4144.207364179347, -6422.1708682477, 179.90831307438054])
+    receiver = np.array([-5040.537512378474, -32533.825752213874, 214.55801361802384])
+    medium, both = several_extrema(2), ((source, receiver), (receiver, source))
+    one, other = (found_rays(find_eigenrays(medium, *ends, canonical=False)) for ends in both)
+    assert len(missing(one, other)) == 1
+    found = found_rays(find_eigenrays(medium, source, receiver))
+    assert missing(one, found) == missing(other, found) == []
+
+
+def test_a_search_whose_rays_fold_is_not_complete_and_the_other_end_finds_the_ray():
+    source = np.array([15527.339087846281, -6716.33675777106, 129.5028867243823])
+    receiver = np.array([3159.9861333226945, 12143.671831188141, 107.65844948445161])
+    medium = several_extrema(6)
+    one = find_eigenrays(medium, source, receiver, canonical=False)
+    assert (one.status == RayStatus.UNRESOLVED).all()
+    assert find_eigenrays(medium, source, receiver).travel_time == pytest.approx([15.0026697], abs=2e-7)
+
+
+def test_horizontal_refraction_changes_the_width_of_a_tube_in_both_directions():
+    """The level is 15.06 dB; without the change of the cross-track slowness with the launch angle it would be 15.7 dB."""
+    links = random_links(several_extrema(2), 900, [2026, 2])
+    ends = links.source[875], links.receiver[875]
+    medium = several_extrema(2)
+    arrivals = find_eigenrays(medium, *ends[::-1], spreading_cutoff_db=18.0, canonical=False)
+    (ray,) = np.flatnonzero(np.abs(arrivals.travel_time - 13.6321425) < 2e-7)
+    near = rays_near(SectionFan(medium), *ends[::-1], arrivals.launch_angle[ray], Look(TIME, 0.1, 2e-6))
+    assert near.spreading == pytest.approx([arrivals.spreading_db[ray]], abs=0.1)
+
+
 @pytest.mark.parametrize("name", ["gulf", 2, 4])
 def test_levels_from_both_ends_are_equal(name):
-    """Reciprocity; in the plane of the link, derivatives at a fixed cross-track slowness gave levels that differed by up to 7 dB."""
+    """Reciprocity; derivatives in the plane of the link alone gave levels that differed by up to 7 dB."""
     medium = medium_of(name)
     links = random_links(medium, 60, 8, shortest=12e3)
     one, other = (find_eigenrays(medium, *ends, canonical=False) for ends in (links, links.exchanged()))
