@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.geometry.checks import distinct_digits
+from pymantaray.quantities.checks import distinct_digits
 
 
 @pytest.mark.parametrize("exponent", range(-8, 9, 4))

@@ -12,7 +12,7 @@ from refusals import refused
 from pymantaray.config import checks
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
-from pymantaray.geometry.units import quantity_of
+from pymantaray.quantities.units import quantity_of
 from pymantaray.service.messages import PingRequest
 from pymantaray.study import load_study
 

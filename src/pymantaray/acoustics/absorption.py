@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.quantities.checks import check_number, checked_array
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,8 +12,8 @@ from pymantaray.acoustics.medium import Medium, require_local
 from pymantaray.acoustics.paths import Quadrature, quadrature, trace_paths
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.quantities.checks import checked_array
 from pymantaray.records import Arrivals
 
 if TYPE_CHECKING:

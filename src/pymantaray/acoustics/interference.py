@@ -11,7 +11,7 @@ from pymantaray.acoustics.caustics import Tails, Waves, fold_between, fold_pairs
 from pymantaray.acoustics.loss import TransmissionLoss
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import check_number
+from pymantaray.quantities.checks import check_number
 from pymantaray.records import Arrivals
 
 Coherent = bool | Literal["auto"]

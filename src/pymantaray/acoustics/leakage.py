@@ -17,7 +17,7 @@ from pymantaray.acoustics.selection import choose_arrivals
 from pymantaray.acoustics.sonar import link_loss_db
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import check_fields, check_number
+from pymantaray.quantities.checks import check_fields, check_number
 from pymantaray.records import Arrivals
 
 Solve = Callable[[Indices, Array], Arrivals]

@@ -19,7 +19,7 @@ from pymantaray.acoustics.paths import quadrature, trace_paths
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, Reflection
-from pymantaray.geometry.checks import check_number
+from pymantaray.quantities.checks import check_number
 from pymantaray.records import Arrivals, RayPaths
 from pymantaray.records.base import Column, Record, column
 

@@ -14,8 +14,8 @@ from pymantaray.acoustics.solving import as_positions, solve_on_processor
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, as_boundary
-from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.sphere import Earth, EarthSphere
+from pymantaray.quantities.checks import checked_array
 from pymantaray.records.plotter import plotter
 
 if TYPE_CHECKING:

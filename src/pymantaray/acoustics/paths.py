@@ -17,7 +17,7 @@ from pymantaray.acoustics.near_ends import separated
 from pymantaray.acoustics.solving import as_positions, in_blocks
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import distinct_digits
+from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records import Arrivals, RayPaths, RayStatus
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
-from pymantaray.geometry.checks import check_number, checked_array, distinct_digits
+from pymantaray.quantities.checks import check_number, checked_array, distinct_digits
 
 if TYPE_CHECKING:
     from pymantaray.ocean.cast import Cast, CastTable

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import Reflection
-from pymantaray.geometry.checks import check_fields
+from pymantaray.quantities.checks import check_fields
 
 Sediment = Literal[
     "none",

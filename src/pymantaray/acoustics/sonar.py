@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
-from pymantaray.geometry.checks import check_fields, check_number
+from pymantaray.quantities.checks import check_fields, check_number
 
 _LEVELS = ("source_level_db", "processing_gain_db", "threshold_db", "spread_db")
 _NODES = 32  # Gauss-Legendre points of a band, in the logarithm of frequency

@@ -10,7 +10,7 @@ import numpy as np
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.arrays import Array
 from pymantaray.errors import AtlasError
-from pymantaray.geometry.checks import check_fields, checked_array
+from pymantaray.quantities.checks import check_fields, checked_array
 
 CONVENTIONS = ("transmitter", "receiver", "mean", "chord", "nominal")
 """Sound speeds that convert a travel time to a range: at the transmitter, at the receiver, the mean of both, the harmonic mean

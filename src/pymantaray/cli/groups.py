@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 import typer
 
-from pymantaray.geometry.units import has_units, quantity_of
+from pymantaray.quantities.units import has_units, quantity_of
 
 _ENTRY = re.compile(r"^(\w+) :.*\n((?: {4}.*\n?)+)", re.MULTILINE)  # of a numpydoc section
 _UNIT = re.compile(r" *\[([^\]]+)\]$")

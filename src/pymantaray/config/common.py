@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from pymantaray.config.checks import PARTICIPANT, checked
-from pymantaray.geometry.units import quantity_of
 from pymantaray.ocean.names import SYNTHETIC
+from pymantaray.quantities.units import quantity_of
 
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]

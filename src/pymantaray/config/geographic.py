@@ -3,7 +3,7 @@
 from typing import Any
 
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.units import quantity_of
+from pymantaray.quantities.units import quantity_of
 
 PLACED = frozenset({"ocean", "fleet", "landmarks", "conditions"})
 """Sections with positions, and the one with the centre of their frame."""

@@ -44,9 +44,9 @@ from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.config.parse import parse
 from pymantaray.geometry.sphere import Earth
-from pymantaray.geometry.units import is_like_quantity, quantity_of
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.names import SYNTHETIC
+from pymantaray.quantities.units import is_like_quantity, quantity_of
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 

@@ -10,7 +10,7 @@ import numpy as np
 from pymantaray.arrays import Array
 from pymantaray.errors import FleetError
 from pymantaray.fleet.kernel import GROUNDED, LEFT_DOMAIN, OceanArrays, bed_depth, place
-from pymantaray.geometry.checks import check_fields, checked_array, distinct_digits
+from pymantaray.quantities.checks import check_fields, checked_array, distinct_digits
 
 
 @dataclass(frozen=True)

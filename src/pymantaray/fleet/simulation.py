@@ -24,7 +24,7 @@ from pymantaray.fleet.behaviours import (
     unique_names,
 )
 from pymantaray.geometry.boundary import BoundarySurface
-from pymantaray.geometry.checks import check_number, checked_array
+from pymantaray.quantities.checks import check_number, checked_array
 from pymantaray.records import Trajectories
 
 _DIMS = ("north", "east", "depth")

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
-from pymantaray.geometry.checks import Error, checked_array, distinct_digits
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.roughness import Roughness
+from pymantaray.quantities.checks import Error, checked_array, distinct_digits
 
 if TYPE_CHECKING:
     import xarray as xr

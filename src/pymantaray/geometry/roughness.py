@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
-from pymantaray.geometry.checks import check_number
 from pymantaray.geometry.streams import stream
+from pymantaray.quantities.checks import check_number
 
 _POINTS = 512  # along each side of the periodic tile
 _POINTS_PER_LENGTH = 6.0

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
-from pymantaray.geometry.checks import checked_array
 from pymantaray.ocean.convert import DEEPEST, is_unit_of, minute, our_unit, to_our_unit
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instrument_table import InstrumentTable
@@ -23,6 +22,7 @@ from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, freezing_notes, repair_salinity, sound_speed
 from pymantaray.ocean.whp import bottle_table, is_bottles
+from pymantaray.quantities.checks import checked_array
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import read_text, read_text_table
 

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.checks import distinct_digits
 from pymantaray.messages import one_line
 from pymantaray.ocean import convert
 from pymantaray.ocean.argo import read_argo
@@ -32,6 +31,7 @@ from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.window import rectangle
+from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.text_table import MONTHS
 from pymantaray.user_files import exists
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OceanError
-from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.open import CurrentsPolicy, read_ocean
@@ -25,6 +24,7 @@ from pymantaray.ocean.seawater import (
     supercooling,
 )
 from pymantaray.ocean.window import Window, half_sides_within
+from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 

@@ -11,9 +11,9 @@ import xarray as xr
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
-from pymantaray.geometry.checks import checked_array
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.messages import one_line
+from pymantaray.quantities.checks import checked_array
 from pymantaray.user_files import exists, open_regular, read_text, shown
 
 ENDING = ".json"

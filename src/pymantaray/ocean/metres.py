@@ -8,13 +8,13 @@ import xarray as xr
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
-from pymantaray.geometry.checks import checked_array
 from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, our_unit
 from pymantaray.ocean.files import IN_MEMORY, is_netcdf, open_file
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.schema import layer_edges
 from pymantaray.ocean.sea_floor import extended_down, nearest_wet_columns
+from pymantaray.quantities.checks import checked_array
 
 _AXES = ("north", "east", "depth")
 _FLOOR_AXES = ("floor_north", "floor_east")

@@ -17,13 +17,13 @@ from pymantaray.errors import GeometryError, OnlineError
 from pymantaray.estimation.graph import LARGEST
 from pymantaray.estimation.kalman import SIZE
 from pymantaray.estimation.range_models import RangeModel, TransmitterSpeed
-from pymantaray.geometry.checks import check_number, checked_array
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.online.filter import Event, Kind, Outcome, RangePrediction, State
 from pymantaray.online.range_model import range_model_of
 from pymantaray.online.saved_state import fault_of, read_state, write_state
 from pymantaray.online.table import TravelTimeTable
 from pymantaray.online.timeline import Timeline
+from pymantaray.quantities.checks import check_number, checked_array
 
 Ranges = TravelTimeTable | Medium | RangeModel | float
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import RecordError, ReplayError
-from pymantaray.geometry.checks import checked_array
+from pymantaray.quantities.checks import checked_array
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import TextTable, read_text_table
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pymantaray.errors import ReplayError
-from pymantaray.geometry.checks import check_number
+from pymantaray.quantities.checks import check_number
 
 _MAX_DRAWS = 1000
 

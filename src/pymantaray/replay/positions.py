@@ -10,7 +10,7 @@ import pandas as pd
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.checks import check_number
+from pymantaray.quantities.checks import check_number
 from pymantaray.replay.events import ENDS, Events
 
 _WALKS = np.geomspace(1e-4, 10.0, 21)  # m per square root of a second, among which the likelihood chooses

@@ -7,7 +7,7 @@ import numpy as np
 
 from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
-from pymantaray.geometry.checks import check_number, checked_array
+from pymantaray.quantities.checks import check_number, checked_array
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 

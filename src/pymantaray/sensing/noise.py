@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pymantaray.errors import SensingError
-from pymantaray.geometry.checks import check_fields
+from pymantaray.quantities.checks import check_fields
 from pymantaray.sensing import attitude, depth, dvl, first_pose, gnss, landmarks, odometry
 from pymantaray.sensing.sensor import Sensor, level
 

@@ -12,7 +12,7 @@ import numpy as np
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.geometry.checks import check_fields, check_number, checked_array
+from pymantaray.quantities.checks import check_fields, check_number, checked_array
 from pymantaray.records import Measurements
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
-from pymantaray.geometry.checks import check_fields, checked_array
+from pymantaray.quantities.checks import check_fields, checked_array
 from pymantaray.records import Measurements, RangingTruth, Trajectories
 
 _NOMINAL_SPEED = 1500.0  # m/s; for ends outside the water, where the sound speed is unknown

@@ -18,8 +18,8 @@ from pymantaray.acoustics.solving import as_positions
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
 from pymantaray.errors import ServiceError
-from pymantaray.geometry.checks import check_number
 from pymantaray.jobs.processes import WorkerEndedError, Workers
+from pymantaray.quantities.checks import check_number
 from pymantaray.sensing import ReceptionOptions, Timing, TwoWay
 from pymantaray.service.facts import require_place
 from pymantaray.service.ping import Participants, Ping, Pinger

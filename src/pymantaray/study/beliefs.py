@@ -28,7 +28,6 @@ from pymantaray.config.estimators import (
 from pymantaray.config.fleet import StationVehicle
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
-from pymantaray.geometry.checks import distinct_digits
 from pymantaray.ocean import (
     Cast,
     SoundSpeedCovariance,
@@ -50,6 +49,7 @@ from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.metres import ocean_in_metres
 from pymantaray.ocean.perturb import draw_sound_speed_error
 from pymantaray.ocean.window import Window
+from pymantaray.quantities.checks import distinct_digits
 from pymantaray.sensing import ReceptionOptions
 from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.study.store import Run

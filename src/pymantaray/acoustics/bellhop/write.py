@@ -14,8 +14,8 @@ from pymantaray.acoustics.medium import Medium
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface
-from pymantaray.geometry.checks import distinct_digits
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.writing import whole_file
 
 _LETTER: dict[BellhopOutput, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}

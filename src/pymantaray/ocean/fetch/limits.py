@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pymantaray.errors import OceanError
-from pymantaray.geometry.checks import check_fields
+from pymantaray.quantities.checks import check_fields
 
 
 class ServerError(OceanError):

@@ -1,0 +1,1 @@
+"""Checks and units of numbers that users give."""
