@@ -10,9 +10,9 @@ import sys
 from pathlib import Path
 
 from pymantaray.atlas import Atlas, open_atlas, run_atlas
+from pymantaray.pages.style import rendered
 from pymantaray.records import whole_file
 from pymantaray.report.atlas_plots import error_maps
-from pymantaray.report.style import rendered
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
 MEAN, MIDDLE = 2, 1  # convention and distance

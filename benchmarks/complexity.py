@@ -137,7 +137,7 @@ def point(sweep: str, size: int, limit: float, memory: float) -> Point:
 
 def draw(points: list[Point], path: Path) -> None:
     """CPU time above, memory below, a column a sweep; the slope is that of the last two points measured."""
-    from pymantaray.report import style
+    from pymantaray.pages import style
 
     @style.styled
     def figure() -> object:

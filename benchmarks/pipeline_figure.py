@@ -7,8 +7,8 @@ Draw the stages of a study for the documentation.
 import sys
 from pathlib import Path
 
+from pymantaray.pages.style import rendered
 from pymantaray.report.figures_pipeline import pipeline
-from pymantaray.report.style import rendered
 
 if __name__ == "__main__":
     Path(sys.argv[1]).write_bytes(rendered(pipeline(""), ("png",), dpi=200)["png"])

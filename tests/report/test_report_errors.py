@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from pymantaray.evaluation import range_errors
+from pymantaray.pages import style
 from pymantaray.records import RayStatus
-from pymantaray.report import style
 from pymantaray.report.figures import range_ends
 from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
 from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape

@@ -10,8 +10,9 @@ from refusals import refused
 
 from pymantaray.errors import ReportError
 from pymantaray.ocean import synthetic_ocean
+from pymantaray.pages import style
 from pymantaray.records import RayStatus
-from pymantaray.report import figures, ocean_plots, style, write_ray_plot
+from pymantaray.report import figures, ocean_plots, write_ray_plot
 from pymantaray.report.compare import comparison_figure_specs
 from pymantaray.report.figures import RunResults, register, run_figure_specs
 from pymantaray.report.figures_consistency import consistency_over_time

@@ -9,10 +9,11 @@ import pytest
 from matplotlib.ticker import ScalarFormatter
 from PIL import Image
 
+from pymantaray.pages import style
 from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
 from pymantaray.report import replay as replay_page
-from pymantaray.report import style, write
+from pymantaray.report import write
 from pymantaray.report.figures import RunResults, run_figure_specs
 from pymantaray.report.figures_fleet import factor_graph, fleet_layout
 from pymantaray.report.figures_trajectory import error_over_time

@@ -10,7 +10,7 @@ from refusals import refused
 from pymantaray.errors import ReportError, WriteError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.ocean_plots import (
     sea_floor_map,
     sound_speed_map,

@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from pymantaray.report.style import new_figure, ocean_header, rendered, shortened, styled
+from pymantaray.pages.style import new_figure, ocean_header, rendered, shortened, styled
 
 
 @styled

@@ -190,7 +190,7 @@ def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depen
 
     before = version()
     assert before == code_version()  # a copy is the same code
-    for name, same in (("report/page.py", True), ("cli/main.py", True), ("fleet/kernel.py", False)):
+    for name, same in (("pages/page.py", True), ("cli/main.py", True), ("fleet/kernel.py", False)):
         with (package / name).open("a") as file:
             file.write("\n# changed\n")
         assert (version() == before) is same

@@ -17,9 +17,9 @@ from pymantaray.cli.groups import number_in, quantity
 from pymantaray.cli.printing import Printer, log_to_stderr, printer
 from pymantaray.errors import AcousticsError, MantaRayError, StudyError, WaterError
 from pymantaray.ocean.equations import Equation
+from pymantaray.pages.folder import FORMATS
 from pymantaray.quantities.checks import check_number
 from pymantaray.quantities.units import is_like_quantity
-from pymantaray.report.folder import FORMATS
 
 if TYPE_CHECKING:
     import numpy as np

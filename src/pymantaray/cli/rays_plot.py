@@ -70,8 +70,8 @@ def plot(
     from pymantaray.acoustics import ray_picture
     from pymantaray.cli.output import check_output
     from pymantaray.cli.water import load_water, water_notes
+    from pymantaray.pages.style import ocean_header
     from pymantaray.report import write_ray_plot
-    from pymantaray.report.style import ocean_header
 
     inputs = [*source.files, *water.files, *([ends.links] if ends.links else [])]
     check_output(out, (".png", ".pdf"), inputs=inputs, force=force)

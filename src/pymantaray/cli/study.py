@@ -27,7 +27,7 @@ from pymantaray.cli.options import (
 )
 from pymantaray.cli.output import duration, progress_bars
 from pymantaray.cli.printing import LOG, Printer, printer
-from pymantaray.report.folder import PAGE
+from pymantaray.pages.folder import PAGE
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,7 +17,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import wrapped
 from pymantaray.jobs.progress import Progress
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.ocean_plots import (
     CELLS,
     LAND,

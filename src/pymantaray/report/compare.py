@@ -14,18 +14,18 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.progress import Progress
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Explorer, Page, entries
+from pymantaray.pages.style import condition_label, shortened
+from pymantaray.pages.table_explorer import table_explorer
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs, with_source
 from pymantaray.report.figures_ocean import sound_speed_profiles
 from pymantaray.report.figures_quantiles import quantiles_by_run
 from pymantaray.report.figures_ranging import range_error_histogram
 from pymantaray.report.figures_trajectory import ApePanel, pooled_ape
-from pymantaray.report.page import Explorer, Page, entries
 from pymantaray.report.run_page import SYNTHETIC_NOTE
-from pymantaray.report.style import condition_label, shortened
-from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import write_page
 from pymantaray.study.store import TABLES as TABLES_FOLDER
 from pymantaray.study.store import open_run

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import ray_picture
 from pymantaray.arrays import Array
 from pymantaray.geometry.boundary import BoundarySurface
+from pymantaray.pages.style import SOUND_SPEED, condition_label, condition_looks, vehicle_colours
 from pymantaray.records import RayStatus
 from pymantaray.report.figures import RunResults, range_ends
 from pymantaray.report.figures_ocean import RAY_KINDS
-from pymantaray.report.style import SOUND_SPEED, condition_label, condition_looks, vehicle_colours
 from pymantaray.study.mission import medium_of_run
 from pymantaray.study.store import Run
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 import pymantaray.report
 from pymantaray.arrays import Array
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
+from pymantaray.pages.style import ocean_header, ocean_name
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.records.digits import counted
-from pymantaray.report.style import ocean_header, ocean_name
 from pymantaray.study.store import Run
 from pymantaray.study.tables import RunTables
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import register
 
 _PANELS = (("horizontal", "horizontal positions of the fleet"), ("ranges", "ranges of a ping"))

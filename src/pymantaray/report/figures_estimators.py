@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator
 
 from pymantaray.arrays import Array
 from pymantaray.evaluation.ping_error import BASELINE
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import register
 
 _ROW = 0.17  # height of a line [in]

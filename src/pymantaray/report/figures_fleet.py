@@ -13,9 +13,9 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-u
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
 
 from pymantaray.arrays import Array
+from pymantaray.pages import style
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.records.status import ARRIVES
-from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
 
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import RunResults, register
 from pymantaray.study.store import RAY_PICTURE
 

@@ -15,7 +15,7 @@ from matplotlib.transforms import Bbox
 
 from pymantaray.estimation import collect_estimates, solve_conditions
 from pymantaray.evaluation import error_table, range_error_table
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import register
 from pymantaray.sensing import assemble, perturb
 from pymantaray.study.mission import range_fleet, simulate_fleet

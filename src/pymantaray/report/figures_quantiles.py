@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymantaray.arrays import Array
-from pymantaray.report import style
+from pymantaray.pages import style
 
 _COLUMNS = 3
 _ROW = 0.19  # height of a line [in]

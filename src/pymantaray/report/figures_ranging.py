@@ -9,9 +9,9 @@ from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
+from pymantaray.pages import style
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
-from pymantaray.report import style
 from pymantaray.report.figures import range_ends, register
 
 _MAX_NAME_LETTERS = 16  # letters of a name

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import RunResults, register
 
 _LOG_BINS, _LINEAR_BINS = 100, 60

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import register
 from pymantaray.study.tables import RunTables
 

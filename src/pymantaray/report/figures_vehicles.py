@@ -5,7 +5,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import RunResults, register
 
 _MAX_NAMED_VEHICLES = 30  # vehicles whose names fit below the axis

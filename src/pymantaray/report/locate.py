@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from pymantaray.jobs.progress import Progress
 from pymantaray.locate import Location, SurveyPlan
 from pymantaray.locate.write import write_location
+from pymantaray.pages import style
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Card, Page, origin_table
 from pymantaray.records import whole_file
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report import style
-from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec
-from pymantaray.report.page import Card, Page, origin_table
 from pymantaray.report.write import write_page
 
 _MICRO = 1e6

@@ -20,7 +20,7 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures_ocean import UPPER_DEPTH, sound_speed_profiles
 
 _LEVEL = 100.0  # m; of the map unless another is asked for

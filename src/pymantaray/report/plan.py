@@ -9,18 +9,18 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.jobs.progress import Progress
+from pymantaray.pages import style
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Card, Page, origin_table
+from pymantaray.pages.table_explorer import table_explorer
 from pymantaray.plan import PlanResults
 from pymantaray.plan.detail import DesignDetail, detail_of
 from pymantaray.plan.ensemble import mean_score
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report import plan_figures as figures
-from pymantaray.report import style
-from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec, with_source
-from pymantaray.report.page import Card, Page, origin_table
 from pymantaray.report.run_page import SYNTHETIC_NOTE
-from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import write_page
 
 _MAX_OTHERS = 3  # designs of the front beside the best one

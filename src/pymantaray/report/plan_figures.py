@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pymantaray.arrays import Array
+from pymantaray.pages import style
 from pymantaray.plan import PlanResults
 from pymantaray.plan.detail import DesignDetail, Pair
 from pymantaray.plan.ensemble import pareto_front
 from pymantaray.records.result_table import heading
-from pymantaray.report import style
 from pymantaray.report.figures_fleet import draw_depths, draw_plan
 
 AS_IT_IS = "Study as it is"

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from pymantaray.report import style
+from pymantaray.pages import style
 from pymantaray.report.figures import RunResults
 from pymantaray.report.figures_fleet import draw_plan
 from pymantaray.report.figures_ocean import RAY_KINDS, draw_profile

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.processes import Workers
 from pymantaray.jobs.progress import Progress
-from pymantaray.report.folder import PARTS, write_files
+from pymantaray.pages.folder import PARTS, write_files
 
 if TYPE_CHECKING:
     from pymantaray.report.write import ReportMaker

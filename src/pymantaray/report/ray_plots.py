@@ -6,9 +6,9 @@ from pathlib import Path
 import xarray as xr
 
 from pymantaray.errors import ReportError
+from pymantaray.pages.style import rendered
 from pymantaray.records import whole_file
 from pymantaray.report.figures_ocean import rays_of_links
-from pymantaray.report.style import rendered
 
 
 def write_ray_plot(

@@ -10,15 +10,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from pymantaray.jobs.progress import Progress
+from pymantaray.pages import style
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Card, Explorer, Page, origin_table
+from pymantaray.pages.table_explorer import table_explorer
 from pymantaray.records import RayStatus
 from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
-from pymantaray.report import style
-from pymantaray.report.drawing import Picture
 from pymantaray.report.figures import FigureSpec
-from pymantaray.report.page import Card, Explorer, Page, origin_table
-from pymantaray.report.table_explorer import table_explorer
 from pymantaray.report.write import write_page
 
 _MAX_PAIRS = 12  # panels of residuals over time

@@ -9,16 +9,16 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.evaluation import ALL_LINKS
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Card, Explorer, Page, origin_table
+from pymantaray.pages.style import clock, condition_label
 from pymantaray.records import SolveStatus
 from pymantaray.records.digits import metres, signed_metres
 from pymantaray.records.glossary import GLOSSARY, explained
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
-from pymantaray.report.drawing import Picture
 from pymantaray.report.explore import explorer
 from pymantaray.report.figures import RunResults
-from pymantaray.report.page import Card, Explorer, Page, origin_table
-from pymantaray.report.style import clock, condition_label
 from pymantaray.study.mission import earth_note
 from pymantaray.study.references import MANTARAY
 from pymantaray.study.store import CONFIG

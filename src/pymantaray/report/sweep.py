@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from pymantaray.report.page import Page
-from pymantaray.report.table_explorer import table_explorer
+from pymantaray.pages.page import Page
+from pymantaray.pages.table_explorer import table_explorer
 from pymantaray.sweep.results import point_table
 
 _NO_RESULTS = ("point", "status", "error", "condition", "key")

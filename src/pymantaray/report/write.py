@@ -9,14 +9,14 @@ from typing import Any
 from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_folder, staged_parts
 from pymantaray.jobs.progress import Progress
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
+from pymantaray.pages.page import Page
+from pymantaray.pages.style import legend_entries, rendered
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report.drawing import Picture
 from pymantaray.report.explore import mission_rays
 from pymantaray.report.figures import FigureSpec, RunResults, run_figure_specs
-from pymantaray.report.folder import FIGURE_KINDS, FORMATS, PAGE, PARTS, write_files
-from pymantaray.report.page import Page
 from pymantaray.report.run_page import run_page
-from pymantaray.report.style import legend_entries, rendered
 from pymantaray.study.store import Run, open_run, write_json
 from pymantaray.study.tables import OF_MISSION, SUMMARY
 

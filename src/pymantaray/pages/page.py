@@ -13,10 +13,10 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from plotly.offline import get_plotlyjs
 
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.folder import PAGE
 from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report.drawing import Picture
-from pymantaray.report.folder import PAGE
 from pymantaray.study.store import FIGURES, TABLES
 
 _MAX_ROWS = 500  # of a table on a page

@@ -1,0 +1,1 @@
+"""Pages and figures: style, layout, files; a library that applications import."""
