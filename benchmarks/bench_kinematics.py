@@ -6,9 +6,9 @@ Run with ``python benchmarks/bench_kinematics.py``. The ocean and the fleet are 
 import statistics
 import time
 
+from pymantaray.apps.study import load_study
 from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
-from pymantaray.study import load_study
 
 
 def main() -> None:

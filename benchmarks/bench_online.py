@@ -14,6 +14,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from pymantaray.apps.study.graphs import noisy_graphs
+from pymantaray.apps.study.store import Run
 from pymantaray.estimation import (
     GraphSolver,
     IncrementalOptions,
@@ -24,8 +26,6 @@ from pymantaray.estimation import (
 from pymantaray.estimation.incremental import solve_incrementally
 from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
 from pymantaray.records import Measurements
-from pymantaray.study.graphs import noisy_graphs
-from pymantaray.study.store import Run
 
 PAGE = os.sysconf("SC_PAGE_SIZE") / 2**20
 

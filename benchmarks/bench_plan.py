@@ -21,11 +21,11 @@ import pandas as pd
 from scipy.stats import kendalltau
 from scipy.stats.qmc import LatinHypercube
 
+from pymantaray.apps.study import load_study, open_run
 from pymantaray.plan import DeploymentPlan, PlanResults, PlanSection, search_designs
 from pymantaray.plan.ensemble import pareto_front
 from pymantaray.plan.evaluate import DesignEvaluator
 from pymantaray.records import VehicleStatus
-from pymantaray.study import load_study, open_run
 from pymantaray.sweep import Sweep, run_sweep
 from pymantaray.sweep.plan import SweepPlan
 

@@ -12,15 +12,15 @@ import time
 import numpy as np
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.study import load_study
+from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.apps.study.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
+from pymantaray.apps.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.estimation import ClockPrior, Estimator, GraphSolver, MeanSlowness, solve_conditions
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.sensing import perturb
-from pymantaray.study import load_study
-from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import simulate_mission
-from pymantaray.study.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.study.range_models.eigenray_model import EigenrayModel
-from pymantaray.study.range_models.ray_uncertainty import RayUncertainty
 
 
 def timed(function, *arguments, **keywords):

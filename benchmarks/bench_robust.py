@@ -14,6 +14,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
+from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.apps.study.store import open_run
 from pymantaray.config.load import load_study
 from pymantaray.estimation import (
     LOSSES,
@@ -29,9 +32,6 @@ from pymantaray.estimation import (
 from pymantaray.estimation.incremental import solve_incrementally
 from pymantaray.estimation.losses import whitened_ranges
 from pymantaray.sensing import perturb
-from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import simulate_mission
-from pymantaray.study.store import open_run
 
 LATE = (50.0, 500.0)  # m
 

@@ -27,7 +27,7 @@ BLOCKS = " ▁▂▃▄▅▆▇█"
 COMMAND = """
 import sys
 from contextlib import nullcontext
-import pymantaray.cli.study as study
+import pymantaray.apps.study.command as study
 from pymantaray.__main__ import main
 def told(stage, done, total):
     print("stage", stage, flush=True, file=sys.stderr)
@@ -124,8 +124,8 @@ def print_run(stages: list, looks: list, end: float) -> None:
 def print_figures(folder: Path) -> None:
     """CPU time of each figure of a run: made, as the page's PNG, as PDF."""
     start = time.process_time()
-    from pymantaray.report.figures import RunResults, run_figure_specs
-    from pymantaray.study import open_run
+    from pymantaray.apps.study import open_run
+    from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 
     results, now = RunResults(open_run(folder)), time.process_time
     imports = now() - start

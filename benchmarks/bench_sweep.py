@@ -17,9 +17,9 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+from pymantaray.apps.study import load_study, parse_study
 from pymantaray.jobs import dask_pool
 from pymantaray.jobs.pool import TaskFunction
-from pymantaray.study import load_study, parse_study
 from pymantaray.sweep import Sweep, open_sweep, run_sweep, tasks
 
 POINTS = 10_000

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pymantaray.report.figures import RunResults
-from pymantaray.study import Run, open_run
+from pymantaray.apps.study import Run, open_run
+from pymantaray.apps.study.figures.register import RunResults
 
 LEVELS = (0.0, 100.0, 400.0, 1000.0)  # m
 

@@ -63,9 +63,9 @@ class Material:
     def __init__(self, folder: Path) -> None:
         from factories import TINY
 
+        from pymantaray.apps.study import parse_study, run_study
         from pymantaray.ocean import open_ocean
         from pymantaray.records.writing import write_netcdf
-        from pymantaray.study import parse_study, run_study
 
         self.folder = folder
         run_study(parse_study(TINY, "tiny"), folder / "run", workers=1)

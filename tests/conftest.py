@@ -34,7 +34,7 @@ from tempfile import TemporaryDirectory
 
 from factories import TINY
 
-from pymantaray.study import parse_study, run_study
+from pymantaray.apps.study import parse_study, run_study
 
 with TemporaryDirectory() as folder:
     run_study(parse_study(TINY, "tiny"), f"{folder}/run", workers=1)
@@ -47,7 +47,7 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption("numprocesses", None) and "PYTEST_XDIST_WORKER" not in os.environ:
         # each process of the tests has a processor: threads of OpenBLAS that wait for one take it from others, up to 20 times
-        # what they compute (tests/study/test_study_anywhere.py compares numbers of threads)
+        # what they compute (tests/apps/study/test_study_anywhere.py compares numbers of threads)
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # tests start hundreds of interpreters: without bytecode, each of them compiles all that it imports for seconds
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -80,6 +80,6 @@ def tiny_run_folder(once) -> Path:
     """Run folder of the study `factories.TINY`, without report; not to be written to."""
     from factories import TINY
 
-    from pymantaray.study import parse_study, run_study
+    from pymantaray.apps.study import parse_study, run_study
 
     return once("tiny", lambda folder: run_study(parse_study(TINY, "tiny"), folder, workers=1))

@@ -13,12 +13,12 @@ import pytest
 import typer.main
 
 import pymantaray
+from pymantaray.apps.study import manifest
 from pymantaray.cli.arguments import _PARAMETERS, in_options, use_options_of
 from pymantaray.cli.main import app, main
 from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import OceanError, SweepError
 from pymantaray.messages import one_line, without_secrets
-from pymantaray.study import manifest
 
 SECRET = "XSECRETX"
 HIDDEN = {

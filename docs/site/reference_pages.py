@@ -50,7 +50,7 @@ def configuration() -> dict[str, str]:
     """Page of all keys of all configurations."""
     from pymantaray.ocean.fetch.catalogue import Catalogue
     from pymantaray.plan.definition import PlanFile
-    from pymantaray.study import StudyConfig
+    from pymantaray.apps.study import StudyConfig
     from pymantaray.sweep.definition import KEYS
 
     sweep = table(("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()])

@@ -10,6 +10,12 @@ from pymantaray.lazy import lazy_exports
 if TYPE_CHECKING:
     from pymantaray.acoustics import Medium as Medium
     from pymantaray.acoustics import find_eigenrays as find_eigenrays
+    from pymantaray.apps.study import StudyConfig as StudyConfig
+    from pymantaray.apps.study import citation as citation
+    from pymantaray.apps.study import load_study as load_study
+    from pymantaray.apps.study import measure as measure
+    from pymantaray.apps.study import open_run as open_run
+    from pymantaray.apps.study import run_study as run_study
     from pymantaray.errors import MantaRayError as MantaRayError
     from pymantaray.estimation import dead_reckon as dead_reckon
     from pymantaray.estimation import read_pyfg as read_pyfg
@@ -41,12 +47,6 @@ if TYPE_CHECKING:
     from pymantaray.sensing import PingSchedule as PingSchedule
     from pymantaray.sensing import SlotSchedule as SlotSchedule
     from pymantaray.sensing import perturb as perturb
-    from pymantaray.study import StudyConfig as StudyConfig
-    from pymantaray.study import citation as citation
-    from pymantaray.study import load_study as load_study
-    from pymantaray.study import measure as measure
-    from pymantaray.study import open_run as open_run
-    from pymantaray.study import run_study as run_study
     from pymantaray.water import open_water as open_water
 
 __version__ = "0.2.0"

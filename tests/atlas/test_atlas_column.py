@@ -10,6 +10,7 @@ from oracles import direct_travel_time_linear_gradient
 from refusals import refused
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.study import parse_study
 from pymantaray.atlas import AtlasLinks
 from pymantaray.atlas.column import SPLINE, column_errors, medium_at
 from pymantaray.atlas.links import CONVENTIONS
@@ -19,7 +20,6 @@ from pymantaray.ocean import open_ocean
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Landmark
-from pymantaray.study import parse_study
 from pymantaray.water.ocean import build_medium, build_ocean
 
 PLACE = 15, 25  # row and column of the ocean

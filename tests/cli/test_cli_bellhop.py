@@ -9,7 +9,7 @@ import pytest
 from bellhop_stand_in import read_boundary, read_env, read_grids
 from scipy.interpolate import CubicSpline
 
-from pymantaray.study import open_run
+from pymantaray.apps.study import open_run
 
 LINKS = """source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth
 0,0,100,3000,4000,400

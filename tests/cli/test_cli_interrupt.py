@@ -170,7 +170,9 @@ main()
 """
 
 
-@pytest.mark.parametrize("name", ["typer", "pymantaray.cli.study", "pymantaray.config", "numpy", "pydantic"])
+@pytest.mark.parametrize(
+    "name", ["typer", "pymantaray.apps.study.command", "pymantaray.config", "numpy", "pydantic"]
+)
 def test_ctrl_c_at_the_import_of_a_module_ends_quietly_with_130(name):
     command = [sys.executable, "-c", IMPORTING.format(name=name)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

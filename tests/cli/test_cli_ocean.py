@@ -8,6 +8,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from pymantaray.apps.study import load_study, preset_text
+from pymantaray.apps.study.assemble import fleet_plan
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
     cast_ocean,
@@ -22,8 +24,6 @@ from pymantaray.ocean import (
 from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.schema import validate_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.study import load_study, preset_text
-from pymantaray.study.assemble import fleet_plan
 from pymantaray.water.ocean import build_ocean
 
 CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0; bottom 450 m

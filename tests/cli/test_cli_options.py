@@ -10,10 +10,10 @@ from refusals import refused
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from pymantaray.apps.study import load_study, parse_study
 from pymantaray.cli.main import app as mantaray_app
 from pymantaray.cli.options import OceanCommand, parse_duration, parse_place, quantity
 from pymantaray.errors import MantaRayError
-from pymantaray.study import load_study, parse_study
 
 app = typer.Typer()
 
@@ -84,7 +84,7 @@ def test_a_study_takes_an_ocean_by_name(mantaray, monkeypatch, words):
         seen.append(config.ocean.source)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pymantaray.study.run_study", stop)
+    monkeypatch.setattr("pymantaray.apps.study.run_study", stop)
     assert mantaray("study", "run", *words).code == 130
     assert seen == [("synthetic:fram",)]
     assert load_study("quick", ocean=["synthetic:fram"]).ocean.files == ()
@@ -152,7 +152,9 @@ def test_every_option_has_a_type_and_not_the_name_of_one():
 
 def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantaray, monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr("pymantaray.cli.study.run_and_report", lambda config, *_, **__: seen.append(config))
+    monkeypatch.setattr(
+        "pymantaray.apps.study.command.run_and_report", lambda config, *_, **__: seen.append(config)
+    )
     rows = "".join(f"{t},{name},79,{lon},10\n" for name, lon in (("A", 1), ("B", 1.1)) for t in (0, 600))
     (tmp_path / "own.csv").write_text("time,vehicle,lat,lon,depth\n" + rows)
     words = ("ranges", tmp_path / "own.csv", "--ocean", "synthetic:fram", "--out", tmp_path / "new")

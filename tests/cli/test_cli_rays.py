@@ -260,7 +260,7 @@ def test_ice_reflects_over_a_profile_and_an_ocean(rays):
 
 
 def test_links_of_a_run_take_the_times_that_the_run_has(rays, tiny_run_folder):
-    from pymantaray.study import open_run
+    from pymantaray.apps.study import open_run
 
     run = open_run(tiny_run_folder)
     still = run.measurements.landmark_position

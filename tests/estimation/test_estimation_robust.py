@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config.load import load_study
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
@@ -28,8 +30,6 @@ from pymantaray.estimation import (
 from pymantaray.estimation.losses import whitened_ranges
 from pymantaray.records import SolveStatus
 from pymantaray.sensing import perturb
-from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import simulate_mission
 
 KINDS = ["huber", "cauchy", "geman-mcclure", "tukey", "welsch"]
 RESIDUALS = st.floats(-1e4, 1e4)

@@ -8,6 +8,7 @@ import pytest
 from refusals import refused
 from scipy import stats
 
+from pymantaray.apps.study import load_study, parse_study, run_study
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation import coverage_table
 from pymantaray.evaluation.consistency import (
@@ -19,7 +20,6 @@ from pymantaray.evaluation.consistency import (
 )
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import PoseCovariances, SolveStatus
-from pymantaray.study import load_study, parse_study, run_study
 
 SAMPLES = np.array([4, 9])
 N_TIMES, N_VEHICLES = 10, 4

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from onboard import feed, fleet_calls, fleet_estimator
 
+from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.config import load_study
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
 from pymantaray.online import Outcome
 from pymantaray.sensing import perturb
-from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import simulate_mission
-from pymantaray.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.water.ocean import build_medium
 
 # Largest distance between the last positions of filter and batch solution, in standard deviations of the batch solution: about twice

@@ -5,6 +5,8 @@ import pytest
 from factories import TINY
 from refusals import refused
 
+from pymantaray.apps.study import parse_study
+from pymantaray.apps.study.beliefs import Beliefs
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import PlanError
 from pymantaray.ocean import open_ocean
@@ -14,8 +16,6 @@ from pymantaray.plan.ensemble import worst_score
 from pymantaray.plan.evaluate import DesignEvaluator
 from pymantaray.plan.waters import Missions
 from pymantaray.records import write_netcdf
-from pymantaray.study import parse_study
-from pymantaray.study.beliefs import Beliefs
 
 MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 OTHER = {"name": "U", "north": -500.0, "east": 700.0, "depth": 50.0}

@@ -5,12 +5,12 @@ import pytest
 from factories import TINY
 from scipy.stats import chi, kendalltau
 
+from pymantaray.apps.study import load_study, parse_study, run_study
 from pymantaray.plan import DeploymentPlan, search_designs
 from pymantaray.plan.definition import PlanSection
 from pymantaray.plan.ensemble import mean_score, pareto_front, worst_score
 from pymantaray.plan.evaluate import DesignEvaluator, Scores, error_quantile
 from pymantaray.records import RayStatus, VehicleStatus
-from pymantaray.study import load_study, parse_study, run_study
 
 MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 

@@ -9,12 +9,12 @@ import tomli_w
 from factories import TINY
 from refusals import refused
 
+from pymantaray.apps.study import load_study
 from pymantaray.cli.main import main
 from pymantaray.errors import PlanError, StudyError, WriteError
 from pymantaray.plan import load_plan, search_designs
 from pymantaray.plan.evaluate import Scores
 from pymantaray.plan.results import PlanResults, difference
-from pymantaray.study import load_study
 
 LANDMARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 

@@ -4,10 +4,10 @@ import re
 
 import pandas as pd
 
+from pymantaray.apps.study import open_run
 from pymantaray.ocean import check_ocean
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
-from pymantaray.study import open_run
 
 
 def cells(html):

@@ -13,10 +13,10 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.apps.study import load_study, open_run, store, study_toml
 from pymantaray.records import RayStatus, SolveStatus, write_netcdf
 from pymantaray.replay import DetectionRule, Replay
 from pymantaray.sensing import Links
-from pymantaray.study import load_study, open_run, store, study_toml
 
 N_TIME, PERIOD = 121, 600.0
 

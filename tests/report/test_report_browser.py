@@ -13,6 +13,7 @@ from campaigns import make_campaign, survey_of, water
 from factories import TINY
 from PIL import Image
 
+from pymantaray.apps.study import parse_study
 from pymantaray.locate import LocateOptions, locate
 from pymantaray.plan import DeploymentPlan, PlanSection, search_designs
 from pymantaray.report import (
@@ -24,7 +25,6 @@ from pymantaray.report import (
     write_report,
     write_sweep_page,
 )
-from pymantaray.study import parse_study
 
 pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

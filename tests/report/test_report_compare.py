@@ -8,12 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pymantaray.apps.study import comparison_page as compare
+from pymantaray.apps.study import load_study, open_run
+from pymantaray.apps.study import report as write_module
+from pymantaray.apps.study.comparison_page import by_name, comparison_figure_specs, comparison_tables
+from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.errors import JobError, ReportError
-from pymantaray.report import compare, write_comparison
-from pymantaray.report import write as write_module
-from pymantaray.report.compare import by_name, comparison_figure_specs, comparison_tables
-from pymantaray.report.figures import RunResults
-from pymantaray.study import load_study, open_run
+from pymantaray.report import write_comparison
 
 
 @pytest.fixture(scope="module")

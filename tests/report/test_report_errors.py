@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from pymantaray.apps.study.figures.ranging import dropout_map, range_error_histogram, range_error_split
+from pymantaray.apps.study.figures.register import range_ends
+from pymantaray.apps.study.figures.trajectory import ApePanel, error_over_time, pooled_ape
 from pymantaray.evaluation import range_errors
 from pymantaray.pages import style
 from pymantaray.records import RayStatus
-from pymantaray.report.figures import range_ends
-from pymantaray.report.figures_ranging import dropout_map, range_error_histogram, range_error_split
-from pymantaray.report.figures_trajectory import ApePanel, error_over_time, pooled_ape
 
 HEADER = "Test Sea, synthetic ocean"
 

@@ -9,15 +9,15 @@ import pytest
 from matplotlib.ticker import ScalarFormatter
 from PIL import Image
 
+from pymantaray.apps.study import report as write
+from pymantaray.apps.study.figures.fleet import factor_graph, fleet_layout
+from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
+from pymantaray.apps.study.figures.trajectory import error_over_time
+from pymantaray.apps.study.page import run_page
 from pymantaray.pages import style
 from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
 from pymantaray.report import replay as replay_page
-from pymantaray.report import write
-from pymantaray.report.figures import RunResults, run_figure_specs
-from pymantaray.report.figures_fleet import factor_graph, fleet_layout
-from pymantaray.report.figures_trajectory import error_over_time
-from pymantaray.report.run_page import run_page
 
 LONG = ("surface-beacon", "remus-north", "hugin-south", "bluefin-east")
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
-from pymantaray.report.figures_pipeline import STAGES, columns, flows, pipeline
+from pymantaray.apps.study.figures.pipeline import STAGES, columns, flows, pipeline
 
 
 @dataclass

@@ -7,8 +7,8 @@ from factories import make_arrivals
 from matplotlib.figure import Figure
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.records import RayPaths
-from pymantaray.report.figures import RunResults, run_figure_specs
 
 
 @pytest.fixture(autouse=True)

@@ -49,8 +49,8 @@ def test_a_fan_may_lose_one_direction_only():
 
 
 def test_a_study_with_a_narrow_fan_loses_ranges_and_keeps_the_others():
-    from pymantaray.study.manifest import Stopwatch
-    from pymantaray.study.mission import simulate_mission
+    from pymantaray.apps.study.manifest import Stopwatch
+    from pymantaray.apps.study.mission import simulate_mission
 
     kinds = {}
     for width in ("none", 2.0):

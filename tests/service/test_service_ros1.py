@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pages import ROOT
 
-from pymantaray.study import open_run
+from pymantaray.apps.study import open_run
 
 PYTHON = "/usr/bin/python3"
 """Python of the system, for which distributions package ROS 1."""

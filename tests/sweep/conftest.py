@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from factories import TINY, pool_here
 
-from pymantaray.study import parse_study
+from pymantaray.apps.study import parse_study
 from pymantaray.sweep import Sweep, stages
 from pymantaray.water.water import mission_ocean
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray.apps.study import load_study, parse_study, study_toml
 from pymantaray.config.keys import with_key
 from pymantaray.errors import SweepError
-from pymantaray.study import load_study, parse_study, study_toml
 from pymantaray.sweep import Sweep, load_sweep
 from pymantaray.sweep.definition import parse_sweep
 from pymantaray.sweep.keys import task_keys

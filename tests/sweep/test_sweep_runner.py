@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from pymantaray.apps.study import open_run, parse_study, run_study
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
 from pymantaray.jobs.pool import Pool
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.jobs.store import open_store
-from pymantaray.study import open_run, parse_study, run_study
 from pymantaray.sweep import Sweep, run_sweep, stages, tasks
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.sweep.plan import SweepPlan, SweepQueue

@@ -11,13 +11,13 @@ from refusals import refused
 
 from pymantaray import find_eigenrays, load_study, measure, simulate
 from pymantaray.acoustics import Medium
+from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.atlas import Atlas
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle
 from pymantaray.ocean.environment import environment_arrays, read_environment
 from pymantaray.records import Trajectories
-from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import simulate_mission
 from pymantaray.water import open_water
 
 PLACE = np.array([[1200.0, -3300.0, 120.0], [-900.0, 5000.0, 1700.0]])  # north, east, depth

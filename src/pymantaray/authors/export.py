@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from pymantaray.apps.study.store import Run, open_run
 from pymantaray.arrays import Array
 from pymantaray.config.authors import LETTERS, REFLECTED
 from pymantaray.config.authors_holds import counted_steps, extra_steps
@@ -17,7 +18,6 @@ from pymantaray.errors import ExchangeError, WriteError
 from pymantaray.fleet import FloatCycle, Vehicle
 from pymantaray.jobs.folder import MANIFEST, staged_folder
 from pymantaray.ocean.environment import environment_arrays, is_environment, read_arrays, write_environment
-from pymantaray.study.store import Run, open_run
 from pymantaray.water.water import mission_ocean
 
 LOG = logging.getLogger(__name__)

@@ -43,6 +43,6 @@ def export(
         raise _UsageError(f"Got unexpected extra argument ({words[0]})", context)
     if to is None or out is None:
         raise _UsageError(f"Missing option '--{'to' if to is None else 'out'}'.", context)
-    from pymantaray.study import export_run
+    from pymantaray.apps.study import export_run
 
     typer.echo(str(export_run(run, to, out, realization=realization)))

@@ -130,10 +130,10 @@ def check(
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
+        from pymantaray.apps.study import load_study
+        from pymantaray.apps.study.assemble import fleet_findings, fleet_plan
+        from pymantaray.apps.study.tracks import with_tracks
         from pymantaray.config.options import dotted_keys
-        from pymantaray.study import load_study
-        from pymantaray.study.assemble import fleet_findings, fleet_plan
-        from pymantaray.study.tracks import with_tracks
 
         # these files replace the study's ocean, as in `study run --ocean`
         config = with_tracks(

@@ -97,10 +97,10 @@ def ranges(
     changes: Set = None,
 ) -> None:
     """Compute ranges between existing trajectories through an ocean: data, tables, figures and a page in one folder."""
-    from pymantaray.cli.study import run_and_report
+    from pymantaray.apps.study.command import run_and_report
+    from pymantaray.apps.study.ranges import ranges_config
+    from pymantaray.apps.study.tracks import read_fleet
     from pymantaray.exchange.read import files_of
-    from pymantaray.study.ranges import ranges_config
-    from pymantaray.study.tracks import read_fleet
 
     files = files_of(trajectories)
     if not source.words:

@@ -135,7 +135,7 @@ def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
     """True positions of both ends of links in a study's run."""
     import numpy as np
 
-    from pymantaray.study import open_run
+    from pymantaray.apps.study import open_run
 
     if run is None:
         raise AcousticsError("--link needs a run; name it with --run FOLDER")

@@ -73,7 +73,7 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
         raise WaterError(
             f"{OF_THE_SOURCE[fixed[0]]} does not apply to --run; remove it, or use --ocean or --profile"
         )
-    from pymantaray.study import open_run
+    from pymantaray.apps.study import open_run
     from pymantaray.water.ocean import open_start
     from pymantaray.water.water import open_local
 

@@ -121,7 +121,7 @@ class SoundSpeedEquation(NamedTuple):
 
     sound_speed: Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike], Array]
     references: tuple[str, ...]
-    """Keys of its publications in ``study/references.toml``."""
+    """Keys of its publications in ``apps/study/references.toml``."""
 
 
 EQUATIONS: dict[Equation, SoundSpeedEquation] = {

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.range_models import (
@@ -19,7 +20,6 @@ from pymantaray.estimation.range_models import (
 )
 from pymantaray.online.cells import HAS_RANGE, CellStatus
 from pymantaray.online.table import TableRanges, TravelTimeTable
-from pymantaray.study.range_models.eigenray_model import EigenrayModel
 
 _OTHER_END = {
     "range_by_source_depth": "range_by_receiver_depth",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from pymantaray.study.store import FIGURES
+from pymantaray.apps.study.store import FIGURES
 
 
 class Picture(NamedTuple):

@@ -13,11 +13,11 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from plotly.offline import get_plotlyjs
 
+from pymantaray.apps.study.store import FIGURES, TABLES
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.folder import PAGE
 from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
-from pymantaray.study.store import FIGURES, TABLES
 
 _MAX_ROWS = 500  # of a table on a page
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|km|s|ms|h|dB|%)(?![\w]))|(?<=m) (?=± )|(?<=±) ")

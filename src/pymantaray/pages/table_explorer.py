@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.study.explore import as_json
+from pymantaray.apps.study.settings import key_heading
 from pymantaray.pages import style
 from pymantaray.pages.page import Explorer
 from pymantaray.records.result_table import heading
-from pymantaray.report.explore import as_json
-from pymantaray.study.settings import key_heading
 
 _ROWS = 20_000  # rows in the plot, at equal spacing in the table
 

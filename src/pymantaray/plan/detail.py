@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
 from pymantaray.plan.definition import DeploymentPlan, Design
 from pymantaray.plan.evaluate import Errors, detection_probability, error_quantile
 from pymantaray.plan.tasks import evaluator_of
 from pymantaray.records import Measurements, Trajectories
-from pymantaray.study.store import Run
 
 Pair = tuple[str, str]
 

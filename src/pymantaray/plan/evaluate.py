@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pymantaray.apps.study import StudyConfig
+from pymantaray.apps.study.estimators import EstimatorFactory
+from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import MantaRayError, PlanError
@@ -20,9 +23,6 @@ from pymantaray.plan.waters import Missions
 from pymantaray.records import Measurements
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.detection import mark_unheard
-from pymantaray.study import StudyConfig
-from pymantaray.study.estimators import EstimatorFactory
-from pymantaray.study.store import Run
 
 _DRAWS = 200  # of each position error, for the 95 % quantile
 _BIAS_DIGITS = 6  # decimals of a bias in metres; the convergence of the solver limits smaller ones

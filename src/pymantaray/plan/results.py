@@ -10,6 +10,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from pymantaray.apps.study import StudyConfig, load_study
 from pymantaray.arrays import Array
 from pymantaray.config.common import NONE
 from pymantaray.config.load import BASE, preset_names
@@ -18,7 +19,6 @@ from pymantaray.plan.ensemble import COLUMNS, WORST, loss_of, mean_score, pareto
 from pymantaray.plan.evaluate import Scores
 from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
-from pymantaray.study import StudyConfig, load_study
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,5 +5,5 @@ from typing import Any
 
 
 def plotter(name: str) -> Any:
-    """Function or class of `pymantaray.report.plots` with this name."""
-    return getattr(import_module("pymantaray.report.plots"), name)
+    """Function or class of `pymantaray.apps.study.plots` with this name."""
+    return getattr(import_module("pymantaray.apps.study.plots"), name)

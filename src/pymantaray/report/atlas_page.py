@@ -7,11 +7,11 @@ import numpy as np
 import xarray as xr
 from matplotlib.image import imread
 
+from pymantaray.apps.study.explore import as_json
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Explorer, Page
 from pymantaray.records.digits import counted
 from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
-from pymantaray.report.explore import as_json
 
 _MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]

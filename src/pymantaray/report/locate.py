@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from pymantaray.apps.study.figures.register import FigureSpec
+from pymantaray.apps.study.report import write_page
 from pymantaray.jobs.progress import Progress
 from pymantaray.locate import Location, SurveyPlan
 from pymantaray.locate.write import write_location
@@ -17,8 +19,6 @@ from pymantaray.pages.page import Card, Page, origin_table
 from pymantaray.records import whole_file
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report.figures import FigureSpec
-from pymantaray.report.write import write_page
 
 _MICRO = 1e6
 _MAX_NODES = 6  # whose residuals have a colour

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.study.figures.register import FigureSpec, with_source
+from pymantaray.apps.study.page import SYNTHETIC_NOTE
+from pymantaray.apps.study.report import write_page
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
 from pymantaray.pages.drawing import Picture
@@ -19,9 +22,6 @@ from pymantaray.plan.ensemble import mean_score
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 from pymantaray.report import plan_figures as figures
-from pymantaray.report.figures import FigureSpec, with_source
-from pymantaray.report.run_page import SYNTHETIC_NOTE
-from pymantaray.report.write import write_page
 
 _MAX_OTHERS = 3  # designs of the front beside the best one
 _FEW_VALUES = 12  # of a key that can divide designs into series

@@ -8,13 +8,13 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pymantaray.apps.study.figures.fleet import draw_depths, draw_plan
 from pymantaray.arrays import Array
 from pymantaray.pages import style
 from pymantaray.plan import PlanResults
 from pymantaray.plan.detail import DesignDetail, Pair
 from pymantaray.plan.ensemble import pareto_front
 from pymantaray.records.result_table import heading
-from pymantaray.report.figures_fleet import draw_depths, draw_plan
 
 AS_IT_IS = "Study as it is"
 _MAX_NUMBERS = 14  # participants of a matrix with a number in each cell

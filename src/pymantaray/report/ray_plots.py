@@ -5,10 +5,10 @@ from pathlib import Path
 
 import xarray as xr
 
+from pymantaray.apps.study.figures.ocean import rays_of_links
 from pymantaray.errors import ReportError
 from pymantaray.pages.style import rendered
 from pymantaray.records import whole_file
-from pymantaray.report.figures_ocean import rays_of_links
 
 
 def write_ray_plot(

@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pymantaray.apps.study.figures.register import FigureSpec
+from pymantaray.apps.study.report import write_page
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
 from pymantaray.pages.drawing import Picture
@@ -18,8 +20,6 @@ from pymantaray.records import RayStatus
 from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS
 from pymantaray.replay import Replay
-from pymantaray.report.figures import FigureSpec
-from pymantaray.report.write import write_page
 
 _MAX_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.solving import as_positions
+from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
 from pymantaray.errors import ServiceError
@@ -23,7 +24,6 @@ from pymantaray.quantities.checks import check_number
 from pymantaray.sensing import ReceptionOptions, Timing, TwoWay
 from pymantaray.service.facts import require_place
 from pymantaray.service.ping import Participants, Ping, Pinger
-from pymantaray.study.tracks import with_tracks
 from pymantaray.water import Source, Water, open_water
 from pymantaray.water.water import configuration_of
 

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from pymantaray.apps.study import StudyConfig, load_study, parse_study
+from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.config.common import NONE
 from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, with_key
 from pymantaray.config.load import STUDY_FILES, preset_names
 from pymantaray.errors import StudyError, SweepError
-from pymantaray.study import StudyConfig, load_study, parse_study
-from pymantaray.study.tracks import with_tracks
 from pymantaray.user_files import parse_toml, read_text
 
 SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"

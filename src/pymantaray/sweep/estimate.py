@@ -6,9 +6,9 @@ from pathlib import Path
 from statistics import fmean
 from typing import NamedTuple
 
+from pymantaray.apps.study import StudyConfig
+from pymantaray.apps.study.tracks import mission_size
 from pymantaray.errors import SweepError
-from pymantaray.study import StudyConfig
-from pymantaray.study.tracks import mission_size
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.sweep.plan import SweepPlan

@@ -4,8 +4,8 @@ import fnmatch
 from collections.abc import Mapping
 from typing import Any
 
+from pymantaray.apps.study import StudyConfig
 from pymantaray.jobs.keys import digest
-from pymantaray.study import StudyConfig
 
 OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"
 STAGES = (OCEAN, FLEET, RAYS)

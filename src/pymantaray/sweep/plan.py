@@ -8,11 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
+from pymantaray.apps.study import StudyConfig
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.pool import Queue
-from pymantaray.study import StudyConfig
 from pymantaray.sweep.definition import Sweep
 from pymantaray.sweep.keys import POINT, STAGES, LatestKeys, task_keys
 from pymantaray.sweep.tasks import SweepTask

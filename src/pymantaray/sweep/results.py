@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from pymantaray.apps.study.settings import key_heading
 from pymantaray.errors import SweepError
 from pymantaray.jobs.store import Store, open_store
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
-from pymantaray.study.settings import key_heading
 from pymantaray.sweep.definition import Sweep, parse_sweep
 from pymantaray.sweep.keys import POINT
 from pymantaray.sweep.plan import SweepPlan, read_plan

@@ -11,6 +11,8 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.study import StudyConfig
+from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
@@ -18,8 +20,6 @@ from pymantaray.records.base import Record
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging, Receptions
 from pymantaray.sensing.schedule import Attempts
-from pymantaray.study import StudyConfig
-from pymantaray.study.mission import range_fleet, simulate_fleet
 from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, stage_config
 from pymantaray.sweep.points import stage_name
 from pymantaray.water.ocean import OceanFields, build_medium, is_profile

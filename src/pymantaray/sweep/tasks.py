@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from pymantaray.apps.study import Run, StudyConfig, open_run
+from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.mission import assemble_mission, mission_picture, range_draws
+from pymantaray.apps.study.realization import RealizationSolver, collect_results
+from pymantaray.apps.study.runner import refuse_too_large, run_study
+from pymantaray.apps.study.store import run_in_memory
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.installation import code_version
 from pymantaray.jobs.folder import MANIFEST
 from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
-from pymantaray.study import Run, StudyConfig, open_run
-from pymantaray.study.manifest import Stopwatch
-from pymantaray.study.mission import assemble_mission, mission_picture, range_draws
-from pymantaray.study.realization import RealizationSolver, collect_results
-from pymantaray.study.runner import refuse_too_large, run_study
-from pymantaray.study.store import run_in_memory
 from pymantaray.sweep.keys import POINT, STAGES
 from pymantaray.sweep.points import point_name
 from pymantaray.sweep.stages import Stages

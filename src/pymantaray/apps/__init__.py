@@ -1,0 +1,1 @@
+"""Applications: each folder has its objects, its command and its page."""

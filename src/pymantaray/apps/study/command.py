@@ -1,0 +1,421 @@
+"""Commands of `mantaray study`; they import modules when they run, which keeps the help fast."""
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pymantaray.cli.groups import with_options
+from pymantaray.cli.options import (
+    ArrivalOptions,
+    Commands,
+    Formats,
+    Json,
+    OceanOptions,
+    Quiet,
+    RunGroup,
+    Set,
+    TableOptions,
+    To,
+    WaterOptions,
+    changes_of,
+    format_names,
+)
+from pymantaray.cli.output import duration, progress_bars
+from pymantaray.cli.printing import LOG, Printer, printer
+from pymantaray.pages.folder import PAGE
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pymantaray.apps.study import Run, StudyConfig
+
+app = Commands(cls=RunGroup, help="Run, show and compare studies.")
+
+_WIDE_DB = 60.0  # cut-off that includes rays far into shadows
+_MAX_NAMED_RUNS = 2  # runs whose names fit above the columns of a table
+
+Out = Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
+
+
+def _presets(incomplete: str) -> list[str]:
+    """Return the presets that begin with a text, for shell completion; without any, shells complete files."""
+    from pymantaray.config.load import preset_names
+
+    return [name for name in preset_names() if name.startswith(incomplete)]
+
+
+Name = Annotated[str, typer.Argument(metavar="NAME", help="A preset.", autocompletion=_presets)]
+NameOrFile = Annotated[
+    str,
+    typer.Argument(metavar="NAME|FILE", help="A preset, or a TOML file.", autocompletion=_presets),
+]
+
+
+@app.command("list")
+def list_command(as_json: Json = False) -> None:
+    """List the presets."""
+    from pymantaray.apps.study import list_presets
+
+    presets = list_presets()
+    width = max(map(len, presets))
+    with printer(as_json=as_json) as out:
+        for name, description in presets.items():
+            out.line(f"{name:<{width}} {description}")
+        out.add(presets=[{"name": name, "description": text} for name, text in presets.items()])
+
+
+@app.command()
+def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
+    """Print all keys of a preset or a file with their descriptions; keys at their defaults are commented out."""
+    from pymantaray.apps.study import load_study
+    from pymantaray.apps.study.tracks import with_tracks
+    from pymantaray.config.text import commented_toml
+
+    config = with_tracks(load_study(study, **changes_of(changes)))
+    with printer(as_json=as_json) as out:
+        out.line(commented_toml(config).removesuffix("\n"), **config.model_dump(mode="json"))
+
+
+@app.command()
+def init(
+    name: Name = "quick",
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")] = Path("study.toml"),
+    changes: Set = None,
+) -> None:
+    """Write a preset with all its keys to a file for editing."""
+    from pymantaray.apps.study import starter_text
+
+    _write_new(file, starter_text(name, **changes_of(changes)))
+    typer.echo(f"{file}: written from preset {name}; edit it, then: mantaray study run {file}")
+
+
+@app.command("import")
+def import_command(
+    simulation: Annotated[
+        Path, typer.Argument(metavar="SIM.json", help="Configuration of the paper's authors' program.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="STUDY.toml", help="File to write. Default: print the text.")
+    ] = None,
+) -> None:
+    """Convert a configuration of the paper's authors' program to a study, and list what has no meaning here."""
+    from pymantaray.config.load import import_study
+    from pymantaray.config.text import commented_toml
+
+    config, lines = import_study(simulation)
+    text = commented_toml(config)
+    for line in lines:
+        LOG.warning("%s: %s", simulation, line)
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        _write_new(out, "".join(f"# {line}\n" for line in lines) + "\n" + text)
+        typer.echo(f"{out}: written from {simulation}; edit it, then: mantaray study run {out}")
+
+
+def _write_new(file: Path, text: str) -> None:
+    """Write a text to a new file."""
+    from pymantaray.errors import StudyError
+
+    try:
+        with file.open("x", encoding="utf-8") as copy:
+            copy.write(text)
+    except FileExistsError:
+        raise StudyError(f"{file}: already exists; give another name") from None
+    except OSError as error:
+        raise StudyError(f"{file}: cannot be written: {error.strerror}") from None
+
+
+@app.command()
+def cite(
+    study: NameOrFile,
+    bibtex: Annotated[bool, typer.Option("--bibtex", help="As BibTeX.")] = False,
+    changes: Set = None,
+) -> None:
+    """List the publications that a study relies on."""
+    from pymantaray.apps.study import citation, load_study
+
+    references = citation(load_study(study, **changes_of(changes)))
+    typer.echo(references.bibtex if bibtex else references, nl=not bibtex)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Folder, realizations and figures of a run."""
+
+    out: Out = None
+    realizations: Annotated[int | None, typer.Option(help="Number of noise realizations.")] = None
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes that solve realizations.")] = None
+    no_figures: Annotated[bool, typer.Option("--no-figures", help="Data only: no tables and figures.")] = (
+        False
+    )
+    formats: Formats = ""
+    open_page: Open = False
+
+    def __post_init__(self) -> None:
+        if self.open_page and self.no_figures:
+            raise typer.BadParameter(
+                "--no-figures writes no page to open; remove one of the two options", param_hint="--open"
+            )
+
+
+@app.command()
+@with_options
+def run(
+    study: NameOrFile,
+    source: OceanOptions,
+    water: WaterOptions,
+    arrivals: ArrivalOptions,
+    how: RunOptions,
+    printing: TableOptions,
+    changes: Set = None,
+) -> None:
+    """Run a study, and write data, tables and figures to one folder."""
+    from pymantaray.apps.study import load_study
+    from pymantaray.config.options import dotted_keys
+
+    keys = dotted_keys(water.keys | arrivals.keys) | changes_of(changes)
+    config = load_study(study, realizations=how.realizations, ocean=source.words or None, **keys)
+    with printing.printer() as printed:
+        folder = run_and_report(
+            config,
+            how.out,
+            printed,
+            workers=how.workers,
+            figures=not how.no_figures,
+            formats=how.formats,
+            quiet=printing.quiet,
+        )
+    if how.open_page:
+        _open(folder / PAGE)
+
+
+def run_and_report(
+    config: "StudyConfig",
+    out: Path | None,
+    printed: Printer,
+    *,
+    workers: int | None,
+    figures: bool = True,
+    formats: str,
+    quiet: bool,
+) -> Path:
+    """Run a study, draw figures of its mission meanwhile, print a summary, and return the folder."""
+    from pymantaray.apps.study.report_process import ReportProcess
+
+    # the process starts after the file is read, and imports its modules while this process imports others
+    with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
+        from pymantaray.apps.study import run_study
+
+        with progress_bars(quiet=quiet, stages=_stages(config, figures=figures)) as progress:
+            results = run_study(
+                config,
+                out,
+                workers=workers,
+                progress=progress,
+                mission_ready=None if report is None else report.begin,
+            )
+            complete = perf_counter()
+            if report is not None:
+                try:
+                    report.write(results, progress)
+                except BaseException:
+                    typer.echo(
+                        f"the data are complete; write their report with: mantaray study report {results.path}",
+                        err=True,
+                    )
+                    raise
+    _print_summary(printed, results)
+    what = "report" if figures else "tables"
+    _print_cost(printed, results, {what: round(perf_counter() - complete, 3)})
+    if figures:
+        printed.line(f"page: {results.path / PAGE}", page=results.path / PAGE)
+    printed.paths(folder=results.path)
+    return results.path
+
+
+def _stages(config: "StudyConfig", *, figures: bool) -> list[str]:
+    """Stages of a study, in order."""
+    solving, drawing = ["realizations"] if config.solves else [], ["report"] if figures else []
+    return ["ocean", "fleet", "rays", *solving, "files", *drawing]
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    formats: Formats = "",
+    open_page: Open = False,
+    quiet: Quiet = False,
+) -> None:
+    """Regenerate tables, figures and page of a run, or complete those of an interrupted run."""
+    from pymantaray.report import write_report
+
+    with progress_bars(quiet=quiet) as progress:
+        page = write_report(folder, formats=format_names(formats), progress=progress)
+    typer.echo(str(page))
+    if open_page:
+        _open(page)
+
+
+@app.command()
+def tables(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME...", help="Tables, such as ate_pooled. Default: a summary.", show_default=False
+        ),
+    ] = None,
+    as_json: Json = False,
+    to: To = "text",
+) -> None:
+    """Print tables of a run, with the numbers of its report."""
+    from pymantaray.apps.study import open_run
+    from pymantaray.errors import StudyError
+
+    run = open_run(folder)
+    for name in names or ():
+        if name not in run.tables:
+            raise StudyError(f"{folder}: no table {name!r}; allowed: {', '.join(run.tables)}")
+    with printer(as_json=as_json, to=to) as printed:
+        for table in [run.tables[name] for name in names] if names else run.summary:
+            printed.table(table)
+
+
+@app.command()
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of at least two runs.")],
+    out: Out = None,
+    formats: Formats = "",
+    open_page: Open = False,
+    as_json: Json = False,
+    to: To = "text",
+    quiet: Quiet = False,
+) -> None:
+    """Compare runs: differences of their configurations, tables, figures and a page in one folder."""
+    from pymantaray.report import write_comparison
+
+    with progress_bars(quiet=quiet) as progress:
+        page = write_comparison(runs, out, formats=format_names(formats), progress=progress)
+    with printer(as_json=as_json, quiet=quiet, to=to) as printed:
+        _print_comparison(printed, page.parent, len(runs))
+        printed.paths(page=page)
+    if open_page:
+        _open(page)
+
+
+def _open(page: Path) -> None:
+    """Open a page in the browser; log a warning without a browser."""
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        LOG.warning("no browser to open %s", page)
+
+
+def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
+    """Print the time of each stage and the peak memory."""
+    seconds, memory = {**run.manifest["seconds"], **after}, run.manifest["peak_memory_mib"]
+    stages = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
+    workers = run.manifest["machine"]["workers"]
+    each = f", {memory['largest_worker']:.0f} MiB in each of {workers} workers" if workers > 1 else ""
+    out.line(
+        f"took {duration(sum(seconds.values()))} ({stages}) and at most {memory['main']:.0f} MiB of memory{each}",
+        seconds=seconds,
+        peak_memory_mib=memory,
+    )
+
+
+def _print_summary(out: Printer, run: "Run") -> None:
+    """Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped vehicles."""
+    study, hours, vehicles = run.config.study, run.config.mission.duration_h, run.truth.name.size
+    count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
+    water = "synthetic ocean" if run.synthetic else "ocean from files"
+    out.line(
+        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''}, {water}",
+        study=study.name,
+        duration_h=hours,
+        vehicles=vehicles,
+        realizations=study.realizations if run.config.solves else 0,
+        synthetic_ocean=run.synthetic,
+    )
+    for table in run.summary:
+        out.table(table)
+        if table.name == "dropouts":
+            _print_causes(out, table.frame, run.config.acoustics.cutoff_db)
+    apart = {name: max(values) for name, values in run.manifest.get("from_batch_m", {}).items()}
+    for name, distance in apart.items():
+        out.line(
+            f"{name}: GTSAM's positions differ from those of the batch solver by at most {distance:.2g} m"
+        )
+    out.add(from_batch_m=apart)
+    out.warn(_warnings(run))
+
+
+def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | None) -> None:
+    """Print the causes of lost ranges, most frequent first, and a remedy for weak ones."""
+    from pymantaray.evaluation import ALL_LINKS
+    from pymantaray.records.status import ARRIVES, RAY_STATUS_WORDS, RayStatus
+
+    lost = dropouts[dropouts["category"] == ALL_LINKS].to_dict("records")[0]
+    counts = {
+        words.label: lost[status.name.lower()]
+        for status, words in RAY_STATUS_WORDS.items()
+        if status not in ARRIVES and lost[status.name.lower()]
+    }
+    if counts:
+        causes = sorted(counts, key=lambda word: -counts[word])
+        listed = ", ".join(f"{counts[word]} {word}" for word in causes)
+        out.line(f"{lost['dropouts']} of {lost['attempts']} lost: {listed}")
+    weak = lost[RayStatus.WEAK.name.lower()]
+    if weak and cutoff_db is not None and cutoff_db < _WIDE_DB:
+        out.line(
+            f"{100.0 * weak / lost['attempts']:.2g} % too weak: spreading loss more than {cutoff_db:g} dB above spherical;"
+            f" `--cutoff-db {_WIDE_DB:g}` includes all within {_WIDE_DB:g} dB"
+        )
+
+
+def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
+    """Print the tables of a comparison; the columns of many runs have numbers instead of names."""
+    from pymantaray.apps.study.comparison_page import SUMMARY, read_comparison
+
+    tables = read_comparison(folder)
+    names = tables["configuration"].frame.columns[1:]
+    out.add(runs=names)
+    numbers = dict(zip(names, map(str, range(1, runs + 1)), strict=True)) if runs > _MAX_NAMED_RUNS else {}
+    for name, number in numbers.items():
+        out.line(f"{number}: {name}")
+    for name in SUMMARY:
+        if name == "configuration" and tables[name].frame.empty:
+            out.line("The configurations have the same values.\n")
+        elif name in tables:  # runs of ranges alone have no position errors
+            frame = tables[name].frame.rename(columns=numbers)
+            out.table(replace(tables[name], frame=frame))
+
+
+def _warnings(run: "Run") -> list[str]:
+    """Warnings about failed solves, stopped vehicles, incomplete searches and changes of trajectories on reading."""
+    from pymantaray.records.status import SOLVE_STATUS_WORDS, SolveStatus
+
+    outcome = run.manifest["outcome"]
+    lines = [
+        f"vehicle {name} stopped after {stop['time_s'] / 3600.0:.1f} h: {stop['status']}"
+        for name, stop in outcome["stopped_vehicles"].items()
+    ]
+    lines += run.manifest.get("fleet", {}).get("notes", [])
+    lines += run.arrivals.incomplete_note()
+    by_kind: dict[tuple[str, str], list[int]] = {}
+    for solve in outcome["unhealthy_solves"]:
+        by_kind.setdefault((solve["condition"], solve["status"]), []).append(solve["realization"])
+    for (condition, status), which in by_kind.items():
+        count = f"{len(which)} of {run.config.study.realizations} solves"
+        listed = ", ".join(map(str, which))
+        words = SOLVE_STATUS_WORDS.get(SolveStatus[status])
+        meaning = "" if words is None else f" ({words.meaning}; {words.advice})"
+        lines.append(f"condition {condition}: {count} {status}, realizations {listed}{meaning}")
+    return lines

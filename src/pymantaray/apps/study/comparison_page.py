@@ -1,0 +1,400 @@
+"""Comparison of two or more runs: differences of configurations, sound speed, range errors, dropouts and position errors."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.figure import Figure
+
+from pymantaray.apps.study.comparison_figures import quantiles_by_run
+from pymantaray.apps.study.figures.ocean import sound_speed_profiles
+from pymantaray.apps.study.figures.ranging import range_error_histogram
+from pymantaray.apps.study.figures.register import FigureSpec, RunResults, run_figure_specs, with_source
+from pymantaray.apps.study.figures.trajectory import ApePanel, pooled_ape
+from pymantaray.apps.study.page import SYNTHETIC_NOTE
+from pymantaray.apps.study.report import write_page
+from pymantaray.apps.study.store import TABLES as TABLES_FOLDER
+from pymantaray.apps.study.store import open_run
+from pymantaray.apps.study.tables import TABLES
+from pymantaray.arrays import Array
+from pymantaray.errors import ReportError
+from pymantaray.evaluation import ALL_LINKS
+from pymantaray.jobs.progress import Progress
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Explorer, Page, entries
+from pymantaray.pages.style import condition_label, shortened
+from pymantaray.pages.table_explorer import table_explorer
+from pymantaray.records.csv_text import read_csv
+from pymantaray.records.result_table import ResultTable
+
+SUMMARY = ("configuration", "range_drop_category_compare", "range_error", "range_error_split", "ate_pooled")
+"""Tables that `mantaray study compare` prints."""
+_NO_KEY = "–"  # of a configuration that has not the key
+_CAPTIONS = {
+    "configuration": "Differences of the configurations",
+    "range_drop_category_compare": "Ranging failure rate by link category [%]",
+    "range_error": "Signed range error, refracted minus straight",
+    "range_error_split": "Mean of the range error and of its parts, all links",
+    "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
+    "ping_error": TABLES["ping_error"].caption,
+    "region": "Regions",
+    "timing": TABLES["timing"].caption,
+    "noise": TABLES["noise"].caption,
+}
+_TABLES_OF_PAPER = {
+    "range_drop_category_compare": TABLES["dropouts"].paper,
+    **{name: TABLES[name].paper for name in ("region", "timing", "noise")},
+}
+_FIGURES_OF_PAPER = {
+    "ape_pooled": "Figure 7",
+    "ape_pooled_linear": "Figure 8",
+    "range_error": "Figure 6",
+    "sound_speed": "Figure 4",
+}
+_OF_EACH = ("ray_picture", "fleet_layout", "factor_graph")  # figures that show one run, of a few runs
+_ONE_QUANTITY = (
+    "range_drop_category_compare",
+    "range_error_split",
+)  # tables; rows of the others differ in theirs
+_MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
+_QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
+_STATISTICS = {
+    "ate_pooled": ("mean_m", "median_m", "rmse_m", "rmse_standard_error_m", "p25_m", "p75_m", "p95_m"),
+    "ping_error": (
+        "rmse_m",
+        "rmse_standard_error_m",
+        "median_m",
+        "from_straight_rmse_m",
+        "from_straight_rmse_standard_error_m",
+        "from_straight_median_m",
+        "bound_rmse_m",
+    ),
+}
+
+
+def write_comparison(
+    run_dirs: Sequence[str | Path],
+    out: str | Path | None = None,
+    *,
+    formats: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Path:
+    """
+    Write tables, figures and a page that compare runs.
+
+    Parameters
+    ----------
+    run_dirs : sequence of str or pathlib.Path
+        Folders of two or more runs.
+    out : str or pathlib.Path, optional
+        New or empty folder for the comparison. Default: a folder in ``runs`` with the date in its name.
+    formats : sequence of str
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+    progress : callable, optional
+        Called with ``"report"``, the number of finished parts and the total.
+
+    Returns
+    -------
+    pathlib.Path
+        The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and the additional formats).
+
+    Raises
+    ------
+    MantaRayError
+        If there are fewer than two folders, a folder is not a run, ``out`` is not empty, or a file cannot be written. No files
+        remain then.
+    """
+    if len(run_dirs) < 2:
+        raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
+    runs = by_name([RunResults(open_run(run_dir)) for run_dir in run_dirs])
+    tables, specs = comparison_tables(runs), comparison_figure_specs(runs)
+    return write_page(
+        out, "comparison", specs, lambda pictures, _: _page(runs, tables, pictures), {}, formats, progress
+    )
+
+
+def by_name(results: Sequence[RunResults]) -> dict[str, RunResults]:
+    """Runs by a unique name: the region, otherwise the study, otherwise the folder."""
+    regions, folders = [r.region for r in results], [r.run.path.name for r in results]
+    studies = [r.run.config.study.name for r in results]
+    numbered = [f"{study} ({i + 1})" for i, study in enumerate(studies)]
+    names = next(n for n in (regions, studies, folders, numbered) if len(set(n)) == len(n))
+    return dict(zip(names, results, strict=True))
+
+
+def comparison_tables(runs: Mapping[str, RunResults]) -> dict[str, ResultTable]:
+    """Tables with one column per run, by name in the order of the page."""
+
+    def of_all_links(table: str) -> dict[str, pd.DataFrame]:
+        return {name: r.tables[table].frame.query("category == @ALL_LINKS") for name, r in runs.items()}
+
+    dropouts = {f"{name} [%]": r.tables["dropouts"].frame.set_index("category") for name, r in runs.items()}
+    errors = of_all_links("range_error")
+    parts = {f"{name} [m]": t.set_index("part") for name, t in of_all_links("range_error_split").items()}
+    regions = {name: r.tables["region"].frame.set_index("property") for name, r in runs.items()}
+    frames = {
+        "configuration": _differences(runs),
+        "range_drop_category_compare": _side_by_side(
+            {name: t["percent"] for name, t in dropouts.items()}, "link category", last=ALL_LINKS
+        ),
+        "range_error": _side_by_side(
+            {name: t.drop(columns="category").iloc[0] for name, t in errors.items()}, "quantity"
+        ),
+        "range_error_split": _side_by_side({name: t["mean_m"] for name, t in parts.items()}, "part"),
+        **({name: _joint_errors(runs, name) for name in _STATISTICS} if _all_solved(runs) else {}),
+        "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
+        "timing": _settings(runs, "timing"),
+        "noise": _settings(runs, "noise"),
+    }
+    return _result_tables(frames)
+
+
+def read_comparison(folder: Path) -> dict[str, ResultTable]:
+    """Read the tables of a comparison, by name in the order of the page."""
+    files = {name: folder / TABLES_FOLDER / f"{name}.csv" for name in _CAPTIONS}
+    return _result_tables({name: read_csv(file) for name, file in files.items() if file.is_file()})
+
+
+def _result_tables(frames: Mapping[str, pd.DataFrame]) -> dict[str, ResultTable]:
+    return {
+        name: ResultTable(
+            name,
+            frames[name],
+            caption,
+            by_row=name not in _ONE_QUANTITY,
+            paper=_TABLES_OF_PAPER.get(name, ""),
+        )
+        for name, caption in _CAPTIONS.items()
+        if name in frames
+    }
+
+
+def _settings(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
+    """Values of settings with unit and meaning, one column per run."""
+    tables = {name: r.tables[table].frame.set_index("key") for name, r in runs.items()}
+    every = pd.concat(tables.values())
+    words = every[~every.index.duplicated()][["unit", "meaning"]]
+    table_of_runs = _side_by_side({name: t["value"] for name, t in tables.items()}, "key")
+    return table_of_runs.merge(words, left_on="key", right_index=True)
+
+
+def _differences(runs: Mapping[str, RunResults]) -> pd.DataFrame:
+    """Keys of the configuration with different values, without name and description; keys of ``[study]`` are last."""
+    settings = {
+        name: dict(entries(_by_names(r.run.config.model_dump(mode="json")))) for name, r in runs.items()
+    }
+    words = ("study / name", "study / description")
+    keys = dict.fromkeys(key for values in settings.values() for key in values if key not in words)
+    rows = [
+        [key.replace(" / ", "."), *(values.get(key, _NO_KEY) for values in settings.values())]
+        for key in sorted(keys, key=lambda key: key.startswith("study / "))
+    ]
+    return pd.DataFrame([row for row in rows if len(set(row[1:])) > 1], columns=["key", *runs])
+
+
+def _by_names(content: Any) -> Any:
+    """Configuration whose lists of tables, such as vehicles, are mappings by name or number."""
+    if isinstance(content, dict):
+        return {key: _by_names(value) for key, value in content.items()}
+    if isinstance(content, list) and content and all(isinstance(item, dict) for item in content):
+        return {str(item.get("name", i + 1)): _by_names(item) for i, item in enumerate(content)}
+    return content
+
+
+def _all_solved(runs: Mapping[str, RunResults]) -> bool:
+    """True if every run has estimates."""
+    return all(r.run.config.solves for r in runs.values())
+
+
+def _joint_errors(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
+    pooled = pd.concat(
+        {name: r.tables[table].frame.set_index("condition") for name, r in runs.items()},
+        axis=1,
+        sort=False,
+    )
+    return pd.DataFrame(
+        [
+            {"condition": c, "quantity": s, **{name: pooled.loc[c, (name, s)] for name in runs}}
+            for c in pooled.index
+            for s in _STATISTICS[table]
+        ]
+    )
+
+
+def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
+    """Figures of several runs: full distributions of a few runs, quantiles of more."""
+    runs = dict(zip(shortened(list(runs)), runs.values(), strict=True))
+    header, which = joint_header(runs), in_words(list(runs))
+    synthetic, few = any(r.synthetic for r in runs.values()), len(runs) <= _MAX_RUNS_BESIDE
+
+    def spec(name: str, caption: str, draw: Callable[[], Figure]) -> FigureSpec:
+        return FigureSpec(
+            name, with_source(caption, synthetic=synthetic), draw, _FIGURES_OF_PAPER[name] if few else ""
+        )
+
+    def ape(name: str, scale: str, *, log: bool) -> FigureSpec:
+        caption = f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid, quartiles dashed."
+        panels = [ApePanel(run, r.errors, log=log) for run, r in runs.items()]
+        return spec(name, caption, lambda: pooled_ape(panels, header))
+
+    position = (
+        [ape("ape_pooled", "logarithmic", log=True), ape("ape_pooled_linear", "linear", log=False)]
+        if few
+        else [
+            spec(
+                "ape_pooled",
+                f"Absolute position error by ranging condition in {which}: {_QUANTILES}.",
+                lambda: quantiles_by_run(
+                    _position_errors(runs), header, "Absolute position error [m]", log=True
+                ),
+            )
+        ]
+    )
+    ranges = (
+        spec(
+            "range_error",
+            f"Signed range error, refracted minus straight, in {which}: mean (orange), zero (dashed) and fitted normal"
+            " (black).",
+            lambda: range_error_histogram([(name, r.ranges.total) for name, r in runs.items()], header),
+        )
+        if few
+        else spec(
+            "range_error",
+            f"Signed range error, refracted minus straight, and its two parts in {which}: {_QUANTILES}.",
+            lambda: quantiles_by_run(_range_errors(runs), header, "Range error [m]", log=False),
+        )
+    )
+    return [
+        *(position if _all_solved(runs) else []),
+        ranges,
+        spec(
+            "sound_speed",
+            f"Sound speed against depth in {which}: mean of each level over the domain (line), least to greatest"
+            " (shaded).",
+            lambda: sound_speed_profiles(_profiles(runs), header),
+        ),
+        *(_of_each(runs) if few else []),
+    ]
+
+
+def _of_each(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
+    """Figures that show one run, for each run."""
+    specs = {
+        name: {p.name: p for p in run_figure_specs(r, of_mission=True) if p.name in _OF_EACH}
+        for name, r in runs.items()
+    }
+    parts = [p for p in run_figure_specs(next(iter(runs.values())), of_mission=True) if p.name == "pipeline"]
+    return parts + [
+        replace(of_run[figure], name=f"{figure}_{i}", caption=f"{name}. {of_run[figure].caption}")
+        for figure in _OF_EACH
+        for i, (name, of_run) in enumerate(specs.items(), 1)
+        if figure in of_run
+    ]
+
+
+def _position_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Array]]:
+    """Position errors by condition and run. [m]"""
+    conditions = dict.fromkeys(name for r in runs.values() for name in r.errors)
+    return {
+        condition_label(c): {name: r.errors.get(c, np.empty(0)) for name, r in runs.items()}
+        for c in conditions
+    }
+
+
+def _range_errors(runs: Mapping[str, RunResults]) -> dict[str, dict[str, Array]]:
+    """Range errors by part and run. [m]"""
+    return {
+        label: {name: getattr(r.ranges, part) for name, r in runs.items()}
+        for label, part in (
+            ("total", "total"),
+            ("reference speed", "reference_speed"),
+            ("bending", "bending"),
+        )
+    }
+
+
+def _profiles(runs: Mapping[str, RunResults]) -> list[tuple[str, xr.Dataset]]:
+    """Profiles of the runs; runs with equal profiles share one."""
+    groups: list[tuple[list[str], xr.Dataset]] = []
+    for name, r in runs.items():
+        same = next((names for names, profile in groups if profile.equals(r.run.profile)), None)
+        if same is None:
+            groups.append(([name], r.run.profile))
+        else:
+            same.append(name)
+    return [
+        (names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more", profile)
+        for names, profile in groups
+    ]
+
+
+def in_words(names: Sequence[str]) -> str:
+    """Names of a few runs, or the number of runs."""
+    if len(names) > _MAX_RUNS_BESIDE:
+        return f"{len(names)} runs"
+    return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), names[-1]])
+
+
+def joint_header(runs: Mapping[str, RunResults]) -> str:
+    """Header of figures with several oceans, which marks the synthetic ones."""
+    synthetic, which = (
+        [name for name in runs if runs[name].synthetic],
+        in_words(list(runs)),
+    )
+    if len(synthetic) == len(runs):
+        return f"{which}, synthetic oceans"
+    return f"{which}; synthetic ocean: {in_words(synthetic)}" if synthetic else which
+
+
+def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str = "") -> pd.DataFrame:
+    rows = list(dict.fromkeys(row for column in columns.values() for row in column.index))
+    rows.sort(key=lambda row: row == last)
+    table = pd.DataFrame({name: column.reindex(rows) for name, column in columns.items()})
+    table.insert(0, key, rows)
+    return table.reset_index(drop=True)
+
+
+def _page(
+    runs: Mapping[str, RunResults], tables: Mapping[str, ResultTable], pictures: Sequence[Picture]
+) -> Page:
+    synthetic = [name for name, r in runs.items() if r.synthetic]
+    differences, *others = tables.values()
+    return Page(
+        title=in_words(list(runs)),
+        facts=[
+            f"{name}: study {r.run.config.study.name}, {r.received:,} of {r.attempts:,} ranges received"
+            for name, r in runs.items()
+        ],
+        notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
+        first_tables=[differences],
+        explorer=_explorer(runs, differences.frame),
+        pictures=pictures,
+        tables=others,
+    )
+
+
+def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Explorer | None:
+    """
+    Interactive plot of the position errors of all runs over the differing keys of their configurations, by condition.
+
+    Keys that some runs lack are omitted. A key with a different value in every run is equivalent to the name of the run.
+    """
+    if not _all_solved(runs):
+        return None
+    keys = differences.set_index("key").T
+    keys = keys.loc[:, (keys != _NO_KEY).all()]
+    frames = [
+        r.tables["ate_pooled"].frame.assign(
+            run=name, **{str(key): value for key, value in keys.loc[name].items()}
+        )
+        for name, r in runs.items()
+    ]
+    groups = [key for key in keys.columns if keys[key].nunique() < len(runs)]
+    table = pd.concat(frames, ignore_index=True)
+    return table_explorer(
+        table, list(_STATISTICS["ate_pooled"]), ["run", *keys.columns], ["condition", "run", *groups]
+    )

@@ -1,0 +1,119 @@
+"""Construction of estimators, with their range models and uncertainties, from the conditions of a configuration."""
+
+from typing import Literal
+
+from pymantaray.apps.study.beliefs import Beliefs
+from pymantaray.apps.study.range_models import build_range_model
+from pymantaray.apps.study.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
+from pymantaray.apps.study.range_models.ray_uncertainty import RayUncertainty
+from pymantaray.apps.study.store import Run
+from pymantaray.apps.study.true_unknowns import true_amplitudes, true_clocks
+from pymantaray.config.estimators import (
+    AnyRangeModel,
+    ConditionSection,
+    ExactBelief,
+    FixedLagSolver,
+    GtsamSolver,
+)
+from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeModel
+from pymantaray.estimation.on_sphere import ALONG_CHORDS, OnSphere
+from pymantaray.geometry.sphere import EarthSphere
+from pymantaray.water.ocean import OceanFields
+
+
+class EstimatorFactory:
+    """
+    Builds the estimators of a run; parts that realizations share are built once.
+
+    ``ocean`` replaces the ocean of the run's configuration if it is in memory.
+    """
+
+    def __init__(self, run: Run, ocean: OceanFields | None = None) -> None:
+        self._run, self._beliefs = run, Beliefs(run, ocean)
+        self._models: dict[AnyRangeModel, RangeModel] = {}
+        self._realization = -1  # of the models
+
+    def estimator(self, section: ConditionSection, realization: int) -> Estimator:
+        """Estimator of one condition, for one realization."""
+        truth, start = self._run.truth, section.start or self._run.config.estimator.start
+        model = None
+        earth = self._earth(section)
+        if (
+            section.range_model.kind != "transmitter" or section.estimates_more or earth is not None
+        ):  # otherwise ranges are distances without correction
+            model = self._model(section, realization)
+        if earth is not None and isinstance(model, ALONG_CHORDS):
+            model = OnSphere(model, earth)
+        uncertainty = None
+        if section.uncertainty is not None and isinstance(model, EigenrayModel):
+            uncertainty = RayUncertainty(model, self._beliefs.covariance(*section.uncertainty))
+        # if all assumptions hold, the cost must be within its chi-square bounds
+        exact = section.range_model.kind == "eigenray" and isinstance(section.belief, ExactBelief)
+        return Estimator(
+            ranges=None if section.ranges == "none" else section.ranges,
+            links=section.links,
+            model=model,
+            uncertainty=uncertainty,
+            correlated=section.variance.kind == "correlated",
+            method=self._method(section),
+            initial=(truth.position, truth.quaternion) if start == "truth" else None,
+            model_is_right=section.variance.kind == "fixed"
+            and section.range_sigma is None
+            and (section.ranges != "refracted" or exact),
+            clocks=self._clocks(section),
+            scale_sigma=section.scale_sigma,
+            bias_sigma=section.bias_sigma,
+            range_sigma=section.range_sigma,
+            mean_of_directions=section.directions == "mean",
+            dead_reckoned=section.solver.kind == "dead-reckoning",
+        )
+
+    def _method(self, section: ConditionSection) -> Method:
+        """Solver and loss of a condition."""
+        solver = self._run.config.solver_of(section)
+        gtsam: Literal["converged", "default"] | None = None
+        if isinstance(solver, GtsamSolver):
+            gtsam = "converged" if solver.converged else "default"
+        return Method(
+            LOSSES.get(section.loss),
+            incremental=solver.kind == "incremental" or getattr(solver, "incremental", False),
+            lag=3600.0 * solver.lag_h if isinstance(solver, FixedLagSolver) else None,
+            kalman=solver.kind == "kalman-filter",
+            gtsam=gtsam,
+        )
+
+    def true_unknowns(self, section: ConditionSection, realization: int) -> dict[str, float]:
+        """True values of a condition's unknowns other than poses, by the names of `Unknowns`."""
+        run = self._run
+        out: dict[str, float] = {}
+        model = self._model(section, realization)
+        if isinstance(model, AdjustableEigenrays) and section.belief is not None:
+            believed = self._beliefs.believed(section.belief, realization)
+            out |= true_amplitudes(model, run.ocean, believed.local, run.truth)
+        if section.clocks is not None:
+            out |= true_clocks(run.config, run.truth.name.tolist(), realization)
+        return out
+
+    def _model(self, section: ConditionSection, realization: int) -> RangeModel:
+        """Range model of a condition; conditions of one realization with the same model share it."""
+        if realization != self._realization:
+            self._models, self._realization = {}, realization
+        if section.range_model not in self._models:
+            self._models[section.range_model] = build_range_model(
+                section.range_model, self._beliefs, realization
+            )
+        return self._models[section.range_model]
+
+    def _earth(self, section: ConditionSection) -> EarthSphere | None:
+        """Sphere on which an estimator measures distances; None in a flat frame and without ranges."""
+        if self._run.config.acoustics.earth != "sphere" or section.ranges == "none":
+            return None
+        return EarthSphere.at_latitude(float(self._run.ocean.attrs["centre_latitude_deg"]))
+
+    def _clocks(self, section: ConditionSection) -> ClockPrior | None:
+        if section.clocks is None:
+            return None
+        ranging, noise = self._run.config.ranging, self._run.config.noise
+        offset, skew = section.clocks.priors(noise.clock_offset_sigma, noise.clock_skew_sigma)
+        return ClockPrior(offset, skew, None if ranging.timing == "one-way" else ranging.turn_around_s)

@@ -1,0 +1,215 @@
+"""Export of a run to the formats of other programs."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
+from pymantaray.apps.study.store import Run, open_run
+from pymantaray.errors import ExchangeError, StudyError, WriteError
+from pymantaray.estimation import CONDITIONS, GraphValues
+from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
+from pymantaray.estimation.pyfg import warn_of_depths
+from pymantaray.exchange.centre import write_sidecar
+from pymantaray.exchange.cf import write_cf
+from pymantaray.exchange.kitti import write_kitti
+from pymantaray.exchange.recording import FleetPoses, Recording
+from pymantaray.exchange.rerun import write_rrd
+from pymantaray.exchange.rosbag import write_bag
+from pymantaray.exchange.tum import write_tum
+from pymantaray.jobs.folder import staged_folder
+from pymantaray.records import whole_file
+from pymantaray.records.csv_text import csv_text
+
+_SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
+
+
+class Format(NamedTuple):
+    """Writer of a realization; true if it writes a folder of files."""
+
+    write: Callable[[Run, int, Path], None]
+    folder: bool = True
+    sidecar: bool = False
+    """True if ``frame.json`` beside the files gives the frame's centre, because the format cannot."""
+
+
+def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: int = 0) -> Path:
+    """
+    Write one realization of a run in another program's format, atomically.
+
+    Parameters
+    ----------
+    run : Run, str or pathlib.Path
+    to : str
+        Key of `FORMATS`.
+    out : str or pathlib.Path
+        A new or empty folder; for ``rrd`` and ``mcap`` a file that does not exist.
+    realization : int
+        Index of the realization, from 0.
+
+    Returns
+    -------
+    pathlib.Path
+        The folder or file.
+
+    Raises
+    ------
+    ExchangeError
+        If the format does not exist, the run has no data for it, or its library is not installed.
+    StudyError
+        If the folder is not a run or does not have this realization.
+    JobError
+        If the folder for the results is not empty or in use.
+    WriteError
+        If the file exists or cannot be written.
+    """
+    if to not in FORMATS:
+        raise ExchangeError(f"export: unknown format {to!r}; allowed: {', '.join(FORMATS)}")
+    run = run if isinstance(run, Run) else open_run(run)
+    count, form = run.config.study.realizations, FORMATS[to]
+    if not 0 <= realization < count:
+        raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
+    if form.folder:
+        with staged_folder(out) as (stage, folder):
+            try:
+                form.write(run, realization, stage)
+                if form.sidecar:
+                    write_sidecar(stage, run.truth.centre)
+            except OSError as error:
+                raise WriteError(f"{folder}: cannot be written: {error.strerror or error}") from None
+        return folder
+    with whole_file(out, replace=False) as temporary:
+        form.write(run, realization, temporary)
+    return Path(out)
+
+
+def record(run: Run, realization: int) -> Recording:
+    """Data of one realization for other programs."""
+    e = run.estimates
+    estimates = {
+        condition: FleetPoses(position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
+        for condition, position, quaternion in zip(
+            e.condition.tolist(),
+            e.position[:, realization],
+            e.quaternion[:, realization].astype(float),  # stored with seven digits
+            strict=True,
+        )
+        if np.isfinite(position).all()
+    }
+    name = f"{run.config.study.name}-{realization}"
+    noisy = run.noisy_measurements(realization)
+    return Recording(name, run.truth, estimates, noisy, run.measurements.landmark_position)
+
+
+def _tum(run: Run, realization: int, folder: Path) -> None:
+    for p in record(run, realization).poses:
+        file, time = folder / f"{p.condition}-{p.vehicle}.tum", run.truth.time[p.samples]
+        write_tum(file, time, p.position, p.quaternion, centre=run.truth.centre)
+
+
+def _kitti(run: Run, realization: int, folder: Path) -> None:
+    for p in record(run, realization).poses:
+        write_kitti(folder / f"{p.condition}-{p.vehicle}.txt", p.position, p.quaternion)
+        np.savetxt(folder / f"times-{p.vehicle}.txt", run.truth.time[p.samples], fmt="%.17g")
+
+
+def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
+    """Data frames of a realization, with units in the names of columns."""
+    errors = run.errors()
+    frames = {
+        "trajectories": run.trajectories(realization),
+        "ranges": run.ranges(realization),
+        "errors": errors[errors["realization"] == realization].drop(columns="realization"),
+    }
+    for frame in frames.values():
+        units = frame.attrs.pop("units")
+        frame.columns = pd.Index([
+            f"{name}_{_SUFFIXES[units[name]]}" if units.get(name) in _SUFFIXES else name for name in frame
+        ])  # fmt: skip
+    return frames
+
+
+def _cf(run: Run, realization: int, folder: Path) -> None:
+    write_cf(record(run, realization), folder)
+
+
+def _csv(run: Run, realization: int, folder: Path) -> None:
+    for name, frame in _tables(run, realization).items():
+        (folder / f"{name}.csv").write_text(csv_text(frame), encoding="utf-8")
+
+
+def _parquet(run: Run, realization: int, folder: Path) -> None:
+    for name, frame in _tables(run, realization).items():
+        try:
+            frame.to_parquet(folder / f"{name}.parquet", engine="pyarrow", index=False)
+        except ImportError:
+            raise ExchangeError(
+                'parquet needs the extra parquet; pip install "pymantaray[parquet]"'
+            ) from None
+
+
+def _pyfg(run: Run, realization: int, folder: Path) -> None:
+    _check_ranges(run)
+    for name, graph in noisy_graphs(run, run.noisy_measurements(realization)).items():
+        warn_of_depths(graph, f"{name}.pyfg")
+    write_graphs(run, realization, folder)
+
+
+def _g2o(run: Run, realization: int, folder: Path) -> None:
+    """Poses and edges at the estimates; the format has nothing else."""
+    _check_ranges(run)
+    recording = record(run, realization)
+    graphs = noisy_graphs(run, recording.measurements)
+    solved = {name: poses for name, poses in recording.estimates.items() if name in graphs}
+    if not solved:
+        raise ExchangeError(
+            f"{run.path}: every solve of realization {realization} with ranges failed; select another realization"
+        )
+    for name, (position, quaternion) in solved.items():
+        values = GraphValues(
+            position=position.reshape(-1, 3),
+            quaternion=quaternion.reshape(-1, 4),
+            landmark_position=recording.measurements.landmark_position,
+        )
+        write_g2o(graphs[name], folder / f"{name}.g2o", initial=values, leave_out=LEFT_OUT)
+
+
+def _check_ranges(run: Run) -> None:
+    ranging = [name for name, condition in CONDITIONS.items() if condition.ranges is not None]
+    if not set(ranging) & {c.name for c in run.config.conditions}:
+        raise ExchangeError(
+            f"{run.path}: no condition of the study has ranges; a graph needs one of {', '.join(ranging)}"
+        )
+
+
+def _rrd(run: Run, realization: int, file: Path) -> None:
+    write_rrd(record(run, realization), file)
+
+
+def _bag(run: Run, realization: int, folder: Path) -> None:
+    write_bag(record(run, realization), folder)
+
+
+def _mcap(run: Run, realization: int, file: Path) -> None:
+    with TemporaryDirectory(dir=file.parent) as folder:
+        write_bag(record(run, realization), Path(folder), mcap=True)
+        shutil.move(next(Path(folder).glob("*.mcap")), file)
+
+
+FORMATS = {
+    "tum": Format(_tum),
+    "kitti": Format(_kitti, sidecar=True),
+    "cf": Format(_cf),
+    "csv": Format(_csv, sidecar=True),
+    "parquet": Format(_parquet, sidecar=True),
+    "g2o": Format(_g2o, sidecar=True),
+    "pyfg": Format(_pyfg, sidecar=True),
+    "rrd": Format(_rrd, folder=False),
+    "mcap": Format(_mcap, folder=False),
+    "bag": Format(_bag),
+}

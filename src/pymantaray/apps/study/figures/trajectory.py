@@ -1,0 +1,234 @@
+"""Effect of refraction on estimated positions: errors pooled by condition, and over time by vehicle."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullLocator
+from numpy.typing import NDArray
+
+from pymantaray.apps.study.figures.register import RunResults, register
+from pymantaray.arrays import Array
+from pymantaray.pages import style
+
+_LOG_BINS, _LINEAR_BINS = 100, 60
+_ROOF = 0.78  # share of a row's height for the distribution; text is above it
+_AXIS_RATIO = 3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
+_SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
+
+
+@dataclass(frozen=True, eq=False)
+class ApePanel:
+    """One column of `pooled_ape`."""
+
+    title: str
+    errors: Mapping[str, Array]
+    log: bool
+
+
+def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
+    """Errors of all conditions, or of the study's conditions if there are too many estimators for one panel."""
+    conditions = {c.name for c in results.run.config.conditions if c.standard}
+    if len(results.errors) - len(conditions) <= style.DISTINCT:
+        return results.errors
+    return {name: errors for name, errors in results.errors.items() if name in conditions}
+
+
+def _caption_over_time(results: RunResults) -> str:
+    shown = _shown_over_time(results)
+    shaded = ", quartiles shaded" if len(shown) <= style.HEADER_LINE else ""
+    others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
+    fixes = "; GNSS fixes are marked at the bottom" if results.fixes.any() else ""
+    return (
+        f"Position error of each vehicle over time: median of {results.realizations}{shaded}{others}{fixes}."
+    )
+
+
+@style.styled
+def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
+    """Distribution of the translational error, all vehicles, times and realizations pooled."""
+    conditions = list(dict.fromkeys(name for panel in panels for name in panel.errors))
+    rows = max(len(conditions), 1)
+    figure = style.new_figure(style.DOUBLE, 0.85 + 0.72 * rows, header)
+    grid = figure.subplots(rows, len(panels), squeeze=False, sharex="col")
+    pooled = [
+        {name: values[np.isfinite(values)] for name, values in panel.errors.items()} for panel in panels
+    ]
+    edges = {
+        log: _ape_edges([p for p, panel in zip(pooled, panels, strict=True) if panel.log == log], log=log)
+        for log in {panel.log for panel in panels}
+    }
+    looks = style.condition_looks(conditions)
+    for c, (panel, values) in enumerate(zip(panels, pooled, strict=True)):
+        style.panel_title(grid[0, c], style.letter(c), style.plain(style.short(panel.title)))
+        grid[-1, c].set_xlabel("Absolute position error [m]")
+        for axes, name in zip(grid[:, c], conditions, strict=False):
+            _ridge(
+                axes, values.get(name, np.empty(0)), edges[panel.log], (name, looks[name][0]), log=panel.log
+            )
+    figure.supylabel("Share of poses in a bin [%]")
+    mean = style.entry("mean", color=style.INK, linewidth=1.2)
+    style.common_legend(
+        figure, [mean, style.entry("quartiles", color=style.INK, linewidth=0.8, linestyle="--")]
+    )
+    return figure
+
+
+@style.styled
+def error_over_time(
+    time: Array,
+    names: Sequence[str],
+    errors: Mapping[str, Array],
+    fixes: NDArray[np.bool_],
+    header: str,
+) -> Figure:
+    """Position error of every vehicle over time: median over the realizations, with shaded quartiles for few conditions."""
+    columns = min(3, max(len(names), 1))
+    rows = max(-(-len(names) // columns), 1)
+    lines = style.legend_lines(len(errors) + bool(fixes.any()))
+    legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
+    width, height = style.DOUBLE, 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
+    figure = style.new_figure(width, height, header, layout=None)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    figure.subplots_adjust(
+        left=0.55 / width,
+        right=1.0 - 0.18 / width,
+        bottom=(0.45 + legend) / height,
+        top=1.0 - 0.42 / height,
+        wspace=0.15,
+        hspace=0.38,
+    )
+    hours = time / 3600.0
+    looks = style.condition_looks(list(errors))
+    _set_shared_axes(grid[0, 0], hours)
+    for axes in grid.flat:
+        axes.set_autoscaley_on(False)  # until all lines are there
+    for name, values in errors.items():
+        whole = values[np.isfinite(values).all(axis=(1, 2))]
+        if not len(whole):
+            continue
+        low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _SMALLEST_ERROR)
+        for i, axes in enumerate(grid.flat[: len(names)]):
+            if len(errors) <= style.HEADER_LINE:
+                axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
+            axes.plot(
+                hours, middle[i], color=looks[name][0], linewidth=0.9, linestyle=style.condition_line(name)
+            )
+    for i, axes in enumerate(grid.flat):
+        if i >= len(names):
+            axes.set_visible(False)
+            continue
+        axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
+        marks = np.repeat(hours[fixes[i]], 3), np.tile([0.0, 0.045, np.nan], int(fixes[i].sum()))
+        look: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "solid_capstyle": "butt"}
+        axes.plot(*marks, color=style.SKY, linewidth=0.6, **look)  # one line, since each costs as much as all
+        if i + columns >= len(names):
+            axes.tick_params(labelbottom=True)
+    for axes in grid.flat:
+        axes.set_autoscaley_on(True)
+    figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")
+    figure.supylabel("Position error [m]", x=0.06 / width, ha="left")
+    handles = [
+        style.entry(
+            style.plain(style.condition_label(name)),
+            color=looks[name][0],
+            linestyle=style.condition_line(name),
+        )
+        for name in errors
+    ]
+    if fixes.any():
+        handles.append(style.entry("GNSS fix", color=style.SKY, linewidth=2.5))
+    style.common_legend(figure, handles)
+    return figure
+
+
+def _set_shared_axes(axes: Axes, hours: Array) -> None:
+    """Set scales and limits that all panels share, because each change takes the time of all panels."""
+    axes.set_yscale("log")
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_xlim(hours[0], hours[-1])
+    axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+
+
+def draw_error_distribution(axes: Axes, errors: Mapping[str, Array], condition: str, *, log: bool) -> None:
+    """Draw the distribution of the position errors of a condition, with mean and quartiles, on the common axis of all conditions."""
+    finite = {name: values[np.isfinite(values)] for name, values in errors.items()}
+    colour = style.condition_looks(list(errors))[condition][0]
+    _ridge(axes, finite[condition], _ape_edges([finite], log=log), (condition, colour), log=log)
+    axes.set_xlabel("Absolute position error [m]")
+    axes.set_ylabel("Share of poses in a bin [%]")
+
+
+def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
+    """
+    Common edges of bins for all panels of one scale.
+
+    A linear axis shows nearly all poses of the conditions other than odometry, but does not extend far beyond most of them.
+    """
+    drawn = [(name, values) for pool in pools for name, values in pool.items() if values.size]
+    if not drawn:
+        return np.geomspace(0.1, 10.0, 3) if log else np.linspace(0.0, 1.0, 3)
+    if log:
+        low = max(min(float(values.min()) for _, values in drawn), _SMALLEST_ERROR)
+        high = max(max(float(values.max()) for _, values in drawn), 2.0 * low)
+        return np.geomspace(0.999 * low, 1.001 * high, _LOG_BINS + 1)
+    solved = [values for name, values in drawn if name != "odometry"] or [values for _, values in drawn]
+    each = [float(np.percentile(values, 99.9)) for values in solved]
+    reach = min(max(each), _AXIS_RATIO * float(np.median(each)))
+    return np.linspace(0.0, max(1.05 * reach, _SMALLEST_ERROR), _LINEAR_BINS + 1)
+
+
+def _ridge(axes: Axes, values: Array, edges: Array, condition: tuple[str, str], *, log: bool) -> None:
+    """Draw the distribution of one condition; ``condition`` is its name and colour."""
+    name, colour = condition
+    label = style.plain(style.condition_label(name))
+    axes.grid(visible=False, axis="y")
+    axes.locator_params(axis="y", nbins=3)
+    if log:
+        axes.set_xscale("log")
+    axes.set_xlim(edges[0], edges[-1])
+    place: dict[str, Any] = {"transform": axes.transAxes, "va": "top", "path_effects": style.halo()}
+    axes.text(0.015, 0.98, label, color=colour, fontweight="bold", **place)
+    if not values.size:
+        style.note(axes, "no usable solve")
+        return
+    share = 100.0 * np.histogram(np.maximum(values, edges[0]), edges)[0] / values.size
+    axes.stairs(share, edges, fill=True, color=colour, alpha=0.35, linewidth=0.0)
+    axes.stairs(share, edges, color=colour, linewidth=0.8)
+    mean = float(values.mean())
+    axes.axvline(mean, ymax=_ROOF, color=style.INK, linewidth=1.2)
+    for quartile in np.percentile(values, [25.0, 75.0]):
+        axes.axvline(quartile, ymax=_ROOF, color=style.INK, linewidth=0.8, linestyle=(0, (4, 2)))
+    beyond = 100.0 * float(np.mean(values > edges[-1]))
+    left_out = f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
+    axes.text(
+        0.985, 0.98, f"mean {f'{mean:#.3g}'.rstrip('.')} m{left_out}", color=style.GREY, ha="right", **place
+    )
+    axes.set_ylim(0.0, max(float(share.max()), 1e-6) / (_ROOF - 0.04))
+
+
+register(
+    "ape_pooled",
+    place=30,
+    paper="Figures 7 and 8",
+    caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
+    " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which shows nearly all errors"
+    " of the conditions other than odometry.",
+    draw=lambda r: pooled_ape(
+        [ApePanel("logarithmic scale", r.errors, log=True), ApePanel("linear scale", r.errors, log=False)],
+        r.header,
+    ),
+    needs=lambda r: r.run.config.solves,
+)
+register(
+    "error_over_time",
+    place=40,
+    caption=_caption_over_time,
+    draw=lambda r: error_over_time(
+        r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
+    ),
+    needs=lambda r: r.run.config.solves,
+)

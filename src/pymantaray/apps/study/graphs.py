@@ -1,0 +1,31 @@
+"""Noisy factor graphs of a realization, and their PyFG files."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph
+from pymantaray.estimation.pyfg import write_pyfgs
+from pymantaray.records import Measurements
+
+if TYPE_CHECKING:
+    from pymantaray.apps.study.store import Run
+
+
+def noisy_graphs(run: "Run", noisy: Measurements) -> dict[str, FactorGraph]:
+    """Graphs of a run's standard conditions that have ranges."""
+    conditions = {c.name: CONDITIONS[c.name] for c in run.config.conditions if c.standard}
+    return {
+        name: build_graph(noisy, c.ranges, c.links) for name, c in conditions.items() if c.ranges is not None
+    }
+
+
+def write_graphs(run: "Run", realization: int, folder: Path, before: str = "") -> None:
+    """Write a realization's graphs as PyFG text with the true poses as values; file names begin with ``before``."""
+    noisy = run.noisy_measurements(realization)
+    truth = GraphValues(
+        position=run.truth.position.reshape(-1, 3),
+        quaternion=run.truth.quaternion.reshape(-1, 4),
+        landmark_position=noisy.landmark_position,
+    )
+    graphs = noisy_graphs(run, noisy).items()
+    write_pyfgs({folder / f"{before}{name}.pyfg": graph for name, graph in graphs}, initial=truth)

@@ -1,0 +1,128 @@
+"""Provenance of a run: versions, seeds, checksums, timings, memory, platform."""
+
+import datetime as dt
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Hashable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import pymantaray
+from pymantaray.apps.study.references import Citations
+from pymantaray.apps.study.tracks import centre_note, read_fleet
+from pymantaray.config.sections import StudyConfig
+from pymantaray.installation import peak_memory_mib, versions
+from pymantaray.jobs.keys import sha256
+from pymantaray.messages import without_secrets
+
+FORMAT = 4
+"""Format of run folders."""
+
+
+class Stopwatch:
+    """Wall-clock seconds of named stages in the order of their start, and the time at which the first began."""
+
+    def __init__(self) -> None:
+        self.began = dt.datetime.now(dt.UTC)
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time a block."""
+        start = perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
+
+
+def checksums(config: StudyConfig) -> dict[str, str]:
+    """SHA-256 of every input file of a study, by file name."""
+    return {file: sha256(Path(file)) for file in config.files}
+
+
+def describe_run(
+    config: StudyConfig,
+    inputs: dict[str, str],
+    watch: Stopwatch,
+    *,
+    references: Citations,
+    ocean: Mapping[Hashable, Any],
+    workers: int,
+    worker_memory_mib: float,
+) -> dict[str, Any]:
+    """Content of a manifest: everything that results depend on, and their cost; ``ocean`` has the local ocean's attributes."""
+    return {
+        "format": FORMAT,
+        "study": config.study.name,
+        "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
+        "ocean": {
+            "source": [without_secrets(source) for source in config.ocean.source],
+            "synthetic": bool(ocean["synthetic"]),
+            "time_varying": config.ocean.time_varying,
+            "sha256": inputs,
+        },
+        **({"fleet": _own_fleet(config, ocean)} if config.fleet.trajectories else {}),
+        "random": {
+            "seed": config.study.seed,
+            "realizations": config.study.realizations,
+            "generator": "PCG64, one stream a realization, vehicle and sensor, by name",
+        },
+        "versions": {
+            "pymantaray": pymantaray.__version__,
+            "git_commit": git_commit(),
+            **versions(),
+        },
+        "machine": {
+            "platform": platform.platform(),
+            "processor": platform.machine(),
+            "cores": os.cpu_count(),
+            "workers": workers,
+        },
+        "references": [str(reference) for reference in references],
+        "seconds": {name: round(value, 3) for name, value in watch.seconds.items()},
+        "peak_memory_mib": {"main": peak_memory_mib(), "largest_worker": worker_memory_mib},
+    }
+
+
+def _command() -> str | None:
+    """Command line if this process is `mantaray`; None for a script or a notebook."""
+    return (
+        shlex.join(["mantaray", *map(without_secrets, sys.argv[1:])])
+        if Path(sys.argv[0]).stem == "mantaray"
+        else None
+    )
+
+
+def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, Any]:
+    """Source of a fleet's trajectories, their start, and changes or assumptions made on reading."""
+    tracks = read_fleet(config.fleet)
+    note = centre_note(config, ocean, tracks)
+    return {
+        "trajectories": list(config.fleet.trajectories),
+        "start": None if tracks.start is None else str(tracks.start),
+        "notes": [*tracks.notes, *([note] if note else [])],
+    }
+
+
+def git_commit() -> str | None:
+    """Commit of the package's checkout, ``-dirty`` if files differ from it; None without checkout or git."""
+    root = Path(__file__).resolve().parents[3]
+    if not (root / ".git").exists():
+        return None
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

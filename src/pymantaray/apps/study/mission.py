@@ -1,0 +1,337 @@
+"""Mission without noise: ocean, fleet, rays and measurements, each a timed stage."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium, ray_picture, select
+from pymantaray.apps.study.assemble import (
+    altitude,
+    build_schedule,
+    gnss_depth,
+)
+from pymantaray.apps.study.manifest import Stopwatch
+from pymantaray.apps.study.tracks import read_fleet, sample_tracks
+from pymantaray.config.sections import StudyConfig
+from pymantaray.errors import MantaRayError, StudyError
+from pymantaray.exchange import Tracks
+from pymantaray.exchange.tracks import with_times
+from pymantaray.fleet import simulate
+from pymantaray.geometry.sphere import flat_earth_note
+from pymantaray.jobs.progress import CountProgress, Progress
+from pymantaray.ocean.internal_tide import displaced, has_internal_tide
+from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
+from pymantaray.sensing import (
+    Candidates,
+    Hearing,
+    Links,
+    Ranging,
+    RangingDraws,
+    Schedule,
+    assemble,
+    find_candidates,
+    measure_ranges,
+)
+from pymantaray.sensing.transmission import EarlierLinks
+from pymantaray.water.ocean import OceanFields, build_currents, build_medium, mission_start
+from pymantaray.water.water import build_reception, mission_ocean
+
+if TYPE_CHECKING:
+    from pymantaray.apps.study.store import Run
+
+LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """Data that all realizations of a study share."""
+
+    ocean: OceanFields
+    truth: Trajectories
+    links: Links
+    arrivals: Arrivals
+    measurements: Measurements
+    ranging_truth: RangingTruth
+    hearing: Hearing | None
+    """Detection probability of each attempt; None if every arrival is detected."""
+    picture: xr.Dataset | None = None
+    """Section through the water along one link, with its rays; None if no link has a ray."""
+    candidates: Candidates | None = None
+    """Arrivals that each attempt may mistake for the direct one; None if no receiver makes mistakes."""
+    draws: RangingDraws | None = None
+    """Ranges of every realization, if each has its own ice; the other data are then those of the first."""
+
+
+def simulate_mission(
+    config: StudyConfig,
+    watch: Stopwatch,
+    progress: Progress,
+    *,
+    tracks: Tracks | None = None,
+    schedule: Schedule | None = None,
+    data: xr.Dataset | None = None,
+) -> Mission:
+    """
+    Run a mission up to its measurements without noise; the stopwatch records the duration of each stage.
+
+    ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the configuration if they are in memory.
+    """
+    _check_participants(config, tracks, schedule)
+    progress("ocean", 0, 1)
+    with watch.stage("ocean"):
+        ocean = mission_ocean(config, data)
+    progress("ocean", 1, 1)
+
+    progress("fleet", 0, 1)
+    with watch.stage("fleet"):
+        truth = simulate_fleet(config, ocean, tracks=tracks, schedule=schedule)
+    progress("fleet", 1, 1)
+
+    progress("rays", 0, 1)
+    with watch.stage("medium"):
+        medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
+    with watch.stage("rays"):
+        count = ice_draws(config)
+        ranging = range_fleet(
+            config,
+            ocean,
+            medium,
+            truth,
+            lambda done, total: progress("rays", done, count * max(total, 1)),
+            schedule=schedule,
+        )
+        mission = assemble_mission(config, ocean, truth, ranging)
+        draws = range_draws(
+            config,
+            ocean,
+            (medium, truth, ranging),
+            lambda done, total: progress("rays", done, max(total, 1)),
+            schedule=schedule,
+        )
+        mission = replace(mission, draws=draws)
+    if note := earth_note(config, mission.truth, mission.ranging_truth):
+        LOG.warning(note)
+    with watch.stage("picture"):
+        mission = replace(mission, picture=mission_picture(config, mission, medium))
+    if not ranging.status.size:  # no pair
+        progress("rays", 1, 1)
+    return mission
+
+
+def earth_note(config: StudyConfig, truth: Trajectories, ranging: RangingTruth) -> str | None:
+    """Sentence about the error of a flat Earth; None if it is small or the study's Earth is a sphere."""
+    if config.acoustics.earth != "flat":
+        return None
+    farthest = np.hypot(truth.position[..., 0], truth.position[..., 1])
+    return flat_earth_note(_largest(ranging.distance), _largest(farthest))
+
+
+def _largest(lengths: NDArray[np.float64]) -> float:
+    """Largest of some lengths that is known, zero without one. [m]"""
+    return float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
+
+
+def _check_participants(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
+    """Raise an error for ranges without a pair, and for a schedule with unknown names, before the simulation."""
+    fleet, landmarks = config.fleet, [mark.name for mark in config.landmarks]
+    names = (tracks or read_fleet(fleet)).names if fleet.trajectories else [v.name for v in fleet.vehicles]
+    if not config.conditions and len(names) + len(landmarks) < 2:
+        raise StudyError(
+            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the trajectory of another vehicle, or a"
+            " landmark: [[landmarks]] with name, north, east and depth"
+        )
+    if schedule is not None or config.mission.schedule is not None:
+        (schedule or build_schedule(config)).check_names(names, landmarks)
+
+
+def simulate_fleet(
+    config: StudyConfig, ocean: OceanFields, *, tracks: Tracks | None = None, schedule: Schedule | None = None
+) -> Trajectories:
+    """Trajectories of the vehicles of a mission, with additional samples at every ping."""
+    mission, duration = config.mission, config.mission.duration_h * 3600.0
+    if config.fleet.trajectories:
+        pings = (schedule or build_schedule(config)).times(duration)
+        own = tracks or read_fleet(config.fleet)
+        return sample_tracks(own, duration, mission.sampling_period_s, pings, ocean.local)
+    start = None if config.ocean.time is None else mission_start(config.ocean)
+    truth = simulate(
+        config.fleet.build(),
+        ocean.drift,
+        duration=duration,
+        physics_step=mission.physics_step_s,
+        sampling_period=mission.sampling_period_s,
+        start=start,
+    )
+    if mission.schedule is None:
+        return truth
+    return with_times(truth, build_schedule(config).times(duration))
+
+
+def range_fleet(
+    config: StudyConfig,
+    ocean: OceanFields,
+    medium: Medium | Callable[[float], Medium],
+    truth: Trajectories,
+    progress: CountProgress | None = None,
+    *,
+    schedule: Schedule | None = None,
+    solved: EarlierLinks | None = None,
+) -> Ranging:
+    """Ranges of a mission without noise, with all of its rays; ``solved`` remembers links of earlier missions."""
+    return measure_ranges(
+        truth,
+        [mark.build() for mark in config.landmarks],
+        medium,
+        schedule or build_schedule(config),
+        build_reception(config, ocean)._replace(solved=solved),
+        currents=build_currents(ocean) if config.acoustics.currents else None,
+        timing=config.ranging.build_timing(),
+        progress=progress,
+    )
+
+
+def ice_draws(config: StudyConfig) -> int:
+    """Number of different draws of rough ice in the realizations of a study."""
+    return config.study.realizations if config.ocean.ice_draw == "each" else 1
+
+
+def range_draws(
+    config: StudyConfig,
+    ocean: OceanFields,
+    first: tuple[Medium | Callable[[float], Medium], Trajectories, Ranging],
+    progress: CountProgress | None = None,
+    *,
+    schedule: Schedule | None = None,
+) -> RangingDraws | None:
+    """Ranges of every realization under its own ice, from medium, trajectories and ranges of the first; None if all have the same ice."""
+    if config.ocean.ice_draw != "each":
+        return None
+    medium, truth, ranging = first
+    count, rangings = ice_draws(config), [ranging]
+    for draw in range(1, count):
+
+        def tell(done: int, total: int, draw: int = draw) -> None:
+            if progress is not None:
+                progress(draw * total + done, count * total)
+
+        rangings.append(range_fleet(config, ocean, _under_draw(medium, draw), truth, tell, schedule=schedule))
+    return RangingDraws.of(rangings)
+
+
+def _under_draw(medium: Medium | Callable[[float], Medium], draw: int) -> Medium | Callable[[float], Medium]:
+    """Medium, or a function that returns it, with another draw of its rough ice."""
+    if callable(medium):
+        return lambda time: _of_draw(medium(time), draw)
+    return _of_draw(medium, draw)
+
+
+def _of_draw(medium: Medium, draw: int) -> Medium:
+    roughness = medium.surface.roughness
+    assert roughness is not None
+    return replace(medium, surface=medium.surface.with_roughness(roughness.with_draw(draw)))
+
+
+def assemble_mission(
+    config: StudyConfig, ocean: OceanFields, truth: Trajectories, ranging: Ranging
+) -> Mission:
+    """Data that all realizations of a study share, built from its ranges, without the ray picture."""
+    noise = config.noise.model
+    picker = config.ranging.build_picker(config.build_sonar())
+    return Mission(
+        ocean=ocean,
+        truth=truth,
+        links=ranging.links,
+        arrivals=ranging.arrivals,
+        measurements=assemble(
+            truth,
+            [mark.build() for mark in config.landmarks],
+            ranging,
+            noise,
+            gnss_depth=gnss_depth(config.mission.gnss_depth, ocean, truth),
+            altitude=altitude(ocean, truth),
+        ),
+        ranging_truth=ranging.truth,
+        hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
+        candidates=None
+        if picker is None
+        else find_candidates(ranging, truth, picker, timing=config.ranging.build_timing()),
+    )
+
+
+def mission_picture(
+    config: StudyConfig, mission: Mission, medium: Medium | Callable[[float], Medium]
+) -> xr.Dataset | None:
+    """Picture of the most bent link of a mission."""
+    return picture_of_most_bent_link(
+        medium,
+        mission.truth,
+        mission.links,
+        mission.arrivals,
+        spreading_cutoff_db=config.acoustics.cutoff_db,
+    )
+
+
+def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
+    """
+    Medium of a finished run as a function of the time since its start [s].
+
+    A run stores the ocean at the start only, so an ocean that varies is read again from its files. None if these are missing or
+    have changed.
+    """
+    config, at_start = run.config, run.ocean
+    search = config.acoustics
+    medium_of = partial(Medium.from_dataset, interpolation=search.interpolation, earth=search.earth)
+    if config.ocean.time_varying:
+        try:
+            ocean = mission_ocean(config)
+        except MantaRayError:
+            return None
+        same = ocean.local["sound_speed"].shape == at_start["sound_speed"].shape
+        if not same or not np.array_equal(ocean.local["sound_speed"], at_start["sound_speed"]):
+            return None
+        local_at = ocean.local_at
+    elif has_internal_tide(at_start):
+        local_at = partial(displaced, at_start)
+    else:
+        still = medium_of(at_start)
+        return lambda _: still
+    return lru_cache(maxsize=1)(lambda time: medium_of(local_at(time)))
+
+
+FAN = np.radians(np.linspace(-15.0, 15.0, 41))
+"""Launch angles of the fan behind the eigenrays, about the chord, as in the paper. [rad]"""
+
+
+def picture_of_most_bent_link(
+    medium: Medium | Callable[[float], Medium],
+    truth: Trajectories,
+    links: Links,
+    arrivals: Arrivals,
+    *,
+    spreading_cutoff_db: float | None,
+) -> xr.Dataset | None:
+    """Picture of the link between vehicles whose ray gains most time on the chord, in the water at its ping."""
+    first = select(arrivals, "direct")
+    gain = first.chord_travel_time - first.travel_time
+    n_vehicles = truth.name.size
+    drawn = (first.status == RayStatus.OK) & (links.first < n_vehicles) & (links.second < n_vehicles)
+    if not np.any(drawn & (first.travel_time > 0.0)):
+        return None
+    row = int(np.nanargmax(np.where(drawn & (first.travel_time > 0.0), gain, np.nan)))
+    sample, a, b = int(links.sample[row]), int(links.first[row]), int(links.second[row])
+    source, receiver = truth.position[a, sample], truth.position[b, sample]
+    step = receiver - source
+    slope = float(np.arctan2(step[2], np.hypot(step[0], step[1])))
+    water = medium(float(truth.time[sample])) if callable(medium) else medium
+    picture = ray_picture(
+        water, source, receiver, fan_angles=slope + FAN, spreading_cutoff_db=spreading_cutoff_db
+    )
+    return picture.assign_attrs(
+        source=str(truth.name[a]), receiver=str(truth.name[b]), time_h=float(truth.time[sample]) / 3600.0
+    )

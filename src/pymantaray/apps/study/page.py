@@ -1,0 +1,179 @@
+"""Page of a run."""
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pymantaray.apps.study.explore import explorer
+from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.apps.study.mission import earth_note
+from pymantaray.apps.study.references import MANTARAY
+from pymantaray.apps.study.store import CONFIG
+from pymantaray.evaluation import ALL_LINKS
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Card, Explorer, Page, origin_table
+from pymantaray.pages.style import clock, condition_label
+from pymantaray.records import SolveStatus
+from pymantaray.records.digits import metres, signed_metres
+from pymantaray.records.glossary import GLOSSARY, explained
+from pymantaray.records.result_table import ResultTable
+from pymantaray.records.status import SOLVE_STATUS_WORDS
+
+SYNTHETIC_NOTE = (
+    "The ocean of this study is synthetic: it is composed of published water masses, not of measurements or a"
+    " forecast. The results are valid for such an ocean, not for the real ocean on a day."
+)
+_CONDITIONS = {
+    "odometry": "noisy odometry, integrated from the first pose",
+    "straight": "factor graph of the fleet; ranges are straight distances plus noise",
+    "refracted": "same graph, noise and links; ranges are those of a modem: travel time times the sound speed at the transmitter",
+    "straight-all": "straight ranges of all attempts, without dropouts",
+    "no-ranges": "the graph without ranges",
+}
+
+
+def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Page:
+    """Page of a run with its figures; ``rays`` is the result of `mission_rays`."""
+    run, config = results.run, results.run.config
+    mission = f"{results.region}: {run.truth.name.size} vehicles, {config.mission.duration_h:g} h"
+    if config.solves:
+        count = config.study.realizations
+        mission += f", {count} noise realization{'' if count == 1 else 's'}"
+    return Page(
+        title=config.study.name,
+        facts=[mission, *_provenance(results)],
+        description=config.study.description,
+        notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *warnings_of(results)],
+        cards=headlines(results),
+        words=_words(results),
+        explorer=Explorer("run", explorer(results, rays)),
+        pictures=pictures,
+        tables=list(results.tables.values()),
+        origin=[origin_table(run.manifest, "Manifest", "manifest.json")],
+        citation=_citation(results),
+        references=run.manifest.get("references", []),
+    )
+
+
+def _provenance(results: RunResults) -> list[str]:
+    """Version, water, seed, time and command of the run, and the command that repeats it."""
+    manifest, time = results.run.manifest, str(results.run.ocean.attrs.get("time", ""))
+    version, made = manifest["versions"].get("pymantaray"), manifest.get("made")
+    facts = [f"MantaRay {version}"] if version else []
+    facts += [f"water of {time[:16].replace('T', ' ')} UTC"] if time else []
+    facts.append(f"seed {results.run.config.study.seed}")
+    if made is not None:  # by a version that says so
+        began = f"{made['began'][:16].replace('T', ' ')} UTC"
+        facts.append(f"made {began} in {sum(manifest['seconds'].values()):.0f} s")
+    lines = [", ".join(facts)]
+    if made is not None and made["command"]:
+        lines.append(f"Command: {made['command']}")
+    return [*lines, "Repeat with: mantaray study run config.toml"]
+
+
+def _words(results: RunResults) -> list[str]:
+    """Conditions of the run and terms of its tables, each with its meaning."""
+    tables = results.tables
+    causes = tables["dropouts"].frame.set_index("category").loc[ALL_LINKS]
+    used = [str(name) for name in causes.index if name in GLOSSARY and causes[name] > 0]
+    used += ["reference speed", "bending"]
+    if not results.run.config.solves:
+        return explained(used)
+    lines = [
+        f"{condition_label(name)}: {_CONDITIONS[name]}." for name in results.errors if name in _CONDITIONS
+    ]
+    used += ["NEES"] if "consistency" in tables else []
+    used += ["lower bound", "efficiency"] if tables["ping_error"].frame["bound_rmse_m"].notna().any() else []
+    return [*lines, *explained(used)]
+
+
+def _citation(results: RunResults) -> tuple[str, str]:
+    """Citation of the run, as text and as BibTeX: the program, its version, and the command that repeats the run."""
+    run, manifest = results.run, results.run.manifest
+    versions = manifest["versions"]
+    version, commit = versions.get("pymantaray", "unknown"), versions.get("git_commit")
+    made = str((manifest.get("made") or {}).get("began", ""))[:10]
+    study, seed = run.config.study.name, run.config.study.seed
+    which = f"version {version}" + (f", commit {commit[:12]}" if commit else "")
+    digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
+    words = f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with MantaRay, {which}"
+    note = f"{which}; study {study}, seed {seed}, configuration {digest}"
+    # a page contains no address
+    fields = {name: value for name, value in MANTARAY.fields.items() if name != "url"}
+    fields |= {"version": version, "note": note}
+    fields |= {"year": made[:4]} if made else {}
+    return f"{words}{f' on {made}' if made else ''}.", replace(MANTARAY, fields=fields).bibtex
+
+
+def headlines(results: RunResults) -> list[Card]:
+    """Cards of the ranges, and of the estimates if there are any."""
+    tables = results.tables
+    drop = _row(tables["dropouts"], category=ALL_LINKS)
+    total = _row(tables["range_error"], category=ALL_LINKS)
+    bending = _row(tables["range_error_split"], category=ALL_LINKS, part="bending")
+    dropouts = f"{drop['percent']:.1f} % dropouts" if drop["attempts"] else "no attempts"
+    ends = [signed_metres(total[f"p{percent}_m"]) for percent in (1, 99)]
+    spread = f"sd {metres(total['sd_m'])}; 1 % to 99 %: {' to '.join(ends)}"
+    cards = [
+        Card("Ranges received", f"{results.received:,} of {results.attempts:,}", dropouts),
+        Card("Mean range error", signed_metres(total["mean_m"]), spread),
+        Card(
+            "Mean bending",
+            signed_metres(bending["mean_m"]),
+            "the remaining range error is due to the reference speed",
+        ),
+    ]
+    if results.run.config.solves:
+        cards += _error_cards(tables)
+    return cards
+
+
+def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
+    """Cards of the position errors of each condition and of their first difference."""
+    cards, at_pings = [], tables["ping_error"].frame.set_index("condition")
+    for row in tables["ate_pooled"].frame.to_dict("records"):
+        what = f"Position error, {condition_label(row['condition']).lower()}"
+        pings = at_pings.loc[row["condition"]].to_dict()
+        remark = f"mean; RMSE {_rmse(row)}; RMSE under water at pings {_rmse(pings)}"
+        cards.append(Card(what, metres(row["mean_m"]), remark))
+    for row in tables["ate_difference"].frame.head(1).to_dict("records"):
+        ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
+        interval = f"; {' to '.join(map(signed_metres, ends))} (95 %)" if np.isfinite(ends).all() else ""
+        what = f"{row['condition']} minus {row['baseline']}".capitalize()
+        cards.append(Card(what, signed_metres(row["pooled_difference_m"]), f"mean position error{interval}"))
+    return cards
+
+
+def _rmse(row: Mapping[Hashable, Any]) -> str:
+    """RMSE of a row with its standard error, if it has one."""
+    error = row["rmse_standard_error_m"]
+    return metres(row["rmse_m"]) + (f" ± {metres(error)}" if np.isfinite(error) else "")
+
+
+def warnings_of(results: RunResults) -> list[str]:
+    """Warnings about unhealthy solves, stopped vehicles and a flat Earth, one line each."""
+    none = pd.DataFrame(columns=["condition", "status"])
+    solves, lines = results.tables["solves"].frame if "solves" in results.tables else none, []
+    for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
+        every = int((solves["condition"] == condition).sum())
+        words = SOLVE_STATUS_WORDS.get(SolveStatus[str(status)])
+        meaning = "" if words is None else f" ({words.meaning}; {words.advice})"
+        lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
+    for name, (stop, time) in results.run.truth.stops.items():
+        lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
+    if note := earth_note(results.run.config, results.run.truth, results.run.ranging_truth):
+        lines.append(note)
+    return lines
+
+
+def _row(table: ResultTable, **where: str) -> dict[str, Any]:
+    """Row of a table with these values."""
+    frame = table.frame
+    (row,) = frame[np.logical_and.reduce([frame[key] == value for key, value in where.items()])].to_dict(
+        "records"
+    )
+    return {str(key): value for key, value in row.items()}

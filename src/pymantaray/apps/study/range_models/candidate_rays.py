@@ -1,0 +1,93 @@
+"""The range model of a mixture: all arrivals through an assumed ocean that a receiver may take, with their probabilities."""
+
+import numpy as np
+
+from pymantaray.acoustics import Currents, Medium
+from pymantaray.apps.study.range_models.eigenray_model import pairs_of
+from pymantaray.arrays import Array
+from pymantaray.estimation import CandidateArrivals, MixtureOptions, Prediction, RangeEndpoints
+from pymantaray.estimation.candidates import of_picks
+from pymantaray.sensing import Picker, ReceptionOptions, Timing
+from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values
+from pymantaray.sensing.picking import pick_receptions
+from pymantaray.sensing.receptions import Direction, Receptions
+from pymantaray.sensing.transmission import find_receptions
+
+
+class CandidateRays:
+    """
+    Arrivals of each link in an assumed ocean, and the probability that the receiver takes each.
+
+    Two-way, a candidate is an arrival of the ping with one of the answer, of vehicles at rest. Without a picker all arrivals of
+    a link have equal weights. The standard deviation of a travel time is that of a sound speed that has an error of
+    ``sound_speed_sigma`` [m/s] along the whole path.
+    """
+
+    def __init__(
+        self,
+        medium: Medium,
+        reception: ReceptionOptions,
+        timing: Timing,
+        mixture: MixtureOptions,
+        *,
+        picker: Picker | None = None,
+        sound_speed_sigma: float = 0.0,
+        currents: Currents | None = None,
+    ) -> None:
+        self.mixture = mixture
+        self._medium, self._reception, self._timing = medium, reception, timing
+        self._picker, self._sound_speed_sigma, self._currents = picker, sound_speed_sigma, currents
+        self._latest: dict[bytes, Receptions] = {}
+
+    def predict(self, links: RangeEndpoints) -> Prediction:
+        """Predict the candidate of the largest weight."""
+        found = self.candidates(links)
+        picks = np.full(links.time.size, -1)
+        order = np.lexsort((found.weight, found.row))
+        picks[found.row[order]] = order  # the last of a range is the heaviest
+        return of_picks(found.prediction, picks)
+
+    def candidates(self, links: RangeEndpoints) -> CandidateArrivals:
+        """Candidates of all links."""
+        pairs = pairs_of(links, self._medium)
+        receptions = self._receptions(pairs.source, pairs.receiver)
+        forth = np.where(pairs.backward, Direction.BACK, Direction.FORTH).astype(np.int64)
+        row, exchanges = all_exchanges(receptions, pairs.pair, forth, self._timing)
+        rest = np.zeros((row.size, 3))
+        time = exchange_times(receptions, exchanges, self._timing, (rest, rest))
+
+        def legs(values: Array) -> tuple[Array, ...]:
+            return exchange_values(values, exchanges, self._timing)
+
+        probability = np.prod(legs(receptions.probability), axis=0)
+        back = (exchanges.direction == Direction.BACK)[:, None]
+        at_source = -np.nan_to_num(
+            np.mean(legs(receptions.source_slowness), axis=0)
+        )  # NaN for equal positions
+        at_receiver = np.nan_to_num(np.mean(legs(receptions.receiver_slowness), axis=0))
+        bounces = [
+            np.sum(legs(n.astype(float)), axis=0).astype(np.intp)
+            for n in (receptions.surface_bounces, receptions.bottom_bounces)
+        ]
+        return CandidateArrivals.of(
+            row,
+            time,
+            (np.where(back, at_receiver, at_source), np.where(back, at_source, at_receiver)),
+            probability if self._picker is not None else np.ones(row.size),
+            sigma=self._sound_speed_sigma * time / links.sound_speed[row],
+            bounces=(bounces[0], bounces[1]),
+        )
+
+    def _receptions(self, source: Array, receiver: Array) -> Receptions:
+        """Receptions between pairs of positions; those of the first and of the last question are kept."""
+        key = source.tobytes() + receiver.tobytes()
+        if key not in self._latest:
+            while len(self._latest) > 1:
+                self._latest.pop(list(self._latest)[1])
+            found = find_receptions(
+                source, receiver, self._medium, self._reception, currents=self._currents
+            ).receptions
+            if self._picker is not None:
+                found = pick_receptions(found, self._picker)
+            self._latest[key] = found
+        return self._latest[key]

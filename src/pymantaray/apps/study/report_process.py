@@ -1,0 +1,57 @@
+"""A process that makes the report of a study while the study is still running."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from functools import partial
+from operator import methodcaller
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from pymantaray.jobs.folder import staged_parts
+from pymantaray.jobs.processes import Workers
+from pymantaray.jobs.progress import Progress
+from pymantaray.pages.folder import PARTS, write_files
+
+if TYPE_CHECKING:
+    from pymantaray.apps.study.report import ReportMaker
+    from pymantaray.apps.study.store import Run
+
+
+class ReportProcess(Workers):
+    """
+    Process that draws figures and computes numbers of a mission while its realizations are solved, and the rest of a report afterwards.
+
+    It starts and ends with the block. It writes no files; the process of the study does.
+    """
+
+    def __init__(self, *, formats: Sequence[str]) -> None:
+        super().__init__(partial(_start, formats), 1)
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self.submit(bool)  # it imports what it needs while the mission is simulated
+        return self
+
+    def begin(self, stage: Path) -> Sequence[Future[Any]]:
+        """Start with the mission in a folder; the work is done with the future."""
+        self._begun = self.submit(methodcaller("prepare", stage))
+        return (self._begun,)
+
+    def write(self, run: "Run", progress: Progress | None = None) -> None:
+        """Write the report of the finished run, as `write_report` does; the run gets the tables of its summary."""
+        if progress is not None:
+            progress("report", 0, 1)
+        self._begun.result()
+        files, tables = self.submit(methodcaller("make", run.path)).result()
+        with staged_parts(run.path, PARTS) as stage:
+            write_files(stage, files)
+        run.tables.use(tables)
+        if progress is not None:
+            progress("report", 1, 1)
+
+
+def _start(formats: Sequence[str]) -> Callable[[Callable[["ReportMaker"], Any]], Any]:
+    from pymantaray.apps.study.report import ReportMaker
+
+    maker = ReportMaker(formats=formats)
+    return lambda call: call(maker)

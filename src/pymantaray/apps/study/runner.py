@@ -1,0 +1,265 @@
+"""Run of a whole study: mission, realizations and files."""
+
+import logging
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, wait
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pymantaray.apps.study import store
+from pymantaray.apps.study.graphs import write_graphs
+from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run
+from pymantaray.apps.study.mission import Mission, simulate_mission
+from pymantaray.apps.study.realization import (
+    RealizationQueue,
+    RealizationResult,
+    collect_results,
+    start_solver,
+)
+from pymantaray.apps.study.references import citation
+from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize, write_json
+from pymantaray.apps.study.tracks import mission_size, with_tracks
+from pymantaray.config.sections import StudyConfig
+from pymantaray.config.text import study_toml
+from pymantaray.errors import StudyError
+from pymantaray.jobs.checkpoint import Checkpoint
+from pymantaray.jobs.folder import MANIFEST, staged_folder
+from pymantaray.jobs.keys import digest
+from pymantaray.jobs.pool import Pool, ProcessPool, run_tasks
+from pymantaray.jobs.progress import Progress
+from pymantaray.records import Estimates, whole_file, write_netcdf
+
+LOG = logging.getLogger(__name__)
+_REALIZATIONS_PER_WORKER = 3
+# bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
+_POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 4000, 500
+_MAX_STEPS = 1e13  # vehicles x physics steps
+
+
+def run_study(
+    config: StudyConfig,
+    out: str | Path | None = None,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    mission_ready: Callable[[Path], Sequence[Future[Any]]] | None = None,
+    mission: Mission | None = None,
+) -> Run:
+    """
+    Run a study and write its data.
+
+    Parameters
+    ----------
+    config : StudyConfig
+        From `load_study`.
+    out : str or pathlib.Path, optional
+        A new or empty folder for the results. Default: a dated folder in ``runs``, to which ``runs/latest`` then points. A
+        study with a named folder that takes longer than half a minute saves finished parts in ``<out>.unfinished``; the same
+        call resumes after any interruption.
+    workers : int, optional
+        Number of processes that solve realizations. Default: one per core, at most one for every three realizations.
+        Results do not depend on it.
+    progress : callable, optional
+        Called with the name of a stage, the number of its finished parts and the total.
+    mission_ready : callable, optional
+        Called before realizations are solved, with the folder of all data that they do not change. The folder is moved to
+        its final place after the returned futures are done.
+    mission : Mission, optional
+        Mission of the configuration, if it has already been simulated.
+
+    Returns
+    -------
+    Run
+        Results, read from ``out`` at their first use; `pymantaray.report.write_report` adds tables and figures.
+
+    Raises
+    ------
+    MantaRayError
+        If the folder is not empty or in use, or the configuration cannot be run. Nothing is left on disk.
+
+    Examples
+    --------
+    >>> from pymantaray.apps.study import load_study
+    >>> run = run_study(load_study("quick"))  # doctest: +SKIP
+    """
+    if not config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:
+        LOG.warning("mission.duration_h is not given: the mission lasts %g h", config.mission.duration_h)
+    config = with_tracks(config)
+    count = config.study.realizations if config.solves else 0
+    if workers is None:  # a process takes as long to start as a few short realizations take to solve
+        workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
+    workers = max(1, min(workers, count))
+    refuse_too_large(config, workers)
+    _refuse_missing_files(config)
+    references = citation(config)  # read before the files can change
+    report, watch = progress or _silent, Stopwatch()
+    with staged_folder(out, config.study.name) as (stage, folder):
+        kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
+        start = partial(start_solver, stage)
+        with ProcessPool(start, workers) if workers > 1 else Pool(start) as pool:
+            inputs = _restore(kept, config, stage)
+            if inputs is None:
+                mission = mission or simulate_mission(config, watch, report)
+                with watch.stage("files"):
+                    inputs = checksums(config)  # computed before the files can change
+                    _write_mission(config, mission, stage)
+                kept.use(_job_key(config, inputs))
+            known = Run(stage) if mission is None else run_in_memory(config, mission)
+            solved = kept.results(count, RealizationResult.from_bytes)
+            with kept.saving(stage, solved, RealizationResult.to_bytes) as keep:
+                reading = () if mission_ready is None else mission_ready(stage)
+                if config.solves:
+                    with watch.stage("realizations"):
+                        _solve(known, stage, pool, solved, keep, report)
+        report("files", 0, 1)
+        estimates = None
+        with watch.stage("files"):
+            if config.solves:
+                estimates = _write_results(known, [solved[n] for n in range(count)], stage)
+        content = describe_run(
+            config,
+            inputs,
+            watch,
+            references=references,
+            ocean=known.ocean.attrs,
+            workers=workers,
+            worker_memory_mib=pool.peak_memory_mib,
+        )
+        content["solve_cpu_seconds"] = _cpu_seconds(solved)
+        content["from_batch_m"] = _from_batch(solved)
+        content["outcome"] = summarize(known, estimates)
+        write_json(content, stage / MANIFEST)
+        wait(reading)
+        report("files", 1, 1)
+    kept.clear()
+    return open_run(folder)
+
+
+def _restore(kept: Checkpoint, config: StudyConfig, stage: Path) -> dict[str, str] | None:
+    """Copy the files of a mission that an earlier call saved to a stage; return the checksums of its input, or None without one."""
+    if not kept.exists:
+        return None
+    inputs = checksums(config)
+    kept.use(_job_key(config, inputs))
+    return inputs if kept.restore(stage) else None
+
+
+def _job_key(config: StudyConfig, inputs: Mapping[str, str]) -> str:
+    return digest("study", {"study": study_toml(config), "inputs": dict(inputs)}, {})
+
+
+def _solve(
+    run: Run,
+    folder: Path,
+    pool: Pool,
+    solved: dict[int, RealizationResult],
+    keep: Callable[[], None],
+    report: Progress,
+) -> None:
+    """Solve the unsolved realizations, and write the graphs of the first into a folder."""
+    count = run.config.study.realizations
+    graphs = folder / store.PYFG
+    graphs.mkdir()
+
+    def ended(number: int, one: RealizationResult) -> None:
+        solved[number] = one
+        keep()
+        report("realizations", len(solved), count)
+
+    report("realizations", len(solved), count)
+    queue = RealizationQueue((n for n in range(count) if n not in solved), ended)
+    write = partial(write_graphs, run, 0, graphs, "realization-0-")
+    if queue.left:
+        run_tasks(queue, pool, meanwhile=write)
+    else:
+        write()
+
+
+def _cpu_seconds(solved: Mapping[int, RealizationResult]) -> dict[str, list[float]]:
+    """CPU time of every solve, by condition, in the order of the realizations. [s]"""
+    ordered = [solved[number].solutions for number in sorted(solved)]
+    return {
+        name: [round(one[name].seconds, 3) for one in ordered] for name in (ordered[0] if ordered else ())
+    }
+
+
+def _from_batch(solved: Mapping[int, RealizationResult]) -> dict[str, list[float]]:
+    """Largest distance of each usable solve by GTSAM from that of the batch solver, by condition. [m]"""
+    out: dict[str, list[float]] = {}
+    for number in sorted(solved):
+        for name, solution in solved[number].solutions.items():
+            if math.isfinite(solution.from_batch):
+                out.setdefault(name, []).append(solution.from_batch)
+    return out
+
+
+def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) -> Estimates:
+    results = collect_results(run, solved)
+    results.estimates.save(folder / store.ESTIMATES)
+    results.covariances.save(folder / store.COVARIANCES)
+    if results.unknowns is not None:
+        results.unknowns.save(folder / store.UNKNOWNS)
+    return results.estimates
+
+
+def refuse_too_large(config: StudyConfig, workers: int) -> None:
+    """Raise an error, before any work, if a study needs more memory than this machine has or takes weeks."""
+    size_of = mission_size(config)
+    n_vehicles, n_samples, n_steps = size_of.vehicles, size_of.samples, size_of.steps
+    n_solves = config.study.realizations * len(config.conditions)
+    n_links = size_of.pings * (n_vehicles + len(config.landmarks))
+    needed = (
+        n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers) + _LINK_BYTES * n_links
+    ) / 2**30
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    size = f"{config.study.name}: {n_vehicles} vehicles x"
+    if needed > there:
+        raise StudyError(
+            f"{size} {n_samples:.3g} samples x {n_solves:.3g} solves x {_POSE_BYTES} bytes, {_GRAPH_BYTES} bytes"
+            f" a pose in each of {workers} workers and {n_links:.3g} links x {_LINK_BYTES} bytes are {needed:.3g}"
+            f" GiB of memory; this machine has {there:.3g}"
+        )
+    if n_vehicles * n_steps > _MAX_STEPS:
+        raise StudyError(
+            f"{size} {n_steps:.3g} physics steps are more than {_MAX_STEPS:g}, which take a day; give a longer"
+            " physics_step_s"
+        )
+
+
+def _refuse_missing_files(config: StudyConfig) -> None:
+    """Raise an error for missing files of conditions before the mission runs; files of the ocean are read first anyway."""
+    for condition in config.conditions:
+        for file in condition.files:
+            if not Path(file).exists():
+                raise StudyError(
+                    f"condition {condition.name}: {file}: cannot be read: No such file or directory"
+                )
+
+
+def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
+    with whole_file(folder / store.CONFIG) as file:
+        file.write_text(study_toml(config), encoding="utf-8")
+    write_netcdf(mission.ocean.local, folder / store.OCEAN)
+    write_netcdf(mission.ocean.profile, folder / store.PROFILE)
+    with whole_file(folder / store.REGION) as file:
+        mission.ocean.region.to_csv(file)
+    mission.truth.save(folder / store.TRUTH)
+    mission.links.save(folder / store.LINKS)
+    mission.arrivals.save(folder / store.ARRIVALS)
+    mission.measurements.save(folder / store.MEASUREMENTS)
+    mission.ranging_truth.save(folder / store.RANGING_TRUTH)
+    if mission.hearing is not None:
+        mission.hearing.save(folder / store.HEARING)
+    if mission.draws is not None:
+        mission.draws.save(folder / store.RANGING_DRAWS)
+    if mission.candidates is not None:
+        mission.candidates.save(folder / store.CANDIDATES)
+    if mission.picture is not None:
+        write_netcdf(mission.picture, folder / store.RAY_PICTURE)
+
+
+def _silent(_stage: str, _done: int, _total: int) -> None:
+    """Report nothing."""

@@ -1,0 +1,239 @@
+"""A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing."""
+
+import datetime as dt
+import hashlib
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from factories import assert_same, names_in
+from refusals import refused
+
+from pymantaray.apps.study import open_run, run_study, runner
+from pymantaray.apps.study.estimators import EstimatorFactory
+from pymantaray.apps.study.manifest import checksums, describe_run
+from pymantaray.apps.study.store import summarize
+from pymantaray.config.estimators import STANDARD, ConditionSection
+from pymantaray.errors import FleetError, JobError, StudyError
+from pymantaray.estimation import CONDITIONS, GraphSolver, SolveOptions, build_graph, dead_reckon, read_pyfg
+from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
+
+DEAD_RECKONING = {"study": {"realizations": 1}, "conditions": ["odometry"]}
+
+
+def test_the_standard_conditions_are_those_of_the_estimation(tiny_run):
+    """Written down twice, because the configuration is read before what estimates is imported."""
+    assert set(STANDARD) == set(CONDITIONS)
+    factory, truth = EstimatorFactory(tiny_run), tiny_run.truth
+    for name, expected in CONDITIONS.items():
+        made = factory.estimator(ConditionSection(name=name), 0)
+        assert made.initial[0] is truth.position
+        made = replace(made, initial=None, model_is_right=made.model_is_right and not made.dead_reckoned)
+        assert made == expected or vars(made) == vars(expected)
+
+
+def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
+    assert names_in(tiny_run.path) == [
+        "arrivals.nc", "config.toml", "covariances.nc", "estimates.nc", "links.nc", "manifest.json", "measurements.nc",
+        "ocean.nc", "profile.nc", "pyfg", "ranging_truth.nc", "ray_picture.nc", "region.csv", "truth.nc",
+    ]  # fmt: skip
+    assert names_in(tiny_run.path / "pyfg") == [
+        f"realization-0-{name}.pyfg" for name in ("refracted", "straight-all", "straight")
+    ]
+
+
+def test_opened_again_a_run_gives_the_same(tiny_run, tiny_config):
+    again = open_run(tiny_run.path)
+    assert again.config == tiny_config
+    assert "range_sigma = 1.0" in (tiny_run.path / "config.toml").read_text()  # defaults are written out
+    assert_same(again.estimates, tiny_run.estimates)
+    assert again.region.loc["synthetic"].item() == "yes"
+    assert again.synthetic
+
+
+def test_samples_pings_and_attempts_follow_the_mission(tiny_run):
+    time = tiny_run.truth.time
+    np.testing.assert_array_equal(time, np.arange(0, 4 * 3600 + 1, 200))
+    o = tiny_run.measurements
+    assert set(time[o.range_sample]) == {3600, 7200, 10800, 14400}
+    assert o.range_status.size == 4 * 4 * (3 + 2)  # pings x transmitters x (other vehicles + landmarks)
+    assert tiny_run.manifest["outcome"]["range_attempts"] == o.range_status.size
+    assert tiny_run.manifest["outcome"]["links"]["OK"] == np.count_nonzero(o.range_status == RayStatus.OK)
+    assert tiny_run.links.sample.size == tiny_run.arrivals.status.size
+
+
+def test_solves_are_healthy_and_ranges_help(tiny_run):
+    """Also the refracted ones, whose range errors of 100 m make the optimum repel undamped steps."""
+    e = tiny_run.estimates
+    assert (e.solve_status == SolveStatus.OK).all(), e.solve_status
+    error = np.linalg.norm(e.position - tiny_run.truth.position, axis=-1)
+    rmse = dict(zip(e.condition, np.sqrt((error**2).mean(axis=(1, 2, 3))), strict=True))
+    assert rmse["straight"] < rmse["no-ranges"] <= rmse["odometry"]
+
+
+def test_summary_lists_every_solve_that_is_not_healthy(tiny_run):
+    status = tiny_run.estimates.solve_status.copy()
+    status[1, 0], status[3, 1] = SolveStatus.FAILED, SolveStatus.OVER_CHI_SQUARE
+    of_run = {
+        name: getattr(tiny_run, name)
+        for name in ("measurements", "truth", "hearing", "candidates", "arrivals")
+    }
+    summary = summarize(SimpleNamespace(**of_run), replace(tiny_run.estimates, solve_status=status))
+    assert summary["unhealthy_solves"] == [
+        {"condition": "no-ranges", "realization": 0, "status": "FAILED"},
+        {"condition": "refracted", "realization": 1, "status": "OVER_CHI_SQUARE"},
+    ]
+    assert summary | {"unhealthy_solves": []} == tiny_run.manifest["outcome"]
+
+
+def test_noise_of_a_realization_can_be_drawn_again(tiny_run):
+    for realization in (0, 1):
+        position, _ = dead_reckon(tiny_run.noisy_measurements(realization))
+        np.testing.assert_array_equal(position, tiny_run.estimates.position[0, realization])
+    refused(StudyError, "realization 2: the run has 0 to 1", tiny_run.noisy_measurements, 2)
+
+
+def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
+    graph, values = read_pyfg(tiny_run.path / "pyfg" / "realization-0-refracted.pyfg")
+    np.testing.assert_allclose(values.position, tiny_run.truth.position.reshape(-1, 3), atol=1e-9)
+    heard = tiny_run.measurements.range_status == RayStatus.OK
+    np.testing.assert_array_equal(
+        graph["range"].column("distance"), tiny_run.noisy_measurements(0).refracted_range[heard]
+    )
+
+
+def test_dead_reckoned_start_reaches_the_same_optimum(run_tiny, tiny_run):
+    sections = {"study": {"realizations": 1}, "conditions": ["refracted"]}
+    other = run_tiny(estimator={"start": "dead-reckoning"}, **sections).estimates
+    np.testing.assert_allclose(other.position[0, 0], tiny_run.estimates.position[3, 0], rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("ranges", ["straight", "refracted"])
+def test_few_steps_lead_a_study_to_its_optimum(tiny_run, ranges):
+    graph = build_graph(tiny_run.noisy_measurements(0), ranges)
+    _, start = read_pyfg(tiny_run.path / "pyfg" / f"realization-0-{ranges}.pyfg")
+    tight = GraphSolver(SolveOptions(step_tolerance=1e-9)).solve(graph, start)
+    usual = GraphSolver().solve(graph, start)
+    np.testing.assert_allclose(usual.position, tight.position, rtol=0, atol=1e-5)
+    assert usual.iterations <= 6  # eight and more without the curvature of odometry
+
+
+def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(tiny, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    seen = []
+    run = run_study(tiny(**DEAD_RECKONING), workers=1, progress=lambda *step: seen.append(step))
+    assert run.path.parent == tmp_path / "runs"
+    assert run.path.name.startswith("tiny-2")
+    assert open_run("runs/latest").path == run.path
+    assert [s for s in seen if s[0] == "realizations"] == [("realizations", i, 1) for i in range(2)]
+    last = {stage: (done, total) for stage, done, total in seen}
+    assert list(last) == ["ocean", "fleet", "rays", "realizations", "files"]
+    assert all(done == total for done, total in last.values())
+
+
+def test_vehicle_that_leaves_stops_and_the_study_goes_on(run_tiny):
+    away = {"twist": [0, 0, 0, 3.0, 0, 0], "heading_deg": 90.0}
+    sections = {"study": {"realizations": 1}, "conditions": ["odometry", "straight"]}
+    run = run_tiny(**sections, fleet={"vehicles": {"3": away}})
+    outcome = run.manifest["outcome"]
+    assert outcome["stopped_vehicles"]["D"]["status"] == "LEFT_DOMAIN"
+    stop = outcome["stopped_vehicles"]["D"]["time_s"]
+    assert stop == pytest.approx(12000 / 3.0, abs=400)
+    assert outcome["links"]["STOPPED"] > 0
+    assert (run.truth.status[3, run.truth.time >= stop] == VehicleStatus.LEFT_DOMAIN).all()
+
+
+def test_ray_picture_is_of_a_link_that_was_heard(tiny_run):
+    picture, links, first = tiny_run.ray_picture, tiny_run.links, tiny_run.arrivals.first()
+    names = tiny_run.truth.name.tolist()
+    ends = (names.index(picture.attrs["source"]), names.index(picture.attrs["receiver"]))
+    sample = np.searchsorted(tiny_run.truth.time, picture.attrs["time_h"] * 3600.0)
+    row = (links.first == ends[0]) & (links.second == ends[1]) & (links.sample == sample)
+    assert first.status[row] == RayStatus.OK
+    between_vehicles = (links.first < len(names)) & (links.second < len(names))
+    gain = np.where(between_vehicles, first.chord_travel_time - first.travel_time, -np.inf)
+    assert gain[row] == np.nanmax(gain)
+
+
+def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypatch):
+    (tmp_path / "mine").write_text("x")
+    monkeypatch.setattr(runner, "simulate_mission", lambda *_: pytest.fail("work was begun"))
+    refused(JobError, "folder is not empty", run_study, tiny_config, tmp_path)
+    assert names_in(tmp_path) == ["mine"]
+
+
+@pytest.mark.parametrize(("sections", "expected"), [
+    ({"mission": {"duration_h": 1e9}}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
+    ({"mission": {"duration_h": 1e308}}, "duration_h is inf s; it must be a whole multiple"),
+    ({"mission": {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}}, "4 vehicles x 1.44e+10 samples"),
+    ({"mission": {"physics_step_s": 1e-300}}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
+    ({"study": {"realizations": 10**9}}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
+    ({"study": {"realizations": int("9" * 4000)}}, "study.realizations: found 99999"),
+    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, "'B': target_depth is 9000 m deep, below the sea floor"),
+], ids=range(7))  # fmt: skip
+def test_what_cannot_be_held_finished_or_dived_is_refused_at_once_in_one_line(
+    tiny, tmp_path, sections, expected
+):
+    with pytest.raises((StudyError, FleetError)) as caught:
+        run_study(tiny(**{"study": {"realizations": 1}} | sections), tmp_path / "run", workers=1)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_not_a_run_is_refused(tmp_path):
+    refused(StudyError, r"not a run folder: it has no manifest\.json", open_run, tmp_path)
+    (tmp_path / "manifest.json").write_text('{"format": 99}')
+    refused(StudyError, "run format 99; this version reads format 4", open_run, tmp_path)
+
+
+def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path, monkeypatch):
+    steps = []
+
+    class Recorded(runner.ProcessPool):
+        def __exit__(self, *error):
+            super().__exit__(*error)
+            steps.append("ended")
+
+    def describe(*arguments, **options):
+        steps.append("described")
+        return describe_run(*arguments, **options)
+
+    monkeypatch.setattr(runner, "ProcessPool", Recorded)
+    monkeypatch.setattr(runner, "describe_run", describe)
+    run_study(tiny(conditions=["odometry"]), tmp_path / "run", workers=2)
+    assert steps == ["ended", "described"]
+
+
+def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
+    manifest = tiny_run.manifest
+    assert manifest["random"]["seed"] == tiny_run.config.study.seed
+    assert manifest["versions"]["gtsam"].startswith("4.3")
+    stages = {"ocean", "fleet", "medium", "rays", "picture", "realizations", "files"}
+    assert set(manifest["seconds"]) == stages
+    assert all(value >= 0 for value in manifest["seconds"].values())
+    began = dt.datetime.fromisoformat(manifest["made"]["began"])
+    assert abs(dt.datetime.now(dt.UTC) - began) < dt.timedelta(days=1)
+    assert manifest["made"]["command"] is None  # the tests are not the command
+    content = tmp_path / "a.nc"
+    content.write_bytes(b"ocean")
+    config = tiny(ocean={"source": [str(content)]})
+    assert checksums(config) == {str(content): hashlib.sha256(b"ocean").hexdigest()}
+    assert manifest["ocean"]["synthetic"] is True
+
+
+def test_files_may_go_while_realizations_are_solved(tiny, fly_tiny, tmp_path):
+    bed = tmp_path / "bed.nc"
+    xr.Dataset(attrs={"title": "GEBCO grid"}).to_netcdf(bed)
+    config = tiny(**DEAD_RECKONING, ocean={"bathymetry": str(bed)})
+
+    def remove(stage, *_):
+        if stage == "realizations":
+            bed.unlink(missing_ok=True)
+
+    run = run_study(config, tmp_path / "run", mission=fly_tiny()[0], progress=remove)
+    assert not bed.exists()
+    assert any("doi:10.1002/2015EA000107" in reference for reference in run.manifest["references"])

@@ -1,0 +1,264 @@
+"""A study that was interrupted goes on where it was, and its results are those of one that was not."""
+
+import errno
+import os
+import pickle
+import subprocess
+import sys
+import time
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+import pytest
+
+from pymantaray.apps.study import open_run, run_study, runner
+from pymantaray.apps.study.realization import RealizationResult, RealizationSolver
+from pymantaray.errors import WriteError
+from pymantaray.estimation import UnknownsEstimate
+from pymantaray.jobs import checkpoint
+from pymantaray.records import SolveStatus
+
+DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "ranging_truth", "links")
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Keep everything as soon as it is done."""
+    monkeypatch.setattr(checkpoint, "_SAVE_INTERVAL", 0.0)
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Realizations that are solved in this process."""
+    numbers, solve = [], RealizationSolver.solve
+
+    def count(self, number):
+        numbers.append(number)
+        return solve(self, number)
+
+    monkeypatch.setattr(RealizationSolver, "solve", count)
+    return numbers
+
+
+def interrupted(config, out, after):
+    """Run until so many realizations are solved."""
+
+    def stop(stage, done, _total):
+        if stage == "realizations" and done == after:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(config, out, workers=1, progress=stop)
+
+
+@pytest.fixture(scope="session")
+def undisturbed(once, tiny):
+    """Run of so many realizations that was not interrupted."""
+
+    def run(count):
+        config = tiny(study={"realizations": count})
+        return open_run(once(f"tiny-{count}", lambda folder: run_study(config, folder, workers=1)))
+
+    return run
+
+
+def same(one, other):
+    """Whether all data of two runs are equal to the last digit."""
+    for name in DATA:
+        a, b = (getattr(run, name).to_dataset() for run in (one, other))
+        assert a.identical(b), name
+    assert one.manifest["outcome"] == other.manifest["outcome"]
+    names = [{str(path.relative_to(run.path)) for path in run.path.rglob("*")} for run in (one, other)]
+    assert names[0] == names[1]
+
+
+def test_the_same_call_goes_on_with_what_was_done(
+    tiny, at_once, solved, monkeypatch, undisturbed, tmp_path, caplog
+):
+    config, out = tiny(study={"realizations": 3}), tmp_path / "run"
+    interrupted(config, out, 2)
+    assert solved == [0, 1]
+    assert [path.name for path in tmp_path.iterdir()] == ["run.unfinished"]
+    assert "2 realizations are saved in " in caplog.text
+    told = []
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "simulate_mission", None)  # is not called again
+        run = run_study(config, out, workers=1, progress=lambda *counts: told.append(counts))
+    assert solved == [0, 1, 2]
+    assert [done for stage, done, _ in told if stage == "realizations"] == [2, 3]
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    same(run, undisturbed(3))
+
+
+def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monkeypatch, tmp_path, caplog):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(checkpoint, "_link", full)
+    with pytest.raises(WriteError, match="No space left"):
+        run_study(tiny(), tmp_path / "run", workers=1)
+    assert "not all results could be saved" in caplog.text
+    assert "are saved in" not in caplog.text
+
+
+def test_workers_go_on_as_well(tiny, at_once, undisturbed, tmp_path):
+    config, out = tiny(study={"realizations": 3}), tmp_path / "run"
+    interrupted(config, out, 1)
+    same(run_study(config, out, workers=2), undisturbed(3))
+
+
+def test_what_another_configuration_left_is_not_taken(tiny, at_once, solved, tmp_path):
+    out = tmp_path / "run"
+    interrupted(tiny(study={"realizations": 3}), out, 2)
+    other = tiny(study={"realizations": 2, "seed": 7})
+    interrupted(other, out, 1)
+    assert len(list((tmp_path / "run.unfinished").iterdir())) == 1
+    run = run_study(other, out, workers=1)
+    assert solved == [0, 1, 0, 1]
+    assert run.config.study.seed == 7
+    assert not (tmp_path / "run.unfinished").exists()
+
+
+class Harmful:
+    """Leaves a file where it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (open, (str(self.path), "w"))
+
+
+@pytest.mark.parametrize(
+    "content", ["cut", "pickle", *(pytest.param(name, marks=pytest.mark.slow) for name in ("empty", "text"))]
+)
+def test_a_damaged_realization_is_discarded_and_solved_again(
+    tiny, at_once, solved, undisturbed, tmp_path, caplog, content
+):
+    config, out = tiny(study={"realizations": 3}), tmp_path / "run"
+    interrupted(config, out, 2)
+    (path,) = (tmp_path / "run.unfinished").glob("*/0.nc")
+    whole = path.read_bytes()
+    path.write_bytes({
+        "empty": b"",
+        "cut": whole[: len(whole) // 2],
+        "text": b"error page",
+        "pickle": pickle.dumps(Harmful(tmp_path / "harmed")),
+    }[content])  # fmt: skip
+    path.with_name("9.nc").write_bytes(whole)  # of no realization
+    path.with_name("notes.nc").write_bytes(b"mine")
+    run = run_study(config, out, workers=1)
+    assert solved == [0, 1, 0, 2]
+    assert "0.nc: damaged: its content does not have its checksum; removed" in caplog.text
+    assert not (tmp_path / "harmed").exists()
+    same(run, undisturbed(3))
+
+
+@pytest.mark.parametrize("damage", ["gone", "sums", pytest.param("cut", marks=pytest.mark.slow)])
+def test_a_damaged_mission_is_discarded_and_simulated_again(
+    tiny, at_once, solved, undisturbed, tmp_path, caplog, damage
+):
+    config, out = tiny(study={"realizations": 2}), tmp_path / "run"
+    interrupted(config, out, 1)
+    (own,) = (tmp_path / "run.unfinished").iterdir()
+    truth = own / "mission" / "truth.nc"
+    if damage == "gone":
+        truth.unlink()
+    else:
+        path = truth if damage == "cut" else own / "mission.json"
+        path.write_bytes(path.read_bytes()[:-9])
+    run = run_study(config, out, workers=1)
+    assert solved == [0, 0, 1]
+    assert "damaged: wrong checksums; removed and computed again" in caplog.text
+    same(run, undisturbed(2))
+
+
+def test_what_the_user_has_in_the_unfinished_folder_stays(tiny, at_once, tmp_path):
+    config, out = tiny(study={"realizations": 2}), tmp_path / "run"
+    own = tmp_path / "run.unfinished" / "notes.txt"
+    own.parent.mkdir()
+    own.write_text("mine")
+    interrupted(config, out, 1)
+    run_study(config, out, workers=1)
+    assert own.read_text() == "mine"
+    assert [path.name for path in own.parent.iterdir()] == ["notes.txt"]
+
+
+def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
+    """With covariances, with unknowns, and a solve that failed."""
+    run = run_study(tiny(study={"realizations": 1}, landmarks=[]), tmp_path / "run", workers=1)
+    one = RealizationSolver(run).solve(0)
+    failed = replace(
+        one.solutions["straight"],
+        status=SolveStatus.FAILED,
+        covariances=None,
+        final_cost=float("nan"),
+        unknowns=UnknownsEstimate(
+            ("a b", "c"), ("s", "1"), np.ones(2), np.array([0.1, -0.0]), np.eye(2) / 3.0
+        ),
+    )
+    one = RealizationResult({**one.solutions, "of / two": failed}, {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}})
+    two = RealizationResult.from_bytes(one.to_bytes())
+    assert two.true_unknowns == one.true_unknowns
+    assert list(two.solutions) == list(one.solutions)
+
+    def leaves(value):
+        if is_dataclass(value):
+            value = [getattr(value, f.name) for f in fields(value)]
+        return [leaf for v in value for leaf in leaves(v)] if isinstance(value, (list, tuple)) else [value]
+
+    for name, solution in one.solutions.items():
+        for a, b in zip(leaves(solution), leaves(two.solutions[name]), strict=True):
+            assert type(a) is type(b)
+            np.testing.assert_array_equal(a, b)
+            assert getattr(a, "dtype", None) == getattr(b, "dtype", None)
+
+
+def test_a_short_study_leaves_nothing(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        checkpoint, "_SAVE_INTERVAL", 3600.0
+    )  # short beside this, however busy the machine is
+    interrupted(tiny(study={"realizations": 2}), tmp_path / "run", 1)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_study_whose_folder_nobody_named_leaves_nothing(tiny, at_once, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    interrupted(tiny(study={"realizations": 2}), None, 1)
+    assert not list(tmp_path.iterdir())
+
+
+RUN = """
+import sys
+from pymantaray.jobs import checkpoint
+from pymantaray.apps.study import load_study, run_study
+checkpoint._SAVE_INTERVAL = 0.0
+run_study(load_study(sys.argv[1], realizations=30), sys.argv[2], workers=2)
+"""
+
+
+def begin(file, out):
+    return subprocess.Popen([sys.executable, "-c", RUN, file, out], stderr=subprocess.PIPE)
+
+
+def kept(folder):
+    return {path.name for path in folder.glob("run.unfinished/*/*.nc")}
+
+
+@pytest.mark.slow
+def test_kill_minus_nine_at_any_moment_loses_no_realization(tmp_path):
+    out, rng, there = tmp_path / "run", np.random.default_rng(11), set()
+    for _ in range(3):
+        process = begin("quick", out)
+        while process.poll() is None and len(kept(tmp_path)) <= len(there):
+            time.sleep(0.02)
+        time.sleep(rng.uniform(0.0, 0.3))
+        process.kill()
+        process.communicate()
+        assert not out.exists()
+        assert kept(tmp_path) > there
+        there = kept(tmp_path)
+    begin("quick", out).communicate()
+    begin("quick", tmp_path / "undisturbed").communicate()
+    same(open_run(out), open_run(tmp_path / "undisturbed"))
+    assert {path.name for path in tmp_path.iterdir()} == {"run", "undisturbed"}
