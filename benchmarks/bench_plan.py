@@ -22,12 +22,12 @@ from scipy.stats import kendalltau
 from scipy.stats.qmc import LatinHypercube
 
 from pymantaray.apps.study import load_study, open_run
+from pymantaray.apps.sweep import Sweep, run_sweep
+from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.plan import DeploymentPlan, PlanResults, PlanSection, search_designs
 from pymantaray.plan.ensemble import pareto_front
 from pymantaray.plan.evaluate import DesignEvaluator
 from pymantaray.records import VehicleStatus
-from pymantaray.sweep import Sweep, run_sweep
-from pymantaray.sweep.plan import SweepPlan
 
 RECEIVERS = [
     {"name": "T", "north": 2500.0, "east": 4500.0, "depth": 100.0, "sigma": 2.0},

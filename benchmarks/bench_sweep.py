@@ -18,9 +18,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pymantaray.apps.study import load_study, parse_study
+from pymantaray.apps.sweep import Sweep, open_sweep, run_sweep, tasks
 from pymantaray.jobs import dask_pool
 from pymantaray.jobs.pool import TaskFunction
-from pymantaray.sweep import Sweep, open_sweep, run_sweep, tasks
 
 POINTS = 10_000
 
@@ -115,7 +115,7 @@ def overhead() -> None:
 
 def sharing() -> None:
     """Quick with ten noises: a sweep of one point ten times, against one of ten."""
-    config, code = load_study("quick"), "import pymantaray.sweep.tasks"
+    config, code = load_study("quick"), "import pymantaray.apps.sweep.tasks"
     with folder() as out:
         begin = sum(cpu())
         subprocess.run([sys.executable, "-c", code], check=True)

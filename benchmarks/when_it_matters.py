@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm
 
-from pymantaray.sweep import open_sweep
+from pymantaray.apps.sweep import open_sweep
 
 PANELS = {
     "refracted": "nothing is known of the water",

@@ -98,7 +98,7 @@ def test_no_scheduler_s_password_is_repeated(capsys, tmp_path, monkeypatch):
 
 def test_logs_and_manifests_leave_secrets_out(capsys, monkeypatch):
     with log_to_stderr(quiet=False, verbose=0):
-        logging.getLogger("pymantaray.sweep").warning("scheduler tls://ann:%s@host is gone", SECRET)
+        logging.getLogger("pymantaray.apps.sweep").warning("scheduler tls://ann:%s@host is gone", SECRET)
     assert capsys.readouterr().err == "warning: scheduler tls://host is gone\n"
     monkeypatch.setattr(
         sys, "argv", ["/bin/mantaray", "sweep", "run", "--out", f"s3://ann:{SECRET}@bucket/x"]

@@ -51,7 +51,7 @@ def configuration() -> dict[str, str]:
     from pymantaray.ocean.fetch.catalogue import Catalogue
     from pymantaray.plan.definition import PlanFile
     from pymantaray.apps.study import StudyConfig
-    from pymantaray.sweep.definition import KEYS
+    from pymantaray.apps.sweep.definition import KEYS
 
     sweep = table(("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()])
     parts = [

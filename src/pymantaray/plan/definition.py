@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveInt
 
 from pymantaray.apps.study import StudyConfig, load_study
+from pymantaray.apps.sweep import Sweep
 from pymantaray.config.common import Hours, Section
 from pymantaray.config.estimators import PerturbedBelief
 from pymantaray.config.load import PLAN, plan_tree
@@ -19,7 +20,6 @@ from pymantaray.config.parse import parse
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.jobs.keys import digest
 from pymantaray.records.digits import counted
-from pymantaray.sweep import Sweep
 
 Objective = Literal["error", "lost", "heard_by_two", "cost"]
 Design = Mapping[str, Any]

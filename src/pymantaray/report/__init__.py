@@ -11,6 +11,7 @@ from pymantaray.lazy import lazy_exports
 if TYPE_CHECKING:
     from pymantaray.apps.study.comparison_page import write_comparison as write_comparison
     from pymantaray.apps.study.report import write_report as write_report
+    from pymantaray.apps.sweep.page import write_sweep_page as write_sweep_page
     from pymantaray.report.atlas_page import write_atlas_page as write_atlas_page
     from pymantaray.report.atlas_plots import write_atlas_plots as write_atlas_plots
     from pymantaray.report.locate import write_location_page as write_location_page
@@ -19,6 +20,5 @@ if TYPE_CHECKING:
     from pymantaray.report.plan import write_plan_page as write_plan_page
     from pymantaray.report.ray_plots import write_ray_plot as write_ray_plot
     from pymantaray.report.replay import write_replay as write_replay
-    from pymantaray.report.sweep import write_sweep_page as write_sweep_page
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -7,12 +7,12 @@ import pytest
 from refusals import refused
 
 from pymantaray.apps.study import load_study, parse_study, study_toml
+from pymantaray.apps.sweep import Sweep, load_sweep
+from pymantaray.apps.sweep.definition import parse_sweep
+from pymantaray.apps.sweep.keys import task_keys
+from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.config.keys import with_key
 from pymantaray.errors import SweepError
-from pymantaray.sweep import Sweep, load_sweep
-from pymantaray.sweep.definition import parse_sweep
-from pymantaray.sweep.keys import task_keys
-from pymantaray.sweep.plan import SweepPlan
 
 MODEM = {"source_level_db": 185.0, "frequency_hz": 25e3, "bandwidth_hz": 5e3}
 

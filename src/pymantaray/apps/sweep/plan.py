@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pymantaray.apps.study import StudyConfig
+from pymantaray.apps.sweep.definition import Sweep
+from pymantaray.apps.sweep.keys import POINT, STAGES, LatestKeys, task_keys
+from pymantaray.apps.sweep.tasks import SweepTask
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.pool import Queue
-from pymantaray.sweep.definition import Sweep
-from pymantaray.sweep.keys import POINT, STAGES, LatestKeys, task_keys
-from pymantaray.sweep.tasks import SweepTask
 
 EARLIER = "an earlier version"
 _MAX_FAULTS = 20  # in one message

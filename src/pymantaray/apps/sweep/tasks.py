@@ -12,14 +12,14 @@ from pymantaray.apps.study.mission import assemble_mission, mission_picture, ran
 from pymantaray.apps.study.realization import RealizationSolver, collect_results
 from pymantaray.apps.study.runner import refuse_too_large, run_study
 from pymantaray.apps.study.store import run_in_memory
+from pymantaray.apps.sweep.keys import POINT, STAGES
+from pymantaray.apps.sweep.points import point_name
+from pymantaray.apps.sweep.stages import Stages
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.installation import code_version
 from pymantaray.jobs.folder import MANIFEST
 from pymantaray.jobs.pool import run_in_store
 from pymantaray.jobs.store import Store
-from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.points import point_name
-from pymantaray.sweep.stages import Stages
 
 _CONSISTENCY = {"median_ratio": "ratio", "inside": "inside", "tests": "tests"}
 

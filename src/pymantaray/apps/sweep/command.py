@@ -12,9 +12,9 @@ from pymantaray.cli.output import check_output, counted_progress, duration
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
-    from pymantaray.sweep.estimate import Estimate
-    from pymantaray.sweep.plan import SweepPlan
-    from pymantaray.sweep.results import Status
+    from pymantaray.apps.sweep.estimate import Estimate
+    from pymantaray.apps.sweep.plan import SweepPlan
+    from pymantaray.apps.sweep.results import Status
 
 app = Commands(cls=RunGroup, help="Run many studies that differ in some keys.")
 
@@ -41,11 +41,11 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show points, shared stages, and estimated time and disk space."""
+    from pymantaray.apps.sweep import load_sweep, open_sweep
+    from pymantaray.apps.sweep.estimate import cost_of, estimate, known_cost, measured_cost
+    from pymantaray.apps.sweep.plan import SweepPlan
+    from pymantaray.apps.sweep.points import finished
     from pymantaray.jobs.store import open_store
-    from pymantaray.sweep import load_sweep, open_sweep
-    from pymantaray.sweep.estimate import cost_of, estimate, known_cost, measured_cost
-    from pymantaray.sweep.plan import SweepPlan
-    from pymantaray.sweep.points import finished
 
     sweep = load_sweep(file, **changes_of(changes))
     plan = SweepPlan(sweep)
@@ -74,7 +74,7 @@ def show(
 def _print_estimate(
     out: Printer, plan: "SweepPlan", points: set[str], what: "Estimate", workers: int
 ) -> None:
-    from pymantaray.sweep.keys import STAGES
+    from pymantaray.apps.sweep.keys import STAGES
 
     counts = {stage: plan.count(stage, points) for stage in STAGES} | {"points": len(points)}
     listed = ", ".join(f"{stage} {count}" for stage, count in counts.items())
@@ -120,10 +120,10 @@ def run(
     changes: Set = None,
 ) -> None:
     """Compute the points that are not finished; exit with 1 if some fail."""
-    from pymantaray.sweep import load_sweep
+    from pymantaray.apps.sweep import load_sweep
 
     sweep = load_sweep(file, **changes_of(changes))
-    from pymantaray.sweep import run_sweep  # the import takes seconds, so the file is read first
+    from pymantaray.apps.sweep import run_sweep  # the import takes seconds, so the file is read first
 
     with counted_progress("points", quiet=printing.quiet) as progress:
         results = run_sweep(
@@ -145,7 +145,7 @@ def run(
 @app.command()
 def status(folder: Place, as_json: Json = False) -> None:
     """Count finished, failed and open points; exit with 1 if some failed."""
-    from pymantaray.sweep import open_sweep
+    from pymantaray.apps.sweep import open_sweep
 
     counts = open_sweep(folder).status()
     with printer(as_json=as_json) as printed:
@@ -164,9 +164,9 @@ def collect(
     force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
 ) -> None:
     """Write one table of all points as CSV and NetCDF, and an interactive page."""
+    from pymantaray.apps.sweep import open_sweep
     from pymantaray.records import whole_file, write_netcdf
     from pymantaray.records.csv_text import csv_text
-    from pymantaray.sweep import open_sweep
 
     results, page = open_sweep(folder), out is None and "://" not in folder
     if out is not None:

@@ -9,13 +9,13 @@ import pytest
 from dask_cluster import client_here
 from refusals import refused
 
+from pymantaray.apps.sweep import open_sweep, run_sweep, stages
+from pymantaray.apps.sweep.plan import SweepPlan
+from pymantaray.apps.sweep.points import finished, point_name
 from pymantaray.errors import JobError, SweepError, WriteError
 from pymantaray.installation import code_version
 from pymantaray.jobs.store import open_store
 from pymantaray.records.writing import netcdf_groups
-from pymantaray.sweep import open_sweep, run_sweep, stages
-from pymantaray.sweep.plan import SweepPlan
-from pymantaray.sweep.points import finished, point_name
 
 
 @pytest.fixture(params=["folder", "memory"])
@@ -51,7 +51,7 @@ def test_a_sweep_in_an_object_store_has_the_digits_of_one_in_a_folder(
     with client_here(1) as client:
         there = run_sweep(noises(2), place, client=client)
     assert there.status() == (2, 2, 0, {})
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", factories.pool_here)
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", factories.pool_here)
     assert summaries(open_sweep(place)) == summaries(run_sweep(noises(2), tmp_path / "here"))
     with pytest.raises(SweepError, match="run folders of studies cannot be written to a URL; give a folder"):
         run_sweep(noises(2), place, studies=True)
@@ -172,7 +172,7 @@ def test_points_of_other_code_are_computed_again_and_said_to_be(here, noises, tm
     run_sweep(sweep, out)
     assert open_sweep(out).status() == (2, 2, 0, {})
     monkeypatch.undo()
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", factories.pool_here)
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", factories.pool_here)
     assert open_sweep(out).status() == (2, 2, 0, {})  # what older code found can be read
     caplog.clear()
     results = run_sweep(sweep, out)

@@ -5,24 +5,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pymantaray.apps.sweep.definition import Sweep
+from pymantaray.apps.sweep.keys import POINT, STAGES
+from pymantaray.apps.sweep.plan import EARLIER, SweepPlan, SweepQueue, plan_content, read_plan
+from pymantaray.apps.sweep.points import PLAN, SWEEP, SWEEP_ENTRIES, finished, point_name, stage_name
+from pymantaray.apps.sweep.results import SweepResults, open_sweep
+from pymantaray.apps.sweep.tasks import run_task
 from pymantaray.errors import JobError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.dask_pool import check_scheduler, open_pool
 from pymantaray.jobs.pool import run_tasks
 from pymantaray.jobs.progress import TaskCount, TaskProgress
 from pymantaray.jobs.store import Store, failure_content, open_store
-from pymantaray.sweep.definition import Sweep
-from pymantaray.sweep.keys import POINT, STAGES
-from pymantaray.sweep.plan import EARLIER, SweepPlan, SweepQueue, plan_content, read_plan
-from pymantaray.sweep.points import PLAN, SWEEP, SWEEP_ENTRIES, finished, point_name, stage_name
-from pymantaray.sweep.results import SweepResults, open_sweep
-from pymantaray.sweep.tasks import run_task
 
 if TYPE_CHECKING:
     from pymantaray.jobs.pool import Client
 
 
-_LOG = logging.getLogger("pymantaray.sweep")
+_LOG = logging.getLogger("pymantaray.apps.sweep")
 
 
 def run_sweep(

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 
 from pymantaray.jobs.store import Store
 
-_LOG = logging.getLogger("pymantaray.sweep")
+_LOG = logging.getLogger("pymantaray.apps.sweep")
 SWEEP, PLAN = "sweep.toml", "plan.json"
 SWEEP_ENTRIES = {SWEEP, PLAN, "points", "stages", "studies"}
 DONE, FAILED = "done", "failed"

@@ -11,14 +11,14 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.apps.study.settings import key_heading
+from pymantaray.apps.sweep.definition import Sweep, parse_sweep
+from pymantaray.apps.sweep.keys import POINT
+from pymantaray.apps.sweep.plan import SweepPlan, read_plan
+from pymantaray.apps.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 from pymantaray.errors import SweepError
 from pymantaray.jobs.store import Store, open_store
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
-from pymantaray.sweep.definition import Sweep, parse_sweep
-from pymantaray.sweep.keys import POINT
-from pymantaray.sweep.plan import SweepPlan, read_plan
-from pymantaray.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 
 OPEN = "open"
 

@@ -10,16 +10,16 @@ import pytest
 import xarray as xr
 
 from pymantaray.apps.study import open_run, parse_study, run_study
+from pymantaray.apps.sweep import Sweep, run_sweep, stages, tasks
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
+from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue
+from pymantaray.apps.sweep.points import stage_name
+from pymantaray.apps.sweep.tasks import SweepTask, run_task
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
 from pymantaray.jobs.pool import Pool
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.jobs.store import open_store
-from pymantaray.sweep import Sweep, run_sweep, stages, tasks
-from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
-from pymantaray.sweep.plan import SweepPlan, SweepQueue
-from pymantaray.sweep.points import stage_name
-from pymantaray.sweep.tasks import SweepTask, run_task
 from pymantaray.water.water import mission_ocean
 
 
@@ -130,7 +130,7 @@ def test_added_points_alone_are_computed(here, counted, noises, tmp_path):
 
 def test_workers_change_no_digit(depths, tmp_path, monkeypatch):
     workers = run_sweep(depths, tmp_path / "workers", workers=2)
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", factories.pool_here)
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", factories.pool_here)
     alone = run_sweep(depths, tmp_path / "alone")
     assert workers.status() == alone.status() == (4, 4, 0, {})
     assert digits(workers) == digits(alone)
@@ -208,7 +208,7 @@ def test_each_task_follows_the_stage_that_it_needs(depths):
 
 def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "pymantaray.sweep.runner.open_pool",
+        "pymantaray.apps.sweep.runner.open_pool",
         lambda *_: factories.pool_here(partial(run_task, str(tmp_path / "away"))),
     )
     with pytest.raises(
@@ -249,13 +249,13 @@ def losing_pool(number):
 
 
 def test_a_point_whose_worker_is_lost_is_a_result_and_the_others_go_on(noises, tmp_path, monkeypatch):
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", losing_pool(5))
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", losing_pool(5))
     results = run_sweep(noises(3), tmp_path / "out")
     assert [c["status"] for c in results.contents] == ["done", "failed", "done"]
     assert results.contents[1]["error"] == "a worker ended early: gone"
 
 
 def test_points_whose_stage_lost_its_worker_fail_by_its_line(noises, tmp_path, monkeypatch):
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", losing_pool(3))  # of the rays
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", losing_pool(3))  # of the rays
     results = run_sweep(noises(2), tmp_path / "out")
     assert results.status().failures == {"a worker ended early: gone": 2}

@@ -4,7 +4,7 @@ import pytest
 from dask_cluster import client_here
 from factories import pool_here
 
-from pymantaray.sweep import run_sweep
+from pymantaray.apps.sweep import run_sweep
 
 pytest.importorskip("distributed")
 
@@ -14,7 +14,7 @@ def test_a_client_gives_the_same_digits_as_this_process(noises, summaries, monke
     with client_here(2) as client:
         by_dask = run_sweep(sweep, tmp_path / "dask", client=client)
         assert client.status == "running"  # it is its owner's
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", pool_here)
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", pool_here)
     here = run_sweep(sweep, tmp_path / "here")
     assert by_dask.status().done == 3
     assert summaries(by_dask) == summaries(here)

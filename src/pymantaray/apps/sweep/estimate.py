@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.study.tracks import mission_size
+from pymantaray.apps.sweep.definition import Sweep
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
+from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.errors import SweepError
-from pymantaray.sweep.definition import Sweep
-from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
-from pymantaray.sweep.plan import SweepPlan
 
 _OCEAN_SECONDS, _MEDIUM_SECONDS = 1.2, 0.2
 _SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 1e-4, 2e-5
@@ -85,8 +85,8 @@ def cost_of(contents: Sequence[Mapping[str, Mapping[str, float]]]) -> Cost | Non
 
 def measured_cost(sweep: Sweep) -> Cost:
     """Cost of the first point on this machine, measured after a run that compiles the kernels."""
-    from pymantaray.sweep.results import open_sweep
-    from pymantaray.sweep.runner import run_sweep
+    from pymantaray.apps.sweep.results import open_sweep
+    from pymantaray.apps.sweep.runner import run_sweep
 
     first = Sweep(sweep.point(0), seeds=[1, 2])
     with tempfile.TemporaryDirectory(prefix="mantaray-") as folder:

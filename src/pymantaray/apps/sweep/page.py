@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from pymantaray.apps.sweep.results import point_table
 from pymantaray.pages.page import Page
 from pymantaray.pages.table_explorer import table_explorer
-from pymantaray.sweep.results import point_table
 
 _NO_RESULTS = ("point", "status", "error", "condition", "key")
 
@@ -19,7 +19,7 @@ def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | P
     Parameters
     ----------
     table : pandas.DataFrame
-        Table from `pymantaray.sweep.SweepResults.table`.
+        Table from `pymantaray.apps.sweep.SweepResults.table`.
     fields : sequence of str
         Swept columns.
     folder : str or pathlib.Path

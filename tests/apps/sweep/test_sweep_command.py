@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from factories import pool_here
 
-from pymantaray.sweep import open_sweep
+from pymantaray.apps.sweep import open_sweep
 
 SWEEP = """
 base = "small.toml"
@@ -67,7 +67,7 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
 
 
 def test_the_exit_status_says_that_points_have_failed(mantaray, told, file, monkeypatch, tmp_path):
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", pool_here)
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", pool_here)
     file.write_text('base = "small.toml"\ncross.fleet.vehicles.A.north = [1e6]')
     out = tmp_path / "out"
     ran = mantaray("sweep", "run", file, "--out", out)
@@ -91,7 +91,7 @@ def test_bad_points_are_told_before_anything_runs(mantaray, file, tmp_path):
 
 
 def test_nothing_of_dask_is_imported_before_it_is_asked_for():
-    code = "import sys, pymantaray.cli.main, pymantaray.sweep.runner\n"
+    code = "import sys, pymantaray.cli.main, pymantaray.apps.sweep.runner\n"
     code += "print({'dask', 'distributed', 'fsspec'} & set(sys.modules))"
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert printed.stdout == "set()\n", printed.stderr

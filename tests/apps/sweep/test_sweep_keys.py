@@ -17,10 +17,19 @@ from factories import TINY
 import pymantaray
 from pymantaray.apps.study import parse_study
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
+from pymantaray.apps.sweep.keys import (
+    FLEET,
+    OCEAN,
+    POINT,
+    RAYS,
+    STAGES,
+    stage_config,
+    stage_fields,
+    task_keys,
+)
+from pymantaray.apps.sweep.stages import _PACK, _RECORDS, _UNPACK
 from pymantaray.installation import code_version
 from pymantaray.records.writing import netcdf_content, netcdf_groups
-from pymantaray.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, stage_config, stage_fields, task_keys
-from pymantaray.sweep.stages import _PACK, _RECORDS, _UNPACK
 from pymantaray.water.ocean import build_medium
 from pymantaray.water.water import mission_ocean
 

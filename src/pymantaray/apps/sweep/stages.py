@@ -13,6 +13,8 @@ import xarray as xr
 from pymantaray.acoustics import Medium
 from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, stage_config
+from pymantaray.apps.sweep.points import stage_name
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
@@ -20,8 +22,6 @@ from pymantaray.records.base import Record
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging, Receptions
 from pymantaray.sensing.schedule import Attempts
-from pymantaray.sweep.keys import FLEET, OCEAN, RAYS, stage_config
-from pymantaray.sweep.points import stage_name
 from pymantaray.water.ocean import OceanFields, build_medium, is_profile
 from pymantaray.water.water import mission_ocean
 

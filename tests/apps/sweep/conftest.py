@@ -8,7 +8,7 @@ import pytest
 from factories import TINY, pool_here
 
 from pymantaray.apps.study import parse_study
-from pymantaray.sweep import Sweep, stages
+from pymantaray.apps.sweep import Sweep, stages
 from pymantaray.water.water import mission_ocean
 
 
@@ -28,7 +28,7 @@ def nothing_in_memory(monkeypatch, ocean_of):
 @pytest.fixture
 def here(monkeypatch):
     """Do a sweep's tasks in this process, one after the other."""
-    monkeypatch.setattr("pymantaray.sweep.runner.open_pool", pool_here)
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", pool_here)
 
 
 @pytest.fixture(scope="session")
