@@ -14,12 +14,12 @@ import pytest
 from pages import DOCS, blocks_of
 from pydantic import BaseModel, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 
+from pymantaray.apps.plan.definition import PlanFile
 from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.sweep.definition import KEYS
 from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
 from pymantaray.ocean.fetch.catalogue import Catalogue
-from pymantaray.plan.definition import PlanFile
 
 PAGES = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))
 MARKUP = re.compile(r"\[[a-z#/@]")  # what Rich takes for a style

@@ -49,7 +49,7 @@ def column_unit(name: str, unit: str) -> str:
 def configuration() -> dict[str, str]:
     """Page of all keys of all configurations."""
     from pymantaray.ocean.fetch.catalogue import Catalogue
-    from pymantaray.plan.definition import PlanFile
+    from pymantaray.apps.plan.definition import PlanFile
     from pymantaray.apps.study import StudyConfig
     from pymantaray.apps.sweep.definition import KEYS
 

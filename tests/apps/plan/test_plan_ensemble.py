@@ -5,16 +5,16 @@ import pytest
 from factories import TINY
 from refusals import refused
 
+from pymantaray.apps.plan import DeploymentPlan, search_designs
+from pymantaray.apps.plan.definition import PlanSection
+from pymantaray.apps.plan.ensemble import worst_score
+from pymantaray.apps.plan.evaluate import DesignEvaluator
+from pymantaray.apps.plan.waters import Missions
 from pymantaray.apps.study import parse_study
 from pymantaray.apps.study.beliefs import Beliefs
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import PlanError
 from pymantaray.ocean import open_ocean
-from pymantaray.plan import DeploymentPlan, search_designs
-from pymantaray.plan.definition import PlanSection
-from pymantaray.plan.ensemble import worst_score
-from pymantaray.plan.evaluate import DesignEvaluator
-from pymantaray.plan.waters import Missions
 from pymantaray.records import write_netcdf
 
 MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}

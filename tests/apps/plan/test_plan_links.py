@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from factories import TINY
 
+from pymantaray.apps.plan import DeploymentPlan
+from pymantaray.apps.plan.definition import PlanSection
+from pymantaray.apps.plan.evaluate import DesignEvaluator
+from pymantaray.apps.plan.waters import Missions
 from pymantaray.apps.study import parse_study
-from pymantaray.plan import DeploymentPlan
-from pymantaray.plan.definition import PlanSection
-from pymantaray.plan.evaluate import DesignEvaluator
-from pymantaray.plan.waters import Missions
 
 MARKS = [
     {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0},

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.plan import PlanResults, figures
+from pymantaray.apps.plan.detail import DesignDetail, detail_of
+from pymantaray.apps.plan.ensemble import mean_score
 from pymantaray.apps.study.figures.register import FigureSpec, with_source
 from pymantaray.apps.study.page import SYNTHETIC_NOTE
 from pymantaray.apps.study.report import write_page
@@ -16,12 +19,8 @@ from pymantaray.pages import style
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Card, Page, origin_table
 from pymantaray.pages.table_explorer import table_explorer
-from pymantaray.plan import PlanResults
-from pymantaray.plan.detail import DesignDetail, detail_of
-from pymantaray.plan.ensemble import mean_score
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
-from pymantaray.report import plan_figures as figures
 
 _MAX_OTHERS = 3  # designs of the front beside the best one
 _FEW_VALUES = 12  # of a key that can divide designs into series
@@ -41,7 +40,7 @@ def write_plan_page(
     Parameters
     ----------
     results : PlanResults
-        Evaluated designs, from `pymantaray.plan.search_designs`.
+        Evaluated designs, from `pymantaray.apps.plan.search_designs`.
     out : str or pathlib.Path, optional
         New or empty folder. Default: a new folder in ``runs``.
     made_by : dict, optional

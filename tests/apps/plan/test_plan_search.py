@@ -9,12 +9,12 @@ import tomli_w
 from factories import TINY
 from refusals import refused
 
+from pymantaray.apps.plan import load_plan, search_designs
+from pymantaray.apps.plan.evaluate import Scores
+from pymantaray.apps.plan.results import PlanResults, difference
 from pymantaray.apps.study import load_study
 from pymantaray.cli.main import main
 from pymantaray.errors import PlanError, StudyError, WriteError
-from pymantaray.plan import load_plan, search_designs
-from pymantaray.plan.evaluate import Scores
-from pymantaray.plan.results import PlanResults, difference
 
 LANDMARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 
@@ -190,8 +190,8 @@ def test_the_page_has_the_front_the_map_and_the_sentences(tmp_path):
 
 
 def test_the_map_fills_its_figure(tmp_path):
-    from pymantaray.plan.detail import detail_of
-    from pymantaray.report.plan_figures import map_figure
+    from pymantaray.apps.plan.detail import detail_of
+    from pymantaray.apps.plan.figures import map_figure
 
     plan = load_plan(write(tmp_path, free={"landmarks.T.depth": [5.0, 300.0]}))
     details = {f"T at {depth:g} m": detail_of(plan, {"landmarks.T.depth": depth}) for depth in (5.0, 300.0)}

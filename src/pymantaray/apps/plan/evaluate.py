@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from pymantaray.apps.plan.definition import CostSection, DeploymentPlan, Design
+from pymantaray.apps.plan.waters import Missions
 from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.store import Run
@@ -18,8 +20,6 @@ from pymantaray.evaluation import error_bound
 from pymantaray.evaluation.bound import ping_samples, submerged_at
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import root_mean
-from pymantaray.plan.definition import CostSection, DeploymentPlan, Design
-from pymantaray.plan.waters import Missions
 from pymantaray.records import Measurements
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.detection import mark_unheard

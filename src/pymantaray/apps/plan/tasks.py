@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from pymantaray.apps.plan.definition import DeploymentPlan, Design
+from pymantaray.apps.plan.evaluate import DesignEvaluator, Scores
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import digest
 from pymantaray.jobs.pool import one_task
-from pymantaray.plan.definition import DeploymentPlan, Design
-from pymantaray.plan.evaluate import DesignEvaluator, Scores
 
 _latest: dict[str, DesignEvaluator] = {}
 """Evaluator of the latest plan of this process, by the plan's key."""

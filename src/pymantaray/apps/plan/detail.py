@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from pymantaray.apps.plan.definition import DeploymentPlan, Design
+from pymantaray.apps.plan.evaluate import Errors, detection_probability, error_quantile
+from pymantaray.apps.plan.tasks import evaluator_of
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
-from pymantaray.plan.definition import DeploymentPlan, Design
-from pymantaray.plan.evaluate import Errors, detection_probability, error_quantile
-from pymantaray.plan.tasks import evaluator_of
 from pymantaray.records import Measurements, Trajectories
 
 Pair = tuple[str, str]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.plan.evaluate import Scores
+from pymantaray.apps.plan.evaluate import Scores
 
 COLUMNS = {
     "error": "error_m",

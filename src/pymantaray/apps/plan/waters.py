@@ -4,6 +4,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.plan.definition import DeploymentPlan, Design
+from pymantaray.apps.plan.solved_links import SolvedLinks
 from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.study.mission import assemble_mission, range_fleet, simulate_fleet
 from pymantaray.apps.study.runner import refuse_too_large
@@ -11,8 +13,6 @@ from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, task_keys
 from pymantaray.geometry import stream
 from pymantaray.ocean import perturb_ocean
-from pymantaray.plan.definition import DeploymentPlan, Design
-from pymantaray.plan.solved_links import SolvedLinks
 from pymantaray.records import Trajectories
 from pymantaray.water.ocean import OceanFields, build_medium, open_start
 from pymantaray.water.water import mission_ocean

@@ -8,12 +8,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pymantaray.apps.plan import PlanResults
+from pymantaray.apps.plan.detail import DesignDetail, Pair
+from pymantaray.apps.plan.ensemble import pareto_front
 from pymantaray.apps.study.figures.fleet import draw_depths, draw_plan
 from pymantaray.arrays import Array
 from pymantaray.pages import style
-from pymantaray.plan import PlanResults
-from pymantaray.plan.detail import DesignDetail, Pair
-from pymantaray.plan.ensemble import pareto_front
 from pymantaray.records.result_table import heading
 
 AS_IT_IS = "Study as it is"

@@ -5,11 +5,11 @@ import pytest
 from factories import TINY
 from scipy.stats import chi, kendalltau
 
+from pymantaray.apps.plan import DeploymentPlan, search_designs
+from pymantaray.apps.plan.definition import PlanSection
+from pymantaray.apps.plan.ensemble import mean_score, pareto_front, worst_score
+from pymantaray.apps.plan.evaluate import DesignEvaluator, Scores, error_quantile
 from pymantaray.apps.study import load_study, parse_study, run_study
-from pymantaray.plan import DeploymentPlan, search_designs
-from pymantaray.plan.definition import PlanSection
-from pymantaray.plan.ensemble import mean_score, pareto_front, worst_score
-from pymantaray.plan.evaluate import DesignEvaluator, Scores, error_quantile
 from pymantaray.records import RayStatus, VehicleStatus
 
 MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
@@ -71,7 +71,7 @@ def test_cost_counts_stations_landmarks_and_pings(tiny):
 
 
 def test_a_link_that_is_probably_not_detected_is_lost(tiny):
-    from pymantaray.plan.evaluate import expected_measurements
+    from pymantaray.apps.plan.evaluate import expected_measurements
 
     loud, faint = (
         parse_study(

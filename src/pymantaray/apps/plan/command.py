@@ -12,7 +12,7 @@ from pymantaray.cli.output import check_output, counted_progress
 from pymantaray.errors import WriteError
 
 if TYPE_CHECKING:
-    from pymantaray.plan import PlanResults
+    from pymantaray.apps.plan import PlanResults
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def plan(
 ) -> None:
     """Compare designs of a deployment by their expected position errors and lost links, and print the best."""
     files.check(file)
-    from pymantaray.plan import load_plan, search_designs
+    from pymantaray.apps.plan import load_plan, search_designs
 
     deployment = load_plan(file, **changes_of(changes))
     with counted_progress("designs", quiet=printing.quiet) as progress:

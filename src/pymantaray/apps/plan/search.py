@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.apps.plan.definition import DeploymentPlan, Design, FreeLine, FreeRange
+from pymantaray.apps.plan.ensemble import loss_of
+from pymantaray.apps.plan.evaluate import Scores
+from pymantaray.apps.plan.results import PlanResults
+from pymantaray.apps.plan.tasks import DesignTask, evaluate_task
 from pymantaray.errors import PlanError
 from pymantaray.jobs.dask_pool import check_scheduler, open_pool
 from pymantaray.jobs.pool import Pool, Queue, run_tasks
 from pymantaray.jobs.progress import TaskProgress
-from pymantaray.plan.definition import DeploymentPlan, Design, FreeLine, FreeRange
-from pymantaray.plan.ensemble import loss_of
-from pymantaray.plan.evaluate import Scores
-from pymantaray.plan.results import PlanResults
-from pymantaray.plan.tasks import DesignTask, evaluate_task
 
 if TYPE_CHECKING:
     from pymantaray.jobs.pool import Client
