@@ -9,10 +9,10 @@ The atlases go into a folder, by default ``runs/atlas``; one that is there alrea
 import sys
 from pathlib import Path
 
-from pymantaray.atlas import Atlas, open_atlas, run_atlas
+from pymantaray.apps.atlas import Atlas, open_atlas, run_atlas
+from pymantaray.apps.atlas.figures import error_maps
 from pymantaray.pages.style import rendered
 from pymantaray.records import whole_file
-from pymantaray.report.atlas_plots import error_maps
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
 MEAN, MIDDLE = 2, 1  # convention and distance

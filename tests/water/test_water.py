@@ -8,7 +8,7 @@ from refusals import refused
 
 from pymantaray import load_study, measure
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, thin_profile
-from pymantaray.atlas import Atlas
+from pymantaray.apps.atlas import Atlas
 from pymantaray.config import load_sound
 from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
 from pymantaray.ocean import open_ocean, to_local, with_ice

@@ -11,9 +11,9 @@ from refusals import refused
 
 from pymantaray import find_eigenrays, load_study, measure, simulate
 from pymantaray.acoustics import Medium
+from pymantaray.apps.atlas import Atlas
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.atlas import Atlas
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle
 from pymantaray.ocean.environment import environment_arrays, read_environment

@@ -10,10 +10,10 @@ from oracles import direct_travel_time_linear_gradient
 from refusals import refused
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.atlas import AtlasLinks
+from pymantaray.apps.atlas.column import SPLINE, column_errors, medium_at
+from pymantaray.apps.atlas.links import CONVENTIONS
 from pymantaray.apps.study import parse_study
-from pymantaray.atlas import AtlasLinks
-from pymantaray.atlas.column import SPLINE, column_errors, medium_at
-from pymantaray.atlas.links import CONVENTIONS
 from pymantaray.errors import AtlasError
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean import open_ocean

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.atlas.links import AtlasLinks
+from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.cli.groups import Fields, quantities, quantity, with_options
 from pymantaray.cli.ocean import Files
 from pymantaray.cli.options import (
@@ -65,7 +65,7 @@ class ColumnOptions:
 
     def instants(self, source: Sequence[str], time: list[str] | None) -> Any:
         """Instants of an ocean's files, or those of the option ``--time``."""
-        from pymantaray.atlas.plan import instants_between
+        from pymantaray.apps.atlas.plan import instants_between
 
         if (self.start is None) != (self.stop is None) or (self.start is not None and time):
             raise AtlasError("--start and --stop must be used together and without --time")
@@ -142,7 +142,7 @@ def run(
 ) -> None:
     """Compute an atlas, or complete an interrupted one."""
     check_output(out.out, [".nc"], inputs=[Path(name) for name in files], force=True)
-    from pymantaray.atlas import Atlas, open_atlas, run_atlas, safety_table
+    from pymantaray.apps.atlas import Atlas, open_atlas, run_atlas, safety_table
     from pymantaray.records.digits import counted
     from pymantaray.water.water import configuration_of
 
@@ -178,7 +178,7 @@ def run(
 @app.command()
 def show(file: AtlasFile, as_json: Json = False, to: To = "text") -> None:
     """Print range errors and safe locations by convention and distance."""
-    from pymantaray.atlas import open_atlas, safety_table
+    from pymantaray.apps.atlas import open_atlas, safety_table
 
     with open_atlas(file) as dataset, printer(as_json=as_json, to=to) as printed:
         printed.line(dataset.attrs["title"], title=dataset.attrs["title"])
@@ -215,7 +215,7 @@ def plot(
     quiet: Quiet = False,
 ) -> None:
     """Draw maps of safe distances, errors and lost paths, time series of the error, and an interactive page."""
-    from pymantaray.atlas import open_atlas
+    from pymantaray.apps.atlas import open_atlas
     from pymantaray.cli.output import progress_bars
     from pymantaray.report import write_atlas_page, write_atlas_plots
 

@@ -4,7 +4,7 @@ import pytest
 from dask_cluster import client_here
 from factories import pool_here
 
-from pymantaray.atlas import Atlas, run_atlas
+from pymantaray.apps.atlas import Atlas, run_atlas
 
 pytest.importorskip("distributed")
 
@@ -16,6 +16,6 @@ def test_a_client_gives_the_same_bytes_as_this_process(ocean, file, links, tiles
     with client_here(2) as client:
         by_dask = run_atlas(atlas, tmp_path / "dask.nc", client=client)
         assert client.status == "running"  # it is its owner's
-    monkeypatch.setattr("pymantaray.atlas.runner.open_pool", pool_here)
+    monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
     here = run_atlas(atlas, tmp_path / "here.nc")
     assert by_dask.read_bytes() == here.read_bytes()

@@ -6,7 +6,7 @@ from factories import pool_here
 from refusals import refused
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays
-from pymantaray.atlas import Atlas, AtlasLinks, open_atlas, run_atlas
+from pymantaray.apps.atlas import Atlas, AtlasLinks, open_atlas, run_atlas
 from pymantaray.errors import AtlasError
 from pymantaray.ocean import synthetic_ocean, to_local, with_ice
 
@@ -18,7 +18,7 @@ WHERE = {"window": (78.7, 78.8, 0.0, 0.3), "every": 1}
 def _own_cache_and_process(tmp_path, monkeypatch):
     """Blocks are computed in this process; `test_workers_and_tiles_change_no_digit` is about others."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr("pymantaray.atlas.runner.open_pool", pool_here)
+    monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pymantaray.atlas.blocks import block_name, read_block, run_block, source_of
-from pymantaray.atlas.dataset import LocatedBlock, open_atlas, write_atlas
-from pymantaray.atlas.plan import Atlas, Block, described
+from pymantaray.apps.atlas.blocks import block_name, read_block, run_block, source_of
+from pymantaray.apps.atlas.dataset import LocatedBlock, open_atlas, write_atlas
+from pymantaray.apps.atlas.plan import Atlas, Block, described
 from pymantaray.errors import AtlasError, JobError, WriteError
 from pymantaray.jobs.dask_pool import check_scheduler, open_pool
 from pymantaray.jobs.pool import Queue, run_tasks

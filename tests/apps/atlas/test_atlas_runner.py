@@ -14,9 +14,9 @@ import xarray as xr
 from oracles import cf_errors
 from refusals import refused
 
-from pymantaray.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_atlas, runner, safety_table
-from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
-from pymantaray.atlas.plan import instants_between
+from pymantaray.apps.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_atlas, runner, safety_table
+from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
+from pymantaray.apps.atlas.plan import instants_between
 from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
@@ -171,7 +171,7 @@ def test_a_block_that_fails_is_told_when_the_others_are_done(
     sick = ocean.copy(deep=True)
     sick["water_temp"][3, 10, 8] = 99.0
     sick.to_netcdf(path)
-    monkeypatch.setattr("pymantaray.atlas.column.SPLINE", 1)
+    monkeypatch.setattr("pymantaray.apps.atlas.column.SPLINE", 1)
     monkeypatch.setattr(plan, "_GRID_MARGIN", 3)
     atlas = Atlas(path, links, window=_window(ocean, 10, 10, 8, 16))
     refused(
@@ -353,7 +353,7 @@ def test_what_is_no_atlas_is_refused(file, tmp_path):
 
 RUN = """
 import sys
-from pymantaray.atlas import Atlas, AtlasLinks, plan, run_atlas
+from pymantaray.apps.atlas import Atlas, AtlasLinks, plan, run_atlas
 plan._COLUMNS = 1
 links = AtlasLinks(pairs=((20.0, 100.0), (300.0, 300.0)), distances=(1_000.0, 3_000.0), bearings=3)
 run_atlas(Atlas(sys.argv[1], links, every=3), sys.argv[2], workers=1)
@@ -362,7 +362,7 @@ run_atlas(Atlas(sys.argv[1], links, every=3), sys.argv[2], workers=1)
 
 BASIN = """
 import resource, sys
-from pymantaray.atlas import Atlas, AtlasLinks, run_atlas
+from pymantaray.apps.atlas import Atlas, AtlasLinks, run_atlas
 links = AtlasLinks(pairs=((20.0, 100.0),), distances=(1_000.0,), bearings=1)
 run_atlas(Atlas(sys.argv[1], links, every=int(sys.argv[2])), sys.argv[3], workers=1)
 own = next(line for line in open("/proc/self/status") if line.startswith("VmHWM:"))

@@ -10,9 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import pymantaray
-from pymantaray.atlas.column import EDGE, LAND, WATER
-from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
-from pymantaray.atlas.plan import Atlas
+from pymantaray.apps.atlas.column import EDGE, LAND, WATER
+from pymantaray.apps.atlas.links import CONVENTIONS, AtlasLinks
+from pymantaray.apps.atlas.plan import Atlas
 from pymantaray.errors import AtlasError
 from pymantaray.records import NETCDF_LOCK, RayStatus, whole_file
 from pymantaray.records.writing import check_room

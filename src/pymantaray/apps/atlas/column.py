@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, select
 from pymantaray.acoustics.currents import carried
+from pymantaray.apps.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.arrays import Array
-from pymantaray.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.estimation.range_models import ConstantSpeed, TransmitterSpeed
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean.grid_points import GridPoints

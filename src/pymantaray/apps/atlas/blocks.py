@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import ice_of
-from pymantaray.atlas.column import EDGE, LAND, WATER, column_errors, water_at
-from pymantaray.atlas.dataset import VARIABLES, shape_of
-from pymantaray.atlas.plan import Block
+from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, water_at
+from pymantaray.apps.atlas.dataset import VARIABLES, shape_of
+from pymantaray.apps.atlas.plan import Block
 from pymantaray.config.sections import OceanSection
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.longitude import whole_turns

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.atlas import AtlasLinks, open_atlas, plan
+from pymantaray.apps.atlas import AtlasLinks, open_atlas, plan
 from pymantaray.ocean import synthetic_ocean
 
 COAST = (slice(20, 23), slice(26, 32))

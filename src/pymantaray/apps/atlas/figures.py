@@ -66,7 +66,7 @@ def write_atlas_plots(
     Parameters
     ----------
     atlas : xarray.Dataset
-        Atlas from `pymantaray.atlas.open_atlas`.
+        Atlas from `pymantaray.apps.atlas.open_atlas`.
     folder : str or pathlib.Path
         Folder, which is created if necessary. Existing figures with the same names are replaced.
     convention : str

@@ -13,9 +13,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.atlas.column import SPLINE
+from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.arrays import Array
-from pymantaray.atlas.column import SPLINE
-from pymantaray.atlas.links import AtlasLinks
 from pymantaray.config import SoundConfig
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AtlasError

@@ -7,11 +7,11 @@ import numpy as np
 import xarray as xr
 from matplotlib.image import imread
 
+from pymantaray.apps.atlas.figures import CONVENTION_COLOURS, CONVENTION_WORDS
 from pymantaray.apps.study.explore import as_json
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Explorer, Page
 from pymantaray.records.digits import counted
-from pymantaray.report.atlas_plots import CONVENTION_COLOURS, CONVENTION_WORDS
 
 _MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]
@@ -31,7 +31,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     Parameters
     ----------
     atlas : xarray.Dataset
-        Atlas from `pymantaray.atlas.open_atlas`. If it has more than half a million errors, the page contains every n-th column.
+        Atlas from `pymantaray.apps.atlas.open_atlas`. If it has more than half a million errors, the page contains every n-th column.
     figures : sequence of pathlib.Path
         Files from `write_atlas_plots`.
     folder : str or pathlib.Path

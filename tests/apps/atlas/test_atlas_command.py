@@ -23,7 +23,7 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monke
     atlas = told("atlas", "show", out)
     assert atlas["title"] == shown.out.splitlines()[0]
     assert atlas["safety"][0].keys() > {"convention", "distance_m", "median_m", "safe_to_1m_percent"}
-    monkeypatch.setattr("pymantaray.atlas.runner.open_pool", pool_here)
+    monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
     again = told("atlas", "run", ocean_file, "--out", out, *WORDS, "--force")
     assert again == {"columns_lat": 3, "columns_lon": 5, "instants": 1, "links": 4, "file": str(out)} | {
         "safety": atlas["safety"]

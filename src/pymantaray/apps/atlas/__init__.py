@@ -1,0 +1,14 @@
+"""Atlas of range errors with straight rays in every column of an ocean, by convention, and of links without a direct path."""
+
+from typing import TYPE_CHECKING
+
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.apps.atlas.dataset import open_atlas as open_atlas
+    from pymantaray.apps.atlas.dataset import safety_table as safety_table
+    from pymantaray.apps.atlas.links import AtlasLinks as AtlasLinks
+    from pymantaray.apps.atlas.plan import Atlas as Atlas
+    from pymantaray.apps.atlas.runner import run_atlas as run_atlas
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)
