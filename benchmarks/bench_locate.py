@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.locate import LocateOptions, Node, Survey, locate
+from pymantaray.apps.locate import LocateOptions, Node, Survey, locate
 
 SIGMA = 1e-4  # s
 

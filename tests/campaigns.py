@@ -7,7 +7,7 @@ import pyproj
 from oracles import direct_travel_time_linear_gradient
 
 from pymantaray.acoustics import Medium
-from pymantaray.locate import LeverArm, Node, Survey
+from pymantaray.apps.locate import LeverArm, Node, Survey
 
 SURFACE_SPEED, GRADIENT = 1480.0, 0.017
 

@@ -5,10 +5,10 @@ import pytest
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
+from pymantaray.apps.locate import read_survey
 from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.exchange import read_trajectories
 from pymantaray.exchange.kitti import write_kitti
-from pymantaray.locate import read_survey
 
 TURN = Rotation.from_euler("ZYX", [[0.1, 0.2, 0.3], [1.0, -0.4, 0.0], [-2.0, 0.1, 0.2]])
 PLACE = np.array([[0.0, 0.0, 10.0], [1.5, -2.0, 11.0], [3.0, 0.5, 12.0]])

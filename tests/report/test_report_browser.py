@@ -13,9 +13,9 @@ from campaigns import make_campaign, survey_of, water
 from factories import TINY
 from PIL import Image
 
+from pymantaray.apps.locate import LocateOptions, locate
 from pymantaray.apps.plan import DeploymentPlan, PlanSection, search_designs
 from pymantaray.apps.study import parse_study
-from pymantaray.locate import LocateOptions, locate
 from pymantaray.report import (
     write_atlas_page,
     write_comparison,

@@ -1,0 +1,24 @@
+"""Estimation of node positions and their covariance from a survey of two-way and one-way travel times."""
+
+from typing import TYPE_CHECKING
+
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.apps.locate.location import Location as Location
+    from pymantaray.apps.locate.location import locate as locate
+    from pymantaray.apps.locate.options import LocateOptions as LocateOptions
+    from pymantaray.apps.locate.options import PlanOptions as PlanOptions
+    from pymantaray.apps.locate.options import SpeedPrior as SpeedPrior
+    from pymantaray.apps.locate.plan import Pattern as Pattern
+    from pymantaray.apps.locate.plan import SurveyPlan as SurveyPlan
+    from pymantaray.apps.locate.plan import plan_survey as plan_survey
+    from pymantaray.apps.locate.read import read_survey as read_survey
+    from pymantaray.apps.locate.read_options import ReadOptions as ReadOptions
+    from pymantaray.apps.locate.survey import LeverArm as LeverArm
+    from pymantaray.apps.locate.survey import Node as Node
+    from pymantaray.apps.locate.survey import PlatformError as PlatformError
+    from pymantaray.apps.locate.survey import Survey as Survey
+    from pymantaray.apps.locate.survey import TravelDirection as TravelDirection
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

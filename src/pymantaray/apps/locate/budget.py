@@ -1,0 +1,78 @@
+"""Error budget of each position in metres: an exact decomposition of the posterior covariance."""
+
+import numpy as np
+import pandas as pd
+
+from pymantaray.apps.locate.evidence import posterior
+from pymantaray.apps.locate.solve import SurveySolution
+from pymantaray.apps.locate.survey import PlatformError
+from pymantaray.arrays import Array
+
+_PRIORS = {
+    "sound speed": ("speed",),
+    "lever arm": ("lever",),
+    "turn-around time": ("turn_around",),
+    "clocks": ("offset", "drift"),
+    "prior of the positions": ("position", "array"),
+}
+
+
+def error_budget(solution: SurveySolution) -> pd.DataFrame:
+    r"""
+    Contributions to the standard deviations of each node's position.
+
+    With the posterior covariance :math:`\Sigma`, priors :math:`P` and information of the data :math:`G`,
+    :math:`\Sigma = \Sigma G \Sigma + \Sigma P^{-1} \Sigma`. The first part is due to the noise of the pings. It consists of
+    ``noise``, the value if only positions were unknown; ``platform positions``, the contribution of their errors; and
+    ``geometry``, the remainder, due to the correlation of positions with other unknowns in this pattern. The second part is a sum
+    over unknowns. The squares of all contributions add up to the square of ``total``.
+    """
+    unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices
+    by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
+    spread = by_position @ fit.covariance
+    sd = unknowns.scaled_sd(dict.fromkeys(unknowns.groups, 1.0) | dict(fit.hyperparameters))
+    held = np.diag(fit.covariance) <= 0.0
+    inverse = np.where(held | (sd <= 0.0), 0.0, 1.0 / np.maximum(sd, 1e-300))
+    parts = {
+        name: sum(np.sum((spread[:, at[kind]] * inverse[at[kind]]) ** 2, axis=1) for kind in kinds)
+        for name, kinds in _PRIORS.items()
+    }
+    total = np.sum(spread * by_position, axis=1)
+    noise = np.maximum(total - sum(parts.values()), 0.0)
+    alone = np.minimum(_noise_alone(solution, by_position, inverse), noise)
+    platform = np.minimum(_platform(solution, by_position, total), noise - alone)
+    rows = {"noise": alone, "geometry": noise - alone - platform, "platform positions": platform} | parts
+    table = []
+    for k, name in enumerate(unknowns.survey.names):
+        for what, variance in (rows | {"total": total}).items():
+            north, east, depth = np.sqrt(np.maximum(np.asarray(variance)[3 * k : 3 * k + 3], 0.0))
+            table.append({"node": name, "source": what, "north_m": north, "east_m": east, "depth_m": depth})
+    return pd.DataFrame(table)
+
+
+def _noise_alone(solution: SurveySolution, by_position: Array, inverse: Array) -> Array:
+    """Variances if only positions were unknown."""
+    at = solution.unknowns.slices
+    columns = np.concatenate([np.arange(at[kind].start, at[kind].stop) for kind in ("position", "array")])
+    columns = columns[inverse[columns] > 0.0]
+    if not columns.size:
+        return np.zeros(len(by_position))
+    information = solution.products.normal[np.ix_(columns, columns)] / solution.posterior.sigma**2
+    scale = 1.0 / inverse[columns]
+    scaled = information * np.outer(scale, scale) + np.eye(columns.size)
+    covariance = np.linalg.inv(scaled) * np.outer(scale, scale)
+    spread = by_position[:, columns] @ covariance
+    return np.asarray(np.einsum("ij,jk,ik->i", spread, information, spread))
+
+
+def _platform(solution: SurveySolution, by_position: Array, total: Array) -> Array:
+    """Contribution of errors of the platform's positions to the variances."""
+    survey, fit = solution.unknowns.survey, solution.posterior
+    if survey.platform_error.horizontal == survey.platform_error.vertical == 0.0:
+        return np.zeros_like(total)
+    products = solution.linear.products(solution.used, solution.correlation, PlatformError(), fit.sigma)
+    without = posterior(
+        products, solution.unknowns, solution.values, fit.hyperparameters, sigma=fit.sigma, steps=1
+    )
+    less = np.sum((by_position @ without.covariance) * by_position, axis=1)
+    return np.asarray(np.maximum(total - less, 0.0))

@@ -1,0 +1,393 @@
+"""Commands of `mantaray locate`: positions of nodes from a survey of pings, and plans of surveys."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from pymantaray.apps.locate.options import LocateOptions, PlanOptions
+from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.apps.locate.survey import PlatformError
+from pymantaray.cli.groups import Fields, quantity, with_options
+from pymantaray.cli.options import (
+    AnySourceOptions,
+    Commands,
+    FolderOptions,
+    Force,
+    TableOptions,
+    WaterOptions,
+    format_names,
+)
+from pymantaray.cli.output import EXIT_UNUSABLE
+from pymantaray.cli.printing import LOG, Printer
+from pymantaray.errors import LocateError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pymantaray.acoustics import Medium
+    from pymantaray.apps.locate import Location, Survey
+    from pymantaray.geometry import EarthSphere, LocalFrame
+    from pymantaray.ocean.modes import VerticalModes
+    from pymantaray.water import Water
+
+_BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
+_MAX_LISTED = 10  # unused pings
+_MAX_CANDIDATES = 8
+_NOT_CONVERGED = "check the initial positions, the profile and the pings, or give --sound-speed known"
+
+
+class _SurveyGroup(TyperGroup):
+    """Group whose command `survey` is the default."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Insert ``survey`` before words that are not the name of a command."""
+        if args and args[0] not in (*self.list_commands(ctx), "--help"):
+            args = ["survey", *args]
+        return super().parse_args(ctx, args)
+
+
+app = Commands(
+    help="Locate nodes from a survey of pings: mantaray locate SURVEY. Plan a survey: mantaray locate plan.",
+    cls=_SurveyGroup,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurveyOptions:
+    """Data that a survey lacks, and unknowns of the solver in addition to positions."""
+
+    reading: Annotated[
+        ReadOptions,
+        Fields(
+            *("nodes", "track", "platform", "position_at", "transducer_depth", "depth", "depth_sigma"),
+            *("horizontal_sigma", "turn_around", "turn_around_sigma", "sigma", "lever", "lever_sigma"),
+            offset_sigma="--clock-offset-sigma",
+            drift_sigma="--clock-drift-sigma",
+        ),
+    ]
+    solving: Annotated[
+        LocateOptions,
+        Fields(
+            "correlation",
+            "gross",
+            speed_model="--sound-speed",
+            arrangement="--rigid/--free",
+            speed_prior=Fields(
+                scale="--sound-speed-sigma", gradient="--gradient-sigma", knot_interval="--knots"
+            ),
+        ),
+    ]
+    platform_sigma: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="H V", help="Standard deviations of the platform's positions, in metres."),
+    ] = None
+    platform_correlation: Annotated[
+        Any,
+        typer.Option(
+            parser=quantity("s"), metavar="DURATION", help="Correlation time of the errors of positions."
+        ),
+    ] = "10 min"
+    modes: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="CASTS", help="Casts for the vertical modes of --sound-speed modes."),
+    ] = None
+
+    def read_options(self) -> ReadOptions:
+        """Return the data that replace those of a survey."""
+        if self.platform_sigma is None:
+            return self.reading
+        error = PlatformError(*self.platform_sigma, self.platform_correlation)
+        return replace(self.reading, platform_error=error)
+
+    def locate_options(self, *, repair_freezing: bool) -> LocateOptions:
+        """Return the options of the solver."""
+        return replace(self.solving, modes=_modes(self.modes, repair_freezing=repair_freezing))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurveyFolderOptions(FolderOptions):
+    """As `FolderOptions`, but without files by default."""
+
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="New or empty folder for page, tables and files. Default: no files."
+        ),
+    ] = None
+
+
+@app.command()
+@with_options
+def survey(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SURVEY",
+            help="A table of pings, survey text of OBSrange, the ini file of GARPOS, or the config.yaml of GNATSS.",
+            show_default=False,
+        ),
+    ],
+    source: AnySourceOptions,
+    options: WaterOptions,
+    values: SurveyOptions,
+    folder: SurveyFolderOptions,
+    printing: TableOptions,
+    bootstrap: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+) -> None:
+    """Estimate node positions and their uncertainty from measured travel times."""
+    import pymantaray
+    from pymantaray.apps.locate import locate, read_survey
+    from pymantaray.apps.locate.write import check_names_to_write
+    from pymantaray.cli.output import progress_bars
+
+    measured = read_survey(file, values.read_options())
+    if folder.out is not None:
+        check_names_to_write(measured)
+    measured, water, record, notes = _water(source, options, measured)
+    with progress_bars(quiet=printing.quiet or not bootstrap) as report:
+        located = locate(
+            measured,
+            water,
+            values.locate_options(repair_freezing=options.repair_freezing),
+            bootstrap=bootstrap,
+            seed=seed,
+            progress=None if report is None else lambda done, total: report("bootstrap", done, total),
+        )
+    notes += located.notes
+    page = None
+    if folder.out is not None:
+        from pymantaray.report import write_location_page
+
+        made_by = {"mantaray": pymantaray.__version__, "survey": str(file), "water": record}
+        page = write_location_page(
+            located, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
+        )
+    with printing.printer() as printed:
+        _print_result(printed, located, notes)
+        if page is not None:
+            printed.paths(page=page)
+        if not located.solution.settled:
+            LOG.error("%s: not converged; %s", file, _NOT_CONVERGED)
+            raise typer.Exit(EXIT_UNUSABLE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedOptions:
+    """Patterns of pings, and assumptions of a plan."""
+
+    pattern: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Pattern: circle, cross, line, rose or lines. May be repeated. Default: all."
+        ),
+    ] = None
+    pings: Annotated[int, typer.Option(metavar="N", help="Number of pings per pattern.")] = 100
+    radii: Annotated[
+        tuple[float, float, int] | None,
+        typer.Option(
+            metavar="FROM TO COUNT", help="Radii in metres. Default: 30 radii from 0.1 to 3 times the depth."
+        ),
+    ] = None
+    assumed: Annotated[
+        PlanOptions,
+        Fields(
+            *("depth", "sigma", "transducer_depth"),
+            speed_model="--sound-speed",
+            speed_prior=Fields(scale="--sound-speed-sigma"),
+            lever=Fields(sigma="--lever-sigma"),
+        ),
+    ]
+    depth_sigma: Annotated[
+        float,
+        typer.Option(parser=quantity("m"), metavar="M", help="Standard deviation of the prior depth."),
+    ] = 100.0
+    platform_sigma: Annotated[
+        tuple[float, float],
+        typer.Option(metavar="H V", help="Standard deviations of the platform's positions."),
+    ] = (0.0, 0.0)
+
+    def plan_options(self) -> PlanOptions:
+        """Return the assumptions of the plan."""
+        north, east, _ = self.assumed.node_sigma
+        error = PlatformError(*self.platform_sigma)
+        return replace(self.assumed, node_sigma=(north, east, self.depth_sigma), platform_error=error)
+
+    @property
+    def radius_values(self) -> "NDArray[np.float64]":
+        """Radii of the patterns. [m]"""
+        import numpy as np
+
+        first, last, count = self.radii or (0.1 * self.assumed.depth, 3.0 * self.assumed.depth, 30)
+        if not (0.0 < first <= last and 1 <= count <= 1000):
+            raise LocateError(
+                f"--radii is {first:g} {last:g} {count}; it must be FROM TO COUNT with 0 < FROM <= TO and COUNT 1 to 1000"
+            )
+        return np.linspace(first, last, count)
+
+
+@app.command()
+@with_options
+def plan(
+    source: AnySourceOptions,
+    options: WaterOptions,
+    planned: PlannedOptions,
+    printing: TableOptions,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="PNG", help="Figure over radius, .png or .pdf; its table is written beside it."),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Print the expected standard deviations of a node for patterns of pings, and the best radius of each."""
+    from pymantaray.apps.locate.plan import SHAPES, plan_survey
+    from pymantaray.cli.output import check_output
+
+    if out is not None:
+        check_output(
+            out,
+            (".png", ".pdf"),
+            inputs=[*source.files, *options.files],
+            beside=[out.with_suffix(".csv")],
+            force=force,
+        )
+    radii, survey = planned.radius_values, planned.plan_options()
+    water = _over_a_bed(source, options, survey.depth).at_start[0]
+    shapes: Any = tuple(planned.pattern) if planned.pattern else SHAPES
+    result = plan_survey(water, survey, radii, shapes=shapes, pings=planned.pings)
+    if out is not None:
+        from pymantaray.report import write_plan_figure
+
+        write_plan_figure(result, out)
+    with printing.printer() as printed:
+        from pymantaray.records.result_table import ResultTable
+
+        caption = (
+            f"Best radius of each pattern, {planned.pings} pings of {1e3 * survey.sigma:g} ms,"
+            f" node at {survey.depth:g} m"
+        )
+        brief = ["pattern", "radius_m", "sigma_north_m", "sigma_east_m", "sigma_depth_m", "lost", "length_m"]
+        printed.table(ResultTable("best", result.best, caption, brief=brief))
+        printed.add(plan=result.table, best_horizontal=result.best_horizontal)
+        if out is not None:
+            printed.paths(out, out.with_suffix(".csv"))
+
+
+def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes | None":
+    if not paths:
+        return None
+    from pymantaray.ocean.casts import read_casts
+    from pymantaray.ocean.modes import vertical_modes
+
+    casts = [cast for path in paths for cast in read_casts(path, repair_freezing=repair_freezing)]
+    return vertical_modes(casts)
+
+
+def _water(
+    source: AnySourceOptions, options: WaterOptions, survey: "Survey"
+) -> "tuple[Survey, Medium, dict[str, Any], list[str]]":
+    """Medium from the options or the survey's own files, the survey in its frame, a description of the water, and notes."""
+    from pymantaray.acoustics import Medium
+    from pymantaray.cli.water import water_notes
+
+    deepest = max(node.position[2] + 3.0 * min(node.sigma[2], 100.0) for node in survey.nodes)
+    notes, frame = list(survey.notes), survey.frame
+    if not source.given:
+        if survey.profile is None:
+            raise LocateError("no water; give --profile, --ocean or --run")
+        depth, speed = survey.profile
+        given = options.keys
+        bottom = given.get("bathymetry", max(float(depth[-1]), _BED_FACTOR * deepest))
+        interpolation = given.get("interpolation", "linear")
+        if "ice_slope_deg" in given:
+            raise LocateError(
+                "--ice-slope: rough ice needs --profile or --ocean; add one, or leave out --ice-slope"
+            )
+        medium = Medium.from_profile(
+            depth,
+            speed,
+            bottom_depth=bottom,
+            interpolation=interpolation,
+            ice_draft=given.get("ice", 0.0),
+            earth=_sphere(frame) if options.earth == "sphere" else None,
+        )
+        return survey, medium, {"profile": "of the survey", "last_level_m": float(depth[-1])}, notes
+    if source.ocean and options.centre is None and frame is not None:
+        options = replace(options, centre=(frame.latitude_deg, frame.longitude_deg))
+    water = _over_a_bed(source, options, deepest)
+    if water.frame is not None and frame is not None and not water.uniform:
+        survey = survey.in_frame(water.frame)
+    return survey, water.at_start[0], water.record, [*notes, *water_notes(water)]
+
+
+def _sphere(frame: "LocalFrame | None") -> "EarthSphere":
+    """Sphere below the frame of a survey."""
+    from pymantaray.geometry import EarthSphere
+
+    if frame is None:
+        raise LocateError("--earth sphere: the survey has no latitude and longitude; remove the option")
+    return EarthSphere.at_latitude(frame.latitude_deg)
+
+
+def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":
+    """Water of the source; the default sea bed of a profile is below the profile and the deepest node."""
+    from pymantaray.acoustics import read_profiles
+    from pymantaray.cli.water import load_water
+    from pymantaray.ocean import holds_casts
+
+    if not source.given:
+        raise LocateError("no water; give --profile, --ocean or --run")
+    first = Path(source.words[0]) if source.words else None
+    if (
+        options.bathymetry is None
+        and first is not None
+        and first.is_file()
+        and first.suffix != ".toml"
+        and holds_casts(first)
+    ):
+        last = float(read_profiles(first, options.centre or options.position)[0].depth[-1])
+        options = replace(options, bathymetry=str(max(last, _BED_FACTOR * deepest)))
+    return load_water(source, options, default="linear")
+
+
+def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
+    """Print the results."""
+    from pymantaray.apps.locate.write import summary
+
+    for note in notes:
+        out.line(note)
+    values = summary(located)
+    left = values["rejected"]
+    out.line(
+        f"{values['n_used']} of {values['n_all']} pings used, residuals {1e6 * values['rms_s']:.1f} us rms; sound speed:"
+        f" {values['hyperparameters']['sound_speed']}"
+    )
+    for row in left[:_MAX_LISTED]:
+        out.line(f"  not used: line {row['line']}, {row['node']}: {row['reason']}")
+    if len(left) > _MAX_LISTED:
+        out.line(f"  and {len(left) - _MAX_LISTED} more")
+    tables = located.tables
+    out.table(tables["nodes"])
+    for row in values["nodes"].to_dict("records"):
+        if row["status"] != "ok":
+            out.line(f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used")
+    if "budget" in tables:
+        out.table(tables["budget"])
+    if "candidates" in tables:
+        out.table(tables["candidates"].first(_MAX_CANDIDATES))
+    for mirror in located.mirrors:
+        verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
+        out.line(
+            f"{mirror.node}: the pings are along a line; mirror solution at north {mirror.north:.1f}, east {mirror.east:.1f},"
+            f" depth {mirror.depth:.1f} m with a chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
+        )
+    for test in located.tests:
+        verdict = "passed" if test.passed else "FAILED"
+        out.line(f"{test.name}: chi-square {test.chi_square:.1f} of {test.degrees:.0f}, {verdict}")
+    out.add(**values)

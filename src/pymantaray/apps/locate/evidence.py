@@ -1,0 +1,121 @@
+r"""
+Posterior and marginal likelihood of a linear system with normal priors, and hyperparameters of maximum likelihood.
+
+For residuals :math:`y = J\delta + e`, :math:`e \sim N(0, \sigma^2 C)`, :math:`\delta \sim N(m, P)`. The variance of the noise and
+of each group of coefficients follow MacKay's fixed-point rule: a sum of squares over the number of parameters that the data
+determine. ABIC is -2 log evidence + 2 (number of hyperparameters).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from pymantaray.apps.locate.graduated import MIN_SIGMA
+from pymantaray.apps.locate.linear import Products
+from pymantaray.apps.locate.unknowns import SurveyUnknowns
+from pymantaray.arrays import Array
+
+_MAX_STEPS = 60
+_CONVERGED = 3e-3  # change of the logarithm of every hyperparameter
+_MIN_HYPER, _MAX_HYPER = 1e-8, 1e-1  # hyperparameters: fractions of the sound speed, also per km
+MIN_REDUNDANCY = 3  # pings minus unknowns, for an estimate of the noise level
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Posterior of a linear system: changes of all columns, covariance and evidence."""
+
+    change: Array
+    covariance: Array  # (size, size), 0 where known
+    sigma: float  # s
+    hyperparameters: Mapping[str, float]
+    log_evidence: float
+    squares: float
+    """Sum of squared whitened residuals after the change, in units of sigma²."""
+    effective: float
+    """Effective number of parameters."""
+
+    @property
+    def abic(self) -> float:
+        """Akaike's Bayesian information criterion; smaller is better."""
+        return -2.0 * self.log_evidence + 2.0 * (1 + len(self.hyperparameters))
+
+
+def posterior(
+    products: Products,
+    unknowns: SurveyUnknowns,
+    values: Array,
+    start: Mapping[str, float],
+    *,
+    sigma: float,
+    without: NDArray[np.int64] | None = None,
+    steps: int = _MAX_STEPS,
+) -> Posterior:
+    """
+    Posterior at values, with the noise level [s] and the hyperparameters of maximum evidence.
+
+    The iteration starts from ``sigma`` and ``start``. The noise level stays at ``sigma`` if there are too few pings. The columns
+    ``without`` are fixed. With ``steps=1``, hyperparameters do not change.
+    """
+    prior_sd = unknowns.prior_sd
+    if without is not None:
+        prior_sd[without] = 0.0
+    groups = {name: c[prior_sd[c] > 0.0] for name, c in unknowns.groups.items() if (prior_sd[c] > 0.0).any()}
+    active = np.flatnonzero(prior_sd > 0.0)
+    hyper = dict.fromkeys(unknowns.groups, 1.0) | {name: float(start.get(name, 1e-4)) for name in groups}
+    mean = (unknowns.prior_mean - values)[active]
+    place = {column: i for i, column in enumerate(active.tolist())}
+    members = {name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()}
+    plain = active.size - sum(rows.size for rows in members.values())
+    normal, right = products.normal[np.ix_(active, active)], products.right[active]
+    for step in range(steps):
+        sd = unknowns.scaled_sd(hyper)[active]
+        solved = _solve(normal, right, products, mean, sd, sigma)
+        if step == steps - 1:
+            break
+        moved = 0.0
+        for name, rows in members.items():
+            free = float(np.sum(1.0 - np.diag(solved.covariance)[rows] / sd[rows] ** 2))
+            squares = float(np.sum(((solved.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2))
+            new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _MIN_HYPER, _MAX_HYPER))
+            moved, hyper[name] = max(moved, abs(np.log(new / hyper[name]))), new
+        if products.n_rows >= plain + MIN_REDUNDANCY:
+            left = max(products.n_rows - solved.effective, 1.0)
+            level = max(sigma * float(np.sqrt(solved.squares / left)), MIN_SIGMA)
+            moved, sigma = max(moved, abs(np.log(level / sigma))), level
+        if moved < _CONVERGED:
+            sd = unknowns.scaled_sd(hyper)[active]
+            solved = _solve(normal, right, products, mean, sd, sigma)
+            break
+    change, covariance = np.zeros(unknowns.size), np.zeros((unknowns.size, unknowns.size))
+    change[active], covariance[np.ix_(active, active)] = solved.change, solved.covariance
+    kept = {name: hyper[name] for name in groups}
+    return replace(solved, change=change, covariance=covariance, hyperparameters=kept)
+
+
+def _solve(
+    normal: Array, right: Array, products: Products, mean: Array, sd: Array, sigma: float
+) -> Posterior:
+    """Posterior for fixed variances, scaled by the priors for good conditioning."""
+    scaled = normal * (sd[:, None] * sd[None, :] / sigma**2)
+    factor = cho_factor(scaled + np.eye(sd.size), lower=True, check_finite=False)
+    inverse = cho_solve(factor, np.eye(sd.size), check_finite=False)
+    offset = mean / sd
+    z = inverse @ (right * sd / sigma**2 + offset)
+    change = sd * z
+    squares = float(products.squares - 2.0 * change @ right + change @ normal @ change) / sigma**2
+    squares = max(squares, 0.0)
+    penalty = float(np.sum((z - offset) ** 2))
+    log_evidence = -0.5 * (
+        products.n_rows * np.log(2.0 * np.pi * sigma**2)
+        + products.log_determinant
+        + 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+        + squares
+        + penalty
+    )
+    effective = float(sd.size - np.trace(inverse))
+    covariance = inverse * sd[:, None] * sd[None, :]
+    return Posterior(change, covariance, sigma, {}, float(log_evidence), squares, effective)

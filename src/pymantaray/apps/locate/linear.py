@@ -1,0 +1,110 @@
+"""Linear system of a survey at one set of values: residuals, derivatives, and their products under a noise model."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.apps.locate.noise import Correlation, Whitener
+from pymantaray.apps.locate.survey import PlatformError, TravelDirection
+from pymantaray.apps.locate.travel_times import Legs, lever_gradients
+from pymantaray.apps.locate.unknowns import SurveyUnknowns
+from pymantaray.arrays import Array, Mask
+
+_CHUNK = 2048  # pings whose rows are in memory at a time
+
+
+class Products(NamedTuple):
+    """Products of whitened rows: normal matrix, right-hand side, sum of squares, and terms of the evidence."""
+
+    normal: Array  # (size, size)
+    right: Array  # (size,)
+    squares: float
+    log_determinant: float
+    n_rows: int
+
+
+class Linearization:
+    """
+    Residuals of a survey's times at some values, and their derivatives by all unknowns.
+
+    ``weight`` (n,) is the standard deviation of each ping's white noise divided by that of the survey.
+    """
+
+    def __init__(self, unknowns: SurveyUnknowns, values: Array, legs: Legs, weight: Array) -> None:
+        self.unknowns, self.values, self.legs, self.weight = unknowns, values, legs, weight
+        self._slowing = unknowns.slowing(values)
+        self.residual = unknowns.survey.travel_time - unknowns.predicted(values, legs)
+        self._by_position = unknowns.position_map(values)
+        self._lever = lever_gradients(unknowns.survey, legs) if unknowns.survey.lever.used else None
+
+    def rows(self, part: slice) -> Array:
+        """Derivatives (m, size) of the predicted times of some pings."""
+        unknowns, legs, s = self.unknowns, self.legs, self.unknowns.survey
+        at, slowing = unknowns.slices, self._slowing[part]
+        node, partner = s.node[part], s.partner[part]
+        lines = np.arange(node.size)
+        out = np.einsum("ia,iaj->ij", legs.node_gradient[part] * slowing[:, None], self._by_position[node])
+        other = partner >= 0
+        if other.any():
+            gradient = legs.partner_gradient[part][other] * slowing[other, None]
+            out[other] += np.einsum("ia,iaj->ij", gradient, self._by_position[partner[other]])
+        out[lines, at["turn_around"].start + node] += s.direction[part] == TravelDirection.TWO_WAY
+        elapsed = (s.time - s.time[0])[part]
+        for sign, which in unknowns.clock_signs():
+            out[lines, at["offset"].start + which[part]] += sign[part]
+            out[lines, at["drift"].start + which[part]] += sign[part] * elapsed
+        if self._lever is not None:
+            out[:, at["lever"]] = self._lever[part] * slowing[:, None]
+        water = np.nan_to_num(legs.travel_time[part]) * slowing
+        speed = slice(at["speed"].start, at["speed"].stop - legs.modes.shape[1])
+        out[:, speed] = -water[:, None] * unknowns.speed.rows(part)
+        out[:, speed.stop : at["speed"].stop] = legs.modes[part]
+        return np.asarray(out)
+
+    def columns(self, used: Mask, which: NDArray[np.int64]) -> Array:
+        """Columns of the used pings divided by the standard deviations of their noise."""
+        rows = np.flatnonzero(used)
+        out = np.empty((rows.size, which.size))
+        for start in range(0, rows.size, _CHUNK):
+            some = rows[start : start + _CHUNK]
+            whole = self.rows(slice(int(some[0]), int(some[-1]) + 1))
+            out[start : start + some.size] = whole[some - some[0]][:, which] / self.weight[some, None]
+        return out
+
+    def whitened(
+        self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
+    ) -> Iterator[tuple[Array, float]]:
+        """
+        Yield chunks of whitened rows of the used pings, with residuals in the last column, and a log determinant.
+
+        Rows have the variance ``sigma``² [s²] of the survey's white noise. The log determinant is that of the covariance of all
+        rows up to this chunk, in units of this variance.
+        """
+        rows = np.flatnonzero(used)
+        survey = self.unknowns.survey.rows(used)
+        platform_gradient = (self.legs.transmit_gradient + self.legs.receive_gradient)[used]
+        weight = self.weight[used]
+        sensitivity = platform_gradient / (sigma * weight)[:, None]
+        whitener = Whitener(survey, correlation, platform, sensitivity)
+        logarithm = 2.0 * np.cumsum(np.log(weight))
+        for start in range(0, rows.size, _CHUNK):
+            some = rows[start : start + _CHUNK]
+            whole = slice(int(some[0]), int(some[-1]) + 1)
+            derivative = self.rows(whole)[some - some[0]]
+            block = np.concatenate([derivative, self.residual[some, None]], axis=1)
+            block /= weight[start : start + some.size, None]
+            block = whitener(block, start)
+            yield block, float(logarithm[start + some.size - 1]) + whitener.log_determinant
+
+    def products(
+        self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
+    ) -> Products:
+        """Normal matrix, right-hand side and sum of squares of the used pings."""
+        size = self.unknowns.size
+        total, logarithm, count = np.zeros((size + 1, size + 1)), 0.0, 0
+        for block, log_determinant in self.whitened(used, correlation, platform, sigma):
+            total += block.T @ block
+            logarithm, count = log_determinant, count + len(block)
+        return Products(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), logarithm, count)

@@ -1,0 +1,422 @@
+"""Results of one survey: positions of nodes, covariances, tests and tables."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pymantaray.acoustics import Medium
+from pymantaray.apps.locate.bootstrap import bootstrap_positions
+from pymantaray.apps.locate.budget import error_budget
+from pymantaray.apps.locate.checks import below_bed, check_solution, check_survey, moved_to_water
+from pymantaray.apps.locate.gross import reasons
+from pymantaray.apps.locate.mirror import Mirror, with_mirrors
+from pymantaray.apps.locate.options import LocateOptions
+from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
+from pymantaray.apps.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
+from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.arrays import Array
+from pymantaray.records.result_table import ResultTable
+
+_ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
+_INTERVAL = 1.959964
+_MIN_PINGS = 3  # per node
+_MIN_DEPTH = 0.05  # m; a shallower node counts as above the surface
+_CAPTIONS = {
+    "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the mean of all nodes",
+    "budget": "Contributions to the standard deviations; their squares add up to that of the total",
+    "tests": "Chi-square tests: residuals against the stated noise, and means of bins against zero",
+    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best first",
+    "unknowns": "Other estimated parameters",
+    "mirrors": "Second solutions of nodes whose pings lie along one line",
+    "bootstrap": "Positions of resampled surveys",
+}
+_BRIEF = {
+    "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
+    "budget": ("node", "source", "north_m", "east_m", "depth_m"),
+    "candidates": (
+        "sound_speed",
+        "correlation_ratio",
+        "correlation_time_s",
+        "abic_difference",
+        "sigma_s",
+        "effective_parameters",
+    ),
+}
+"""Columns in the terminal and in notebooks."""
+_HEADS = {"name": "node", "north": "north [m]", "east": "east [m]", "depth": "depth [m]"}
+
+
+@dataclass(frozen=True, eq=False)
+class Location:
+    """
+    Positions of the nodes of a survey with covariance, model, tests and tables.
+
+    Attributes
+    ----------
+    survey : Survey
+        Survey, sorted by time.
+    solution : SurveySolution
+        Values of all unknowns.
+    candidates : pandas.DataFrame
+        Compared models of sound speed and noise, best first.
+    tests : list of NoiseTest
+        Tests of the residuals.
+    mirrors : list of Mirror
+        Second solutions of nodes whose pings are along one line.
+    reason : ndarray of str, shape (n,)
+        Reason for each unused ping; empty for used pings.
+    bootstrap : ndarray, shape (n_draws, n_nodes, 3), or None
+        Positions of resampled surveys. [m]
+    notes : tuple of str
+        Transducers and nodes outside the water, whose rays end at its boundary.
+    """
+
+    survey: Survey
+    solution: SurveySolution
+    candidates: pd.DataFrame
+    tests: list[NoiseTest]
+    mirrors: list[Mirror]
+    reason: NDArray[np.str_]
+    bootstrap: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes): north, east, depth of each node. [m²]"""
+        by_position = self.solution.unknowns.position_map(self.solution.values)
+        flat = by_position.reshape(-1, self.solution.unknowns.size)
+        return np.asarray(flat @ self.solution.posterior.covariance @ flat.T)
+
+    @property
+    def positions(self) -> Array:
+        """Positions of the nodes (n_nodes, 3): north, east, depth. [m]"""
+        return self.solution.positions
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals of the used pings. [s]"""
+        return float(np.sqrt(np.mean(self.residual[self.solution.used] ** 2)))
+
+    @property
+    def residual(self) -> Array:
+        """Measured minus predicted times of all pings, NaN without a ray. [s]"""
+        return self.solution.linear.residual
+
+    @property
+    def passed(self) -> bool:
+        """True if no test of the noise model failed."""
+        return all(test.passed for test in self.tests)
+
+    @property
+    def hyperparameters(self) -> dict[str, Any]:
+        """Selected model: sound speed, noise level, smoothness, correlation between pings."""
+        fit, correlation = self.solution.posterior, self.solution.correlation
+        white = correlation.ratio == 0.0
+        return {
+            "sound_speed": self.solution.unknowns.speed.kind,
+            "sigma_s": fit.sigma,
+            "smoothness": dict(fit.hyperparameters),
+            "correlation_ratio": correlation.ratio,
+            "correlation_time_s": None if white else correlation.memory,
+            "correlation_shared": None if white else correlation.shared,
+            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
+        }
+
+    @cached_property
+    def nodes(self) -> pd.DataFrame:
+        """One row per node: position, standard deviations, 95 % ellipse and depth interval, pings, residuals, status."""
+        survey, used, place = self.survey, self.solution.used, self.positions
+        lat, lon = self._geodetic(place)
+        relative = self._relative()
+        rows = []
+        for k, node in enumerate(survey.nodes):
+            own = self.covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+            north, east, depth = np.sqrt(np.maximum(np.diag(own), 0.0))
+            major, minor, azimuth = ellipse(own[:2, :2])
+            mine = (survey.node == k) | (survey.partner == k)
+            residual = self.residual[mine & used]
+            rows.append(
+                {
+                    "name": node.name,
+                    "lat": lat[k],
+                    "lon": lon[k],
+                    "north": place[k, 0],
+                    "east": place[k, 1],
+                    "depth": place[k, 2],
+                    "sigma_north_m": north,
+                    "sigma_east_m": east,
+                    "sigma_depth_m": depth,
+                    "ellipse_major_m": major,
+                    "ellipse_minor_m": minor,
+                    "ellipse_azimuth_deg": azimuth,
+                    "depth_low_m": place[k, 2] - _INTERVAL * depth,
+                    "depth_high_m": place[k, 2] + _INTERVAL * depth,
+                    "relative_sigma_north_m": relative[k, 0],
+                    "relative_sigma_east_m": relative[k, 1],
+                    "relative_sigma_depth_m": relative[k, 2],
+                    "prior_north": node.position[0],
+                    "prior_east": node.position[1],
+                    "prior_depth": node.position[2],
+                    "n_used": int((mine & used).sum()),
+                    "n_all": int(mine.sum()),
+                    "rms_s": float(np.sqrt(np.mean(residual**2))) if residual.size else np.nan,
+                    "status": self._status(k, int((mine & used).sum())),
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _status(self, k: int, n_used: int) -> str:
+        """Status of a node as text; ``ok`` if its position is determined."""
+        survey, place = self.survey, self.positions[k]
+        mine = survey.node == k
+        top = np.nanmedian(survey.transmit_position[mine, 2]) if mine.any() else -np.inf
+        if not self.solution.settled:
+            return "not converged"
+        if n_used < _MIN_PINGS:
+            no_ray = mine & ~self.solution.legs.possible
+            return "no ray" if no_ray.any() and no_ray.sum() > 0.5 * mine.sum() else "too few pings"
+        if place[2] <= _MIN_DEPTH:
+            return "above the surface"
+        if any(m.undecided for m in self.mirrors if m.node == survey.names[k]):
+            return "two solutions"
+        return "above the platform" if np.isfinite(top) and place[2] < top else "ok"
+
+    @cached_property
+    def centre(self) -> dict[str, float]:
+        """Mean position of all nodes, with its standard deviations."""
+        place, count = self.positions.mean(axis=0), len(self.survey.nodes)
+        mean = np.tile(np.eye(3) / count, count)
+        sigma = np.sqrt(np.maximum(np.diag(mean @ self.covariance @ mean.T), 0.0))
+        lat, lon = self._geodetic(place[None])
+        names = ("north", "east", "depth", "sigma_north_m", "sigma_east_m", "sigma_depth_m")
+        values = dict(zip(names, map(float, [*place, *sigma]), strict=True))
+        return {"lat": float(lat[0]), "lon": float(lon[0])} | values
+
+    def _relative(self) -> Array:
+        """Standard deviations (n_nodes, 3) of the positions relative to their mean; NaN for one node. [m]"""
+        count = len(self.survey.nodes)
+        if count < 2:
+            return np.full((count, 3), np.nan)
+        mean = np.kron(np.eye(count) - 1.0 / count, np.eye(3))
+        variance = np.diag(mean @ self.covariance @ mean.T)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(count, 3))
+
+    def _geodetic(self, place: Array) -> tuple[Array, Array]:
+        """Latitudes and longitudes, NaN without a frame. [degrees]"""
+        if self.survey.frame is None:
+            return np.full(len(place), np.nan), np.full(len(place), np.nan)
+        return self.survey.frame.to_geodetic(place[:, 0], place[:, 1])
+
+    @cached_property
+    def pings(self) -> pd.DataFrame:
+        """One row per ping: node, times, residual, leverage, range, azimuth, use, and reason if unused."""
+        survey, solution = self.survey, self.solution
+        near, _ = solution.transducers()
+        near = np.where(survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near)
+        step = near - self.positions[survey.node]
+        leverage = np.full(len(survey), np.nan)
+        leverage[solution.used] = self._leverage()
+        table = pd.DataFrame(
+            {
+                "line": survey.line,
+                "node": np.array(survey.names)[survey.node],
+                "time_s": survey.time,
+                "travel_time_s": survey.travel_time,
+                "residual_s": self.residual,
+                "leverage": leverage,
+                "range_m": np.hypot(step[:, 0], step[:, 1]),
+                "azimuth_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])) % 360.0,
+                "north": near[:, 0],
+                "east": near[:, 1],
+                "used": solution.used,
+                "reason": self.reason,
+            }
+        )
+        if not np.isnat(survey.epoch):
+            instant = survey.epoch + np.round(1e9 * survey.time).astype("timedelta64[ns]")
+            table.insert(2, "time", instant)
+        return table
+
+    def _leverage(self) -> Array:
+        """Leverage of each used ping: derivative of its prediction by its measurement. [-]"""
+        fit, blocks = self.solution.posterior, self.solution.whitened()
+        covariance = fit.covariance / fit.sigma**2
+        return np.concatenate([np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b in blocks])
+
+    @cached_property
+    def budget(self) -> pd.DataFrame:
+        """Contributions to each node's standard deviations, see `pymantaray.apps.locate.budget.error_budget`."""
+        return error_budget(self.solution)
+
+    @cached_property
+    def sound_speed(self) -> pd.DataFrame:
+        """Mean sound speed minus that of the profile over time, with its standard deviation; empty if it is known."""
+        speed, s = self.solution.unknowns.speed, self.solution
+        if not speed.terms:
+            return pd.DataFrame(columns=["time_s", "change_m_s", "sigma_m_s"])
+        first, at = speed.terms[0], s.unknowns.slices["speed"].start
+        own = slice(at, at + first.sd.size)
+        time = np.linspace(self.survey.time[0], self.survey.time[-1], 200)
+        rows = np.ones((time.size, 1)) if first.spline is None else first.spline.at(time)
+        scale = self.mean_speed
+        variance = np.einsum("ij,jk,ik->i", rows, s.posterior.covariance[own, own], rows)
+        change = scale * (rows @ s.values[own])
+        return pd.DataFrame(
+            {"time_s": time, "change_m_s": change, "sigma_m_s": scale * np.sqrt(np.maximum(variance, 0.0))}
+        )
+
+    @cached_property
+    def mean_speed(self) -> float:
+        """Median of straight distance over travel time of the used pings. [m/s]"""
+        s, survey = self.solution, self.survey
+        near, away = s.transducers()
+        node = self.positions[survey.node]
+        out = survey.direction != TravelDirection.FROM_NODE
+        back = survey.direction != TravelDirection.TO_NODE
+        length = np.linalg.norm(near - node, axis=1) * out + np.linalg.norm(away - node, axis=1) * back
+        rows = s.used & ~survey.between_nodes
+        return float(np.median(length[rows] / s.legs.travel_time[rows])) if rows.any() else 1500.0
+
+    @cached_property
+    def other_unknowns(self) -> pd.DataFrame:
+        """Estimated turn-around times, clocks, lever arm and array shift, with standard deviations."""
+        u, values = self.solution.unknowns, self.solution.values
+        sd, at = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0)), u.slices
+        names = self.survey.names
+        labels = {
+            "array": ["array north [m]", "array east [m]", "array depth [m]", "array turn [rad]"],
+            "turn_around": [f"{name} turn-around time [s]" for name in names],
+            "offset": [f"{name} clock offset [s]" for name in names],
+            "drift": [f"{name} clock drift [s/s]" for name in names],
+            "lever": [f"lever arm {axis} [m]" for axis in ("forward", "starboard", "down")],
+        }
+        rows = [
+            {"unknown": label, "value": values[column], "sigma": sd[column], "prior": u.prior_mean[column]}
+            for kind, own in labels.items()
+            for label, column in zip(own, range(at[kind].start, at[kind].stop), strict=True)
+            if u.prior_sd[column] > 0.0
+        ]
+        return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
+
+    @property
+    def tables(self) -> dict[str, ResultTable]:
+        """All tables by name, in the order of the page; empty ones are left out."""
+        frames = {
+            "nodes": self.nodes,
+            "budget": self.budget[(self.budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)],
+            "tests": test_table(self.tests),
+            "candidates": self.candidates,
+            "unknowns": self.other_unknowns,
+            "mirrors": pd.DataFrame([vars(m) for m in self.mirrors]),
+            "sound_speed": self.sound_speed,
+            "pings": self.pings,
+        }
+        if self.bootstrap is not None:
+            frames["bootstrap"] = self._bootstrap_table(self.bootstrap)
+        place = ("north", "east") if self.survey.frame is None else ("lat", "lon")
+        brief = _BRIEF | {"nodes": ("name", *place, "depth", *_BRIEF["nodes"])}
+        return {
+            name: ResultTable(
+                name,
+                frame,
+                _CAPTIONS.get(name, ""),
+                brief=brief.get(name, ()),
+                words=_HEADS | ({"name": "test"} if name == "tests" else {}),
+                folded=name == "candidates",
+            )
+            for name, frame in frames.items()
+            if len(frame)
+        }
+
+    def _bootstrap_table(self, draws: Array) -> pd.DataFrame:
+        """Standard deviations and central 95 % interval of the bootstrap's positions."""
+        rows = []
+        for k, name in enumerate(self.survey.names):
+            low, high = np.percentile(draws[:, k], (2.5, 97.5), axis=0)
+            for axis, label in enumerate(("north", "east", "depth")):
+                sigma = float(draws[:, k, axis].std(ddof=1))
+                row = {
+                    "node": name,
+                    "axis": label,
+                    "sigma_m": sigma,
+                    "low_m": low[axis],
+                    "high_m": high[axis],
+                }
+                rows.append(row)
+        return pd.DataFrame(rows)
+
+
+def ellipse(covariance: Array) -> tuple[float, float, float]:
+    """Semi-axes of the 95 % ellipse [m] of a covariance of north and east, and the azimuth of the major axis [degrees]."""
+    values, vectors = np.linalg.eigh(covariance)
+    minor, major = np.sqrt(np.maximum(values, 0.0)) * _ELLIPSE
+    azimuth = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1])) % 180.0
+    return float(major), float(minor), azimuth
+
+
+def locate(
+    survey: Survey,
+    medium: Medium,
+    options: LocateOptions | None = None,
+    *,
+    bootstrap: int = 0,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Location:
+    """
+    Estimate the positions of a survey's nodes.
+
+    Parameters
+    ----------
+    survey : Survey
+        Survey from `read_survey` or from arrays.
+    medium : Medium
+        Sound speed, in the survey's frame unless it is horizontally uniform.
+    options : LocateOptions, optional
+        Options of the solver.
+    bootstrap : int
+        Number of resampled surveys; 0 for no bootstrap.
+    seed : int
+        Seed of the bootstrap.
+    threads : int, optional
+        Threads of the bootstrap; the result does not depend on them. Default: all processors.
+    progress : callable, optional
+        Called with the number of finished draws of the bootstrap and the total.
+
+    Returns
+    -------
+    Location
+        Positions with covariance. Nodes without rays or with too few pings have a status; unused pings have a reason.
+
+    Raises
+    ------
+    LocateError
+        If units or signs are impossible, the profile ends above a node, or the model explains no ping.
+    """
+    chosen = options or LocateOptions()
+    check_survey(survey, medium)
+    solution, candidates, solver = solve(survey, medium, chosen)
+    solution, mirrors = with_mirrors(solver, solution)
+    notes = below_bed(solution, medium)
+    check_solution(solution, medium)
+    notes += moved_to_water(survey, medium, solution.unknowns.lever(solution.values))
+    draws = None
+    if bootstrap:
+        draws = bootstrap_positions(solution, bootstrap, seed=seed, threads=threads, progress=progress)
+    return Location(
+        survey,
+        solution,
+        candidate_table(candidates, solution),
+        noise_tests(solution),
+        mirrors,
+        reasons(solution, medium),
+        draws,
+        notes,
+    )

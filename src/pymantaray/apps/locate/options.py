@@ -1,0 +1,145 @@
+"""Options of the solver and of plans. The module imports little, because the command line generates its options from it."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
+
+from pymantaray.apps.locate.survey import LeverArm, PlatformError
+from pymantaray.errors import LocateError
+
+if TYPE_CHECKING:
+    from pymantaray.ocean.modes import VerticalModes
+
+Kind = Literal["known", "scale", "time", "gradient", "modes"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+PlanKind = Literal["known", "scale", "time", "gradient"]
+Arrangement = Literal["free", "rigid"]
+
+
+@dataclass(frozen=True)
+class SpeedPrior:
+    """
+    Prior of the sound speed.
+
+    Parameters
+    ----------
+    scale : float
+        Standard deviation of the relative error of the whole profile of sound speed. [-]
+    gradient : float
+        Standard deviation of constant horizontal gradients of the relative error of the sound speed. [1/km]
+    knot_interval : float
+        Spacing of the splines' knots; 0 for one eightieth of the survey, but at least 5 min. [s]
+    """
+
+    scale: float = 5e-3
+    gradient: float = 1e-4
+    knot_interval: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if not (self.scale > 0.0 and self.gradient > 0.0 and self.knot_interval >= 0.0):
+            raise LocateError(
+                f"speed_prior: scale {self.scale:g}, gradient {self.gradient:g}, knot_interval {self.knot_interval:g} s;"
+                " all must be positive"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class LocateOptions:
+    """
+    Options of the solver.
+
+    Parameters
+    ----------
+    speed_model : {"auto", "known", "scale", "time", "gradient", "modes"}
+        Model of the sound speed relative to the profile; ``auto`` selects it by the marginal likelihood.
+    correlation : {"auto", "none"}
+        Correlated noise of pings: ``auto`` selects it by the marginal likelihood, ``none`` excludes it.
+    gross : float
+        Limit for gross errors, in robust standard deviations of the residuals. [-]
+    arrangement : {"free", "rigid"}, optional
+        ``rigid`` moves all nodes together in their prior arrangement. Default: as in the survey's files, else ``free``.
+    speed_prior : SpeedPrior
+        Prior of the sound speed.
+    modes : VerticalModes, optional
+        Vertical modes for the model ``modes``.
+    """
+
+    speed_model: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
+    correlation: Literal["auto", "none"] = "auto"
+    gross: float = 5.0
+    arrangement: Arrangement | None = None
+    speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
+    modes: "VerticalModes | None" = None
+
+    def __post_init__(self) -> None:
+        """Check all values."""
+        if self.speed_model not in ("auto", *KINDS):
+            raise LocateError(f"speed_model is {self.speed_model!r}; allowed: auto, {', '.join(KINDS)}")
+        if self.correlation not in ("auto", "none"):
+            raise LocateError(f"correlation is {self.correlation!r}; allowed: auto, none")
+        if not self.gross > 2.0:
+            raise LocateError(f"gross is {self.gross:g}; it must be greater than 2 standard deviations")
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Candidate models, simplest first, without ``known``: its evidence is high if the data cannot test it."""
+        if self.speed_model != "auto":
+            return (self.speed_model,)
+        return KINDS[1:] if self.modes is not None else KINDS[1:-1]
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """
+    Assumptions of a plan.
+
+    Parameters
+    ----------
+    depth : float
+        Depth of the node. [m]
+    sigma : float
+        Standard deviation of two-way times. [s]
+    speed_model : {"known", "scale", "time", "gradient"}
+        Model of the sound speed in the solver.
+    node_sigma : tuple of float
+        Prior standard deviations of the node: north, east, depth. [m]
+    transducer_depth : float
+        Depth of the transducer. [m]
+    turn_around_sigma : float
+        Prior standard deviation of the turn-around time. [s]
+    lever : LeverArm
+        Lever arm with standard deviations; the platform heads along its course.
+    platform_error : PlatformError
+        Errors of the platform's positions.
+    speed_prior : SpeedPrior
+        Prior of the sound speed.
+    ping_interval : float
+        Time between two pings. [s]
+    """
+
+    depth: float
+    sigma: float = 1e-3
+    speed_model: PlanKind = "scale"
+    node_sigma: tuple[float, float, float] = (500.0, 500.0, 100.0)
+    transducer_depth: float = 5.0
+    turn_around_sigma: float = 0.0
+    lever: LeverArm = field(default_factory=LeverArm)
+    platform_error: PlatformError = field(default_factory=PlatformError)
+    speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
+    ping_interval: float = 15.0
+
+    def __post_init__(self) -> None:
+        """Check."""
+        if not (self.depth > self.transducer_depth >= 0.0):
+            raise LocateError(
+                f"plan: depth of the node is {self.depth:g} m, of the transducer {self.transducer_depth:g} m; the node must be"
+                " deeper"
+            )
+        if not (self.sigma > 0.0 and self.ping_interval > 0.0):
+            raise LocateError(
+                f"plan: sigma is {self.sigma:g} s, ping_interval {self.ping_interval:g} s; both must be positive"
+            )
+        if self.speed_model not in get_args(PlanKind):
+            raise LocateError(
+                f"plan: speed_model is {self.speed_model!r}; allowed: {', '.join(get_args(PlanKind))}"
+            )

@@ -1,0 +1,335 @@
+"""Page, tables and figures of located nodes: survey map, residuals, sound speed over time; and the figure of a plan."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pymantaray.apps.locate import Location, SurveyPlan
+from pymantaray.apps.locate.write import write_location
+from pymantaray.apps.study.figures.register import FigureSpec
+from pymantaray.apps.study.report import write_page
+from pymantaray.jobs.progress import Progress
+from pymantaray.pages import style
+from pymantaray.pages.drawing import Picture
+from pymantaray.pages.page import Card, Page, origin_table
+from pymantaray.records import whole_file
+from pymantaray.records.digits import counted, show
+from pymantaray.records.result_table import ResultTable
+
+_MICRO = 1e6
+_MAX_NODES = 6  # whose residuals have a colour
+_MAX_WARNED = 3  # lines of notes of one kind
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)
+
+
+def write_location_page(
+    location: Location,
+    out: str | Path | None = None,
+    *,
+    made_by: dict[str, Any] | None = None,
+    notes: list[str] | None = None,
+    formats: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Path:
+    """
+    Write page, tables, figures and files for other programs into a new folder.
+
+    Parameters
+    ----------
+    location : Location
+        Located nodes.
+    out : str or pathlib.Path, optional
+        New or empty folder. Default: a new folder in ``runs``.
+    made_by : dict, optional
+        Origin of the results, such as version and command, for ``locate.json`` and the page.
+    notes : list of str, optional
+        Lines for the top of the page.
+    formats : sequence of str
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+    progress : callable, optional
+        Called with ``"report"``, the number of finished parts and the total.
+
+    Returns
+    -------
+    pathlib.Path
+        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures``, ``landmarks.toml``, ``nodes.geojson``,
+        ``survey.pyfg``, ``location.nc`` and ``locate.json``.
+
+    Raises
+    ------
+    JobError
+        If the folder is not empty or cannot be written.
+    """
+    record = (made_by or {}) | {"model": location.hyperparameters}
+    page_of, others = partial(_page, location, notes or []), partial(write_location, location)
+    return write_page(out, "locate", _figure_specs(location), page_of, record, formats, progress, others)
+
+
+def _page(
+    location: Location, notes: Sequence[str], pictures: Sequence[Picture], record: dict[str, Any]
+) -> Page:
+    tables = location.tables
+    return Page(
+        title="Located nodes",
+        facts=[_fact(location)],
+        notes=[*notes, *warnings_of(location)],
+        cards=_cards(location),
+        pictures=pictures,
+        tables=[table for table in tables.values() if table.caption],
+        excerpts=[_left_out(location)],
+        other_tables=[table for table in tables.values() if not table.caption],
+        links={
+            "Every ping": "tables/pings.csv",
+            "landmarks of a study": "landmarks.toml",
+            "GeoJSON": "nodes.geojson",
+            "factor graph": "survey.pyfg",
+            "NetCDF": "location.nc",
+        },
+        origin=[origin_table(record, "Options", "locate.json")],
+    )
+
+
+def warnings_of(location: Location) -> list[str]:
+    """Lines that a reader must know before trusting the positions."""
+    lines = [
+        f"Test failed: {test.name}, chi-square {show(test.chi_square)} of {test.degrees:.0f} degrees of freedom; the standard"
+        " deviations are too small."
+        for test in location.tests
+        if not test.passed
+    ]
+    nodes = location.nodes
+    lines += [
+        f"{row['name']}: {row['status']}." for row in nodes.to_dict("records") if row["status"] != "ok"
+    ][:_MAX_WARNED]
+    return lines
+
+
+def _fact(location: Location) -> str:
+    used, count = int(location.solution.used.sum()), len(location.survey)
+    epoch = location.survey.epoch
+    day = "" if np.isnat(epoch) else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
+    return f"{location.survey.source}: {used:,} of {count:,} pings used, {counted(len(location.survey.nodes), 'node')}{day}"
+
+
+def _cards(location: Location) -> list[Card]:
+    """Cards of the nodes, the residuals, the model and the tests."""
+    cards = []
+    for row in location.nodes.head(_MAX_NODES).to_dict("records"):
+        place = (
+            f"{row['lat']:.6f}, {row['lon']:.6f}"
+            if np.isfinite(row["lat"])
+            else f"{row['north']:.2f} N, {row['east']:.2f} E m"
+        )
+        sigma = (
+            "σ " + ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth")) + " m"
+        )
+        cards.append(Card(str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth"))
+    cards.append(Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the used pings"))
+    model = location.hyperparameters
+    compared = location.candidates["sound_speed"].nunique() > 1
+    chosen = "model with the largest marginal likelihood" if compared else "model as requested"
+    cards.append(Card("Sound speed", str(model["sound_speed"]), chosen))
+    verdict = "passed" if location.passed else "failed"
+    cards.append(Card("Tests of the noise", verdict, f"{len(location.tests)} chi-square tests"))
+    return cards
+
+
+def _left_out(location: Location) -> ResultTable:
+    pings = location.pings
+    columns = ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]
+    return ResultTable(
+        "left_out",
+        pings.loc[~pings["used"], columns],
+        "Unused pings",
+        folded=True,
+        file="tables/pings.csv",
+    )
+
+
+def _figure_specs(location: Location) -> list[FigureSpec]:
+    header = _fact(location)
+    specs = [
+        FigureSpec(
+            "survey_map",
+            "Pings coloured by residual, nodes with their 95 % ellipses, and prior positions. Right: ellipses and prior positions"
+            " of each node about its estimate.",
+            lambda: survey_map(location, header),
+        ),
+        FigureSpec(
+            "residuals",
+            "Residuals of the used pings, measured minus predicted, over time, azimuth from the node and horizontal range.",
+            lambda: residual_panels(location, header),
+        ),
+    ]
+    if len(location.sound_speed):
+        specs.append(
+            FigureSpec(
+                "sound_speed",
+                "Mean sound speed along the rays minus that of the profile, with its 95 % interval.",
+                lambda: speed_over_time(location, header),
+            )
+        )
+    return specs
+
+
+@style.styled
+def survey_map(location: Location, header: str) -> Figure:
+    """Pings, nodes, ellipses and prior positions."""
+    figure = style.new_figure(style.DOUBLE, 3.6, header)
+    whole, near = figure.subplots(1, 2)
+    pings = location.pings[location.solution.used & ~location.survey.between_nodes]
+    size = _MICRO * pings["residual_s"]
+    limit = float(np.percentile(size.abs(), 95.0)) if len(size) else 1.0
+    points = whole.scatter(
+        pings["east"],
+        pings["north"],
+        c=size,
+        s=3.0,
+        cmap="RdBu_r",
+        vmin=-limit,
+        vmax=limit,
+        linewidths=0.2,
+        edgecolors=style.GREY,
+    )
+    figure.colorbar(points, ax=whole, label="Residual [µs]", location="bottom", shrink=0.8)
+    nodes = location.nodes
+    whole.plot(nodes["prior_east"], nodes["prior_north"], "x", color=style.ORANGE, label="prior position")
+    whole.plot(nodes["east"], nodes["north"], "o", color=style.INK, markersize=3.0, label="node")
+    for row in nodes.to_dict("records"):
+        whole.annotate(
+            style.plain(str(row["name"])),
+            (row["east"], row["north"]),
+            xytext=(3, 3),
+            textcoords="offset points",
+            fontsize=6.5,
+        )
+    whole.set_aspect("equal", adjustable="datalim")
+    whole.set_xlabel("East [m]")
+    whole.set_ylabel("North [m]")
+    style.panel_title(whole, "a", "survey")
+    colours = style.vehicle_colours(len(nodes))
+    largest = max(float(nodes["ellipse_major_m"].max()), 1e-3)
+    for colour, row in zip(colours, nodes.to_dict("records"), strict=True):
+        turn = np.radians(row["ellipse_azimuth_deg"])
+        along, across = row["ellipse_major_m"] * np.cos(_ANGLES), row["ellipse_minor_m"] * np.sin(_ANGLES)
+        north, east = (
+            along * np.cos(turn) - across * np.sin(turn),
+            along * np.sin(turn) + across * np.cos(turn),
+        )
+        near.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
+        near.plot(row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour)
+    near.plot(0.0, 0.0, "+", color=style.INK)
+    near.set_xlim(-1.5 * largest, 1.5 * largest)
+    near.set_ylim(-1.5 * largest, 1.5 * largest)
+    near.set_aspect("equal", adjustable="box")
+    near.set_xlabel("East of the estimate [m]")
+    near.set_ylabel("North of the estimate [m]")
+    style.panel_title(near, "b", "95 % ellipses")
+    style.common_legend(
+        figure, [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MAX_NODES]]
+    )
+    return figure
+
+
+@style.styled
+def residual_panels(location: Location, header: str) -> Figure:
+    """Residuals against time, azimuth and range."""
+    figure = style.new_figure(style.DOUBLE, 2.8, header)
+    panels = figure.subplots(1, 3, sharey=True)
+    pings = location.pings[location.solution.used]
+    axes_of = (
+        ("time_s", 1.0 / 3600.0, "Time [h]"),
+        ("azimuth_deg", 1.0, "Azimuth from the node [deg]"),
+        ("range_m", 1e-3, "Horizontal range [km]"),
+    )
+    names = location.survey.names
+    colours = style.vehicle_colours(len(names)) if len(names) <= _MAX_NODES else [style.BLUE] * len(names)
+    for axes, (column, factor, label), letter in zip(panels, axes_of, "abc", strict=True):
+        for colour, name in zip(colours, names, strict=True):
+            part = pings[pings["node"] == name]
+            axes.plot(
+                factor * part[column],
+                _MICRO * part["residual_s"],
+                ".",
+                color=colour,
+                markersize=2.0,
+                label=style.plain(style.short(name, 12)),
+            )
+        axes.axhline(0.0, color=style.INK, linewidth=0.7)
+        axes.set_xlabel(label)
+        style.panel_title(axes, letter, "over " + label.split(" [")[0].lower())
+    panels[0].set_ylabel("Residual [µs]")
+    if len(names) <= _MAX_NODES:
+        style.common_legend(figure, panels[0].get_legend_handles_labels()[0])
+    return figure
+
+
+@style.styled
+def speed_over_time(location: Location, header: str) -> Figure:
+    """Sound speed against time with its interval."""
+    figure = style.new_figure(style.DOUBLE, 2.2, header)
+    axes = figure.subplots()
+    table = location.sound_speed
+    hours = table["time_s"] / 3600.0
+    half = 1.96 * table["sigma_m_s"]
+    axes.fill_between(
+        hours, table["change_m_s"] - half, table["change_m_s"] + half, color=style.PALE, label="95 % interval"
+    )
+    axes.plot(hours, table["change_m_s"], color=style.BLUE, label="estimate")
+    axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--", label="profile")
+    axes.set_xlabel("Time [h]")
+    axes.set_ylabel("Sound speed change [m/s]")
+    style.common_legend(figure, axes.get_legend_handles_labels()[0])
+    return figure
+
+
+def write_plan_figure(plan: SurveyPlan, out: Path) -> None:
+    """
+    Write the figure of a plan, and its table as CSV with the same name.
+
+    Parameters
+    ----------
+    plan : SurveyPlan
+        Plan of a survey.
+    out : pathlib.Path
+        File with the suffix ``.png`` or ``.pdf``.
+    """
+    kind = out.suffix.removeprefix(".")
+    files = style.rendered(plan_figure(plan), (kind,))
+    with whole_file(out) as temporary:
+        temporary.write_bytes(files[kind])
+    with whole_file(out.with_suffix(".csv")) as temporary:
+        plan.table.to_csv(temporary, index=False, lineterminator="\n")
+
+
+@style.styled
+def plan_figure(plan: SurveyPlan) -> Figure:
+    """Expected standard deviations over the radius, and the best radius of each pattern."""
+    o = plan.options
+    figure = style.new_figure(
+        style.DOUBLE,
+        2.8,
+        f"Node at {o.depth:g} m, pings of {1e3 * o.sigma:g} ms, sound speed: {o.speed_model}",
+    )
+    panels = figure.subplots(1, 2, sharex=True)
+    shapes = list(dict.fromkeys(plan.table["pattern"]))
+    best = plan.best.set_index("pattern")
+    for axes, column, words, letter in zip(
+        panels, ("sigma_horizontal_m", "sigma_depth_m"), ("horizontal", "depth"), "ab", strict=True
+    ):
+        for colour, shape in zip(style.vehicle_colours(len(shapes)), shapes, strict=True):
+            part = plan.table[plan.table["pattern"] == shape]
+            axes.plot(part["radius_m"] / 1e3, part[column], color=colour, label=shape)
+            axes.plot(
+                best.loc[shape, "radius_m"] / 1e3, best.loc[shape, column], "o", color=colour, markersize=4.0
+            )
+        axes.set_yscale("log")
+        axes.set_xlabel("Radius [km]")
+        axes.set_ylabel(f"Standard deviation, {words} [m]")
+        style.panel_title(axes, letter, words)
+    style.common_legend(figure, panels[0].get_legend_handles_labels()[0])
+    return figure

@@ -1,0 +1,96 @@
+"""Chi-square tests of a fit: residuals against the stated noise, and against patterns over time, azimuth, range and attitude."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from pymantaray.apps.locate.solve import SurveySolution
+from pymantaray.arrays import Array
+
+LEVEL = 1e-3
+"""Probability that a correct model fails any of the tests."""
+_MAX_BINS, _MIN_PINGS = 24, 8  # number of bins, and pings per bin
+_MIN_ATTITUDE_SPREAD = 0.02  # rad; with a smaller spread, patterns over attitude are not tested
+
+
+@dataclass(frozen=True)
+class NoiseTest:
+    """Result of one test: name, chi-square, degrees of freedom, probability of a larger value, and verdict."""
+
+    name: str
+    chi_square: float
+    degrees: float
+    probability: float
+    passed: bool
+
+
+def test_table(tests: list[NoiseTest]) -> pd.DataFrame:
+    """Tests as a table."""
+    return pd.DataFrame([vars(test) for test in tests])
+
+
+def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
+    """
+    Test the residuals of a solution.
+
+    ``stated noise`` compares residuals with the standard deviations in the survey, if there are any; it is two-sided. The other
+    tests compare means of bins with zero at the estimated noise. A term that the model lacks causes a pattern.
+    """
+    survey, used = solution.unknowns.survey, solution.used
+    white = whitened_residuals(solution)
+    tests = []
+    stated = survey.sigma[used]
+    if np.isfinite(stated).all():
+        # weights of the solution are the stated sigmas over their median
+        reference = float(np.median(stated / solution.linear.weight[used]))
+        total = float(np.sum(white**2)) * solution.correlation.variance / reference**2
+        degrees = max(white.size - solution.posterior.effective, 1.0)
+        upper = float(chdtrc(degrees, total))
+        probability = 2.0 * min(upper, 1.0 - upper)
+        tests.append(NoiseTest("stated noise", total, degrees, probability, probability > LEVEL))
+    patterns = _coordinates(solution)
+    for name, (coordinate, group) in patterns.items():
+        tests.append(_pattern(name, white / solution.posterior.sigma, coordinate, group, len(patterns)))
+    return tests
+
+
+def whitened_residuals(solution: SurveySolution) -> Array:
+    """Independent residuals of the used pings, with the standard deviation of the white noise. [s]"""
+    change = solution.posterior.change
+    return np.concatenate([block[:, -1] - block[:, :-1] @ change for block in solution.whitened()])
+
+
+def _coordinates(solution: SurveySolution) -> dict[str, tuple[Array, NDArray[np.int64]]]:
+    """Coordinates for tests of patterns, and the node of each used ping for patterns by node."""
+    survey, used = solution.unknowns.survey, solution.used
+    near, _ = solution.transducers()
+    step = (near - solution.positions[survey.node])[used]
+    node, alone = survey.node[used], np.zeros(int(used.sum()), dtype=np.int64)
+    out = {"time": (survey.time[used], alone)}
+    if not survey.between_nodes[used].any():
+        out["azimuth"] = (np.arctan2(step[:, 1], step[:, 0]), node)
+        out["range"] = (np.hypot(step[:, 0], step[:, 1]), node)
+        heading = survey.transmit_attitude[used, 0]
+        if np.ptp(heading) > _MIN_ATTITUDE_SPREAD:
+            bearing = np.arctan2(-step[:, 1], -step[:, 0]) - heading
+            out["bearing from the bow"] = (np.mod(bearing, 2.0 * np.pi), alone)
+    return out
+
+
+def _pattern(
+    name: str, residual: Array, coordinate: Array, group: NDArray[np.int64], count: int
+) -> NoiseTest:
+    """Chi-square of the means of bins with equal numbers of pings."""
+    total, bins = 0.0, 0
+    for one in np.unique(group):
+        mine = group == one
+        order = np.argsort(coordinate[mine], kind="stable")
+        parts = min(_MAX_BINS, max(order.size // _MIN_PINGS, 1))
+        for part in np.array_split(residual[mine][order], parts):
+            total += float(part.sum() ** 2 / part.size)
+            bins += 1
+    probability = float(chdtrc(bins, total))
+    return NoiseTest(f"pattern over {name}", total, float(bins), probability, probability > LEVEL / count)

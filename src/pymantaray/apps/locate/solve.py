@@ -1,0 +1,385 @@
+"""Solver for node positions: outer steps with exact rays, and selection of the model by its evidence."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from pymantaray.acoustics import Medium
+from pymantaray.apps.locate.evidence import MIN_REDUNDANCY, Posterior, posterior
+from pymantaray.apps.locate.graduated import graduated_change, robust_sigma
+from pymantaray.apps.locate.linear import Linearization, Products
+from pymantaray.apps.locate.noise import Correlation
+from pymantaray.apps.locate.options import KINDS, Arrangement, Kind, LocateOptions
+from pymantaray.apps.locate.sound_speed import sound_speed_terms
+from pymantaray.apps.locate.starts import start_positions
+from pymantaray.apps.locate.survey import Survey
+from pymantaray.apps.locate.travel_times import Legs, moved, predict, transducers
+from pymantaray.apps.locate.unknowns import SurveyUnknowns
+from pymantaray.arrays import Array, Mask
+from pymantaray.errors import LocateError
+from pymantaray.ocean.modes import VerticalModes
+
+_MAX_STEPS = 25  # outer steps of one stage
+_MAX_DAMPED = 50  # further steps of half the length, if these do not converge
+_RETRACE_DISTANCE = 0.3  # m; rays are not traced again for smaller changes
+_CONVERGED = 1e-3  # m; the largest change of a node's position in an outer step
+_ROUNDS = 2  # of the graduated start
+_DEFAULT_SIGMA = 1e-3  # s; noise level if there are too few pings to estimate it
+_MIN_GROSS = 1e-6  # s; smaller residuals are never gross errors
+_CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
+_RATIOS = (0.3, 3.0, 10.0)
+_SHARES = (0.0, 1.0)
+CORRELATED = 3
+"""Hyperparameters of correlated noise."""
+_MIN_FOR_CORRELATION = 200  # pings; fewer cannot separate correlation from errors of the model
+
+
+@dataclass(frozen=True, eq=False)
+class SurveySolution:
+    """Converged values of the outer steps, and the linear system there."""
+
+    unknowns: SurveyUnknowns
+    values: Array
+    posterior: Posterior
+    correlation: Correlation
+    legs: Legs
+    linear: Linearization
+    products: Products
+    used: Mask
+    settled: bool
+
+    def whitened(self) -> Iterator[Array]:
+        """Blocks of whitened rows of the used pings, with the residual in the last column."""
+        platform, sigma = self.unknowns.survey.platform_error, self.posterior.sigma
+        return (block for block, _ in self.linear.whitened(self.used, self.correlation, platform, sigma))
+
+    def transducers(self) -> tuple[Array, Array]:
+        """Positions of the platform's transducer at transmission and reception with the estimated lever arm. [m]"""
+        return transducers(self.unknowns.survey, self.unknowns.lever(self.values))
+
+    @property
+    def positions(self) -> Array:
+        """Positions of the nodes (n_nodes, 3). [m]"""
+        return self.unknowns.positions(self.values)
+
+
+class Solver:
+    """Outer steps of one survey in one medium."""
+
+    def __init__(self, survey: Survey, medium: Medium, options: LocateOptions) -> None:
+        self.survey, self.medium, self.options = survey, medium, options
+        self._traced: tuple[Array, Array, Legs] | None = None
+        stated = survey.sigma[np.isfinite(survey.sigma)]
+        self.weight = np.ones(len(survey))
+        if stated.size:
+            self.weight = np.where(np.isfinite(survey.sigma), survey.sigma, np.median(stated))
+            self.weight = self.weight / np.median(self.weight)
+
+    def unknowns(self, kind: Kind, position: Array) -> SurveyUnknowns:
+        """Columns for a model of the sound speed; gradients are relative to the middle of the positions."""
+        o = self.options
+        speed = sound_speed_terms(self.survey, position, kind, o.speed_prior, o.modes)
+        stated: Arrangement = "free" if self.survey.rigid is None else "rigid"
+        return SurveyUnknowns(self.survey, speed, o.arrangement or stated)
+
+    def first_values(
+        self, unknowns: SurveyUnknowns, position: Array, before: SurveySolution | None = None
+    ) -> Array:
+        """Initial values: these positions, and other values from a solution with another model."""
+        values, at = unknowns.prior_mean, unknowns.slices
+        if before is not None:
+            n = at["speed"].start
+            values[:n] = before.values[:n]
+            fraction = before.unknowns.speed.fraction(
+                before.unknowns.speed_values(before.values)[0], len(self.survey)
+            )
+            values[at["speed"]] = _constant(unknowns, float(fraction[before.used].mean()))
+        elif unknowns.arrangement == "free":
+            values[at["position"]] = position.ravel()
+        else:
+            shift = (position - unknowns.positions(values)).mean(axis=0)
+            values[at["array"]][:3] = np.clip(shift, -1.0, 1.0)
+        return values
+
+    def step(
+        self,
+        unknowns: SurveyUnknowns,
+        values: Array,
+        correlation: Correlation,
+        hyper: Mapping[str, float],
+        sigma: float,
+    ) -> SurveySolution:
+        """Solve the linear system at some values; the solution contains the values before the step."""
+        legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
+        linear = Linearization(unknowns, values, legs, self.weight)
+        if not unknowns.prior_sd.any():
+            raise LocateError(
+                f"{self.survey.source}: there are no unknowns; give at least one node a positive standard deviation"
+            )
+        used = self.plausible(linear)
+        if not used.any():
+            raise LocateError(
+                f"{self.survey.source}: the model explains no ping at the initial positions; check the positions of platform and"
+                " nodes, and the profile"
+            )
+        first = sigma or self._first_sigma(linear, used)
+        products = linear.products(used, correlation, self.survey.platform_error, first)
+        fit = posterior(products, unknowns, values, hyper, sigma=first)
+        return SurveySolution(unknowns, values, fit, correlation, legs, linear, products, used, settled=False)
+
+    def legs(self, position: Array, lever: Array, modes: VerticalModes | None) -> Legs:
+        """Travel times at positions; rays are traced only if the positions changed enough."""
+        if self._traced is not None:
+            at, arm, legs = self._traced
+            near = (
+                max(float(np.abs(position - at).max()), float(np.abs(lever - arm).max())) < _RETRACE_DISTANCE
+            )
+            if near and legs.modes.shape[1] == (0 if modes is None else len(modes.modes)):
+                return moved(self.survey, legs, position - at, lever - arm)
+        traced = predict(self.survey, self.medium, position, lever, modes)
+        self._traced = position, lever, traced
+        return traced
+
+    def _first_sigma(self, linear: Linearization, used: Mask) -> float:
+        """Initial noise level from the residuals, or the stated level if there are too few pings."""
+        unknowns = linear.unknowns
+        scaled = sum(columns.size for columns in unknowns.groups.values())
+        if used.sum() >= np.count_nonzero(unknowns.prior_sd) - scaled + MIN_REDUNDANCY:
+            return robust_sigma(linear.residual[used] / self.weight[used])
+        stated = self.survey.sigma[np.isfinite(self.survey.sigma)]
+        return float(np.median(stated)) if stated.size else _DEFAULT_SIGMA
+
+    def plausible(self, linear: Linearization) -> Mask:
+        """Pings with a ray whose residuals are not gross errors."""
+        possible = linear.legs.possible & ~self.survey.flagged
+        if not possible.any():
+            return possible
+        size = np.abs(linear.residual / self.weight)
+        limit = max(self.options.gross * robust_sigma(size[possible]), _MIN_GROSS)
+        return np.asarray(possible & (np.nan_to_num(size, nan=np.inf) <= limit))
+
+    def start(self, unknowns: SurveyUnknowns, values: Array) -> Array:
+        """Initial values that are accurate enough to identify gross errors."""
+        for _ in range(_ROUNDS):
+            legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
+            linear = Linearization(unknowns, values, legs, self.weight)
+            possible = legs.possible & ~self.survey.flagged
+            if not possible.any() or not unknowns.prior_sd.any():
+                return values
+            values = values + graduated_change(linear, possible)
+        return values
+
+    def settle(
+        self,
+        unknowns: SurveyUnknowns,
+        values: Array,
+        correlation: Correlation,
+        before: Posterior | None = None,
+    ) -> SurveySolution:
+        """Iterate outer steps until the positions converge; full steps may oscillate, so later ones are damped."""
+        hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
+        sigma = 0.0 if before is None else before.sigma
+        used: Mask | None = None
+        for count in range(_MAX_STEPS + _MAX_DAMPED):
+            solution = self.step(unknowns, values, correlation, hyper, sigma)
+            new = values + (1.0 if count < _MAX_STEPS else 0.5) * solution.posterior.change
+            moved = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
+            values, hyper = new, solution.posterior.hyperparameters
+            same = used is not None and np.array_equal(used, solution.used)
+            used, sigma = solution.used, solution.posterior.sigma
+            if moved < _CONVERGED and same:
+                return replace(solution, values=values, settled=True)
+        return replace(solution, values=values)
+
+
+def _constant(unknowns: SurveyUnknowns, fraction: float) -> Array:
+    """Coefficients of the sound speed for a constant fraction."""
+    speed = unknowns.speed
+    out = np.zeros(speed.size)
+    if speed.terms:
+        first = speed.terms[0]
+        out[0] = fraction * (1.0 if first.spline is None else first.spline.unit[0])
+    return out
+
+
+class Candidate(Mapping[str, Any]):
+    """Model of sound speed and noise with its evidence, as a row of a table."""
+
+    def __init__(self, kind: Kind, correlation: Correlation, fit: Posterior) -> None:
+        self.kind, self.correlation, self.fit = kind, correlation, fit
+        white = correlation.ratio == 0.0
+        self._row: dict[str, Any] = {
+            "sound_speed": kind,
+            "correlation_ratio": correlation.ratio,
+            "correlation_time_s": np.nan if white else correlation.memory,
+            "correlation_shared": np.nan if white else correlation.shared,
+            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
+            "log_evidence": fit.log_evidence,
+            "sigma_s": fit.sigma,
+            "effective_parameters": fit.effective,
+            **{
+                f"{name.replace(' ', '_')}_smoothness": fit.hyperparameters.get(name, np.nan)
+                for name in ("time", "platform gradient", "node gradient")
+            },
+        }
+
+    def __getitem__(self, key: str) -> Any:
+        """Value of a column."""
+        return self._row[key]
+
+    def __iter__(self) -> Any:
+        """Names of the columns."""
+        return iter(self._row)
+
+    def __len__(self) -> int:
+        """Number of columns."""
+        return len(self._row)
+
+    @property
+    def abic(self) -> float:
+        """ABIC including the hyperparameters of the noise."""
+        return float(self._row["abic"])
+
+
+def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candidate]]:
+    """Allowed candidate with the lowest ABIC, and all compared candidates, at a solution's values."""
+    allowed = solver.options.kinds
+    table = _Evidence(solver, base, "gradient")
+    candidates = [table.candidate(kind, Correlation()) for kind in KINDS[:-1]]
+    if "modes" in allowed:
+        table_of_modes = _Evidence(solver, base, "modes")
+        candidates.append(table_of_modes.candidate("modes", Correlation()))
+
+    def best_of(some: Iterable[Candidate]) -> Candidate:
+        return min((c for c in some if c.kind in allowed), key=lambda c: c.abic)
+
+    best = best_of(candidates)
+    if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
+        table = table_of_modes if best.kind == "modes" else table
+        for search in (_times, _ratios, _shares, _times):
+            for correlation in search(best.correlation):
+                if all(correlation != c.correlation for c in candidates if c.kind == best.kind):
+                    candidates.append(table.candidate(best.kind, correlation))
+            best = best_of(c for c in candidates if c.kind == best.kind)
+            if best.correlation.ratio == 0.0:
+                break
+        if best.correlation.ratio > 0.0:
+            others = [kind for kind in KINDS[:-1] if kind != best.kind and best.kind != "modes"]
+            candidates += [table.candidate(kind, best.correlation) for kind in others]
+    return best_of(candidates), candidates
+
+
+def _times(now: Correlation) -> list[Correlation]:
+    return [Correlation(now.ratio or 1.0, time, now.shared) for time in _CORRELATION_TIMES]
+
+
+def _ratios(now: Correlation) -> list[Correlation]:
+    return [replace(now, ratio=ratio) for ratio in _RATIOS]
+
+
+def _shares(now: Correlation) -> list[Correlation]:
+    return [replace(now, shared=share) for share in _SHARES]
+
+
+class _Evidence:
+    """Evidence of models at one linearization; simpler models use a part of the columns of the richest model."""
+
+    def __init__(self, solver: Solver, base: SurveySolution, rich: Kind) -> None:
+        self._solver, self._base = solver, base
+        self._unknowns = solver.unknowns(rich, base.positions)
+        self._values = solver.first_values(self._unknowns, base.positions, base)
+        legs = base.legs
+        if self._unknowns.speed.modes is not None:
+            lever = base.unknowns.lever(base.values)
+            legs = solver.legs(base.positions, lever, self._unknowns.speed.modes)
+        self._linear = Linearization(self._unknowns, self._values, legs, solver.weight)
+        self._products: dict[Correlation, Products] = {}
+
+    def candidate(self, kind: Kind, correlation: Correlation) -> Candidate:
+        """Evidence of one model."""
+        sigma = self._base.posterior.sigma
+        if correlation not in self._products:
+            self._products = {
+                correlation: self._linear.products(
+                    self._base.used, correlation, self._solver.survey.platform_error, sigma
+                )
+            } | {c: p for c, p in self._products.items() if c.ratio == 0.0}
+        products = self._products[correlation]
+        fit = posterior(
+            products,
+            self._unknowns,
+            self._values,
+            {},
+            sigma=sigma / np.sqrt(correlation.variance),
+            without=self._held(kind),
+        )
+        return Candidate(kind, correlation, fit)
+
+    def _held(self, kind: Kind) -> NDArray[np.int64]:
+        """Columns of the sound speed that a simpler model does not use."""
+        at, speed = self._unknowns.slices["speed"], self._unknowns.speed
+        columns = np.arange(at.start, at.stop)
+        if kind in (speed.kind, "modes"):
+            return columns[:0]
+        size = speed.terms[0].sd.size if speed.terms else 0
+        return columns[{"known": 0, "scale": 1, "time": size, "gradient": columns.size}[kind] :]
+
+
+def solve(
+    survey: Survey, medium: Medium, options: LocateOptions
+) -> tuple[SurveySolution, list[Candidate], Solver]:
+    """Solve a survey sorted by time; return the solution, the candidate models and the solver."""
+    with threadpool_limits(
+        limits=1, user_api="blas"
+    ):  # matrices are small: threads would wait for each other
+        return _solve(survey, medium, options)
+
+
+def _solve(
+    survey: Survey, medium: Medium, options: LocateOptions
+) -> tuple[SurveySolution, list[Candidate], Solver]:
+    solver = Solver(survey, medium, options)
+    start = start_positions(survey, medium)
+    simple: Kind = "known" if options.speed_model == "known" else "scale"
+    unknowns = solver.unknowns(simple, start)
+    values = solver.start(unknowns, solver.first_values(unknowns, start))
+    base = solver.settle(unknowns, values, Correlation())
+    chosen, candidates = choose(solver, base)
+    for _ in range(2):
+        unknowns = solver.unknowns(chosen.kind, base.positions)
+        values = solver.first_values(unknowns, base.positions, base)
+        solution = solver.settle(unknowns, values, chosen.correlation, chosen.fit)
+        if np.array_equal(solution.used, base.used):
+            break
+        # the evidence uses the used pings only
+        base, before = (solution, (chosen.kind, chosen.correlation))
+        chosen, candidates = choose(solver, base)
+        if (chosen.kind, chosen.correlation) == before:
+            break
+    return solution, candidates, solver
+
+
+def candidate_table(candidates: list[Candidate], chosen: SurveySolution) -> pd.DataFrame:
+    """Table of candidates in order of ABIC, with the difference from the best."""
+    table = pd.DataFrame([dict(c) for c in candidates]).sort_values("abic", ignore_index=True, kind="stable")
+    table.insert(
+        0,
+        "chosen",
+        [
+            row["sound_speed"] == chosen.unknowns.speed.kind
+            and row["correlation_ratio"] == chosen.correlation.ratio
+            and (
+                chosen.correlation.ratio == 0.0
+                or (row["correlation_time_s"], row["correlation_shared"])
+                == (chosen.correlation.memory, chosen.correlation.shared)
+            )
+            for row in table.to_dict("records")
+        ],
+    )
+    table.insert(5, "abic_difference", table["abic"] - table["abic"].min())
+    return table

@@ -1,0 +1,161 @@
+r"""
+Corrections of the sound speed relative to the profile, as terms with columns and normal priors.
+
+Travel times are :math:`t\,e^{-\gamma}`, where :math:`\gamma` is the fraction by which the mean sound speed along a ray exceeds that
+of the profile. It is a scale, or a cubic B-spline in time, plus optional horizontal gradients, which multiply the distance of the
+platform or the node from the array's centre. Amplitudes of vertical modes use path integrals instead.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from pymantaray.apps.locate.options import Kind, SpeedPrior
+from pymantaray.apps.locate.survey import Survey
+from pymantaray.arrays import Array
+from pymantaray.errors import LocateError
+from pymantaray.ocean.modes import VerticalModes
+
+KM = 1000.0
+_DEGREE = 3
+_MIN_KNOTS, _MAX_KNOTS, _MAX_GRADIENT_KNOTS = 4, 80, 40
+_MIN_KNOT_INTERVAL = 300.0  # s
+_MIN_NODE_SPREAD = 50.0  # m; distance of nodes from their centre that is required for a gradient
+
+
+class Term:
+    """
+    Columns of one term.
+
+    ``sd`` are prior standard deviations of its coefficients. If the hyperparameter of `group` multiplies them, they are 1 times
+    `weight`.
+    """
+
+    def __init__(self, name: str, group: str, spline: "Spline | None", factor: Array, prior: float) -> None:
+        self.name, self.group, self.spline, self.factor = name, group, spline, factor
+        if spline is None:
+            self.sd, self.scaled = np.array([prior]), np.array([False])
+        else:
+            self.sd = np.concatenate([prior * spline.unit[:2], spline.unit[2:]])
+            self.scaled = np.arange(self.sd.size) >= 2
+
+    def rows(self, part: slice) -> Array:
+        """Columns of a slice of pings: derivative of the fraction gamma by the coefficients."""
+        factor = self.factor[part]
+        if self.spline is None:
+            return np.asarray(factor.mean(axis=1)[:, None])
+        both = [self.spline.rows(part, k) * factor[:, k, None] for k in (0, 1)]
+        return np.asarray(0.5 * (both[0] + both[1]))
+
+
+class Spline:
+    """
+    Cubic B-spline over a survey's time in coordinates with independent priors.
+
+    The prior penalizes second differences of the coefficients. It is diagonal in the eigenvectors of this penalty. The first two, a
+    constant and a straight line, have no penalty. ``unit`` normalizes the mean variance of the others to 1.
+    """
+
+    def __init__(self, times: Array, interval: float, most: int) -> None:
+        first, last = float(times.min()), float(times.max())
+        span = max(last - first, 1.0)
+        spacing = interval or max(_MIN_KNOT_INTERVAL, span / most)
+        count = max(int(np.ceil(span / spacing)), _MIN_KNOTS)
+        step = span / count
+        self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
+        self._times = times
+        size = count + _DEGREE
+        differences = np.diff(np.eye(size), n=2, axis=0)
+        values, vectors = np.linalg.eigh(differences.T @ differences)
+        line = np.linspace(-1.0, 1.0, size)
+        vectors[:, 0] = 1.0 / np.sqrt(size)
+        vectors[:, 1] = line / np.linalg.norm(line)
+        self._basis = vectors
+        unit = np.concatenate([[np.sqrt(size), np.linalg.norm(line)], 1.0 / np.sqrt(values[2:])])
+        sample = self.at(np.linspace(first, last, 4 * count))[:, 2:] * unit[2:]
+        unit[2:] /= np.sqrt(np.mean(np.sum(sample**2, axis=1)))
+        self.unit = unit
+
+    def rows(self, part: slice, end: int) -> Array:
+        """Values of the columns at the times of one end of a slice of pings."""
+        return self.at(self._times[part, end])
+
+    def at(self, time: Array) -> Array:
+        """Values of the columns at times within the survey."""
+        inside = np.clip(time, self.knots[_DEGREE], self.knots[-_DEGREE - 1])
+        return np.asarray(BSpline.design_matrix(inside, self.knots, _DEGREE) @ self._basis)
+
+
+@dataclass(frozen=True, eq=False)
+class SoundSpeed:
+    """Terms of a kind of model for a survey; ``terms`` of a richer kind begin with those of a simpler kind."""
+
+    kind: Kind
+    terms: tuple[Term, ...]
+    modes: VerticalModes | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients, including amplitudes of modes."""
+        return sum(t.sd.size for t in self.terms) + (0 if self.modes is None else len(self.modes.modes))
+
+    def rows(self, part: slice) -> Array:
+        """Derivative of the fraction gamma by the coefficients, without modes."""
+        n = len(range(*part.indices(1 << 62)))
+        return np.concatenate([np.empty((n, 0)), *(t.rows(part) for t in self.terms)], axis=1)
+
+    def fraction(self, coefficients: Array, count: int) -> Array:
+        """Fraction gamma of all pings (n,)."""
+        out = np.zeros(count)
+        at = 0
+        for term in self.terms:
+            own = coefficients[at : at + term.sd.size]
+            at += term.sd.size
+            for start in range(0, count, 8192):
+                part = slice(start, min(start + 8192, count))
+                out[part] += term.rows(part) @ own
+        return out
+
+
+def sound_speed_terms(
+    survey: Survey,
+    position: Array,
+    kind: Kind,
+    prior: SpeedPrior,
+    modes: VerticalModes | None = None,
+) -> SoundSpeed:
+    """Terms of a kind of model; gradients are relative to the middle of the node positions (n_nodes, 3) [m]."""
+    n = len(survey)
+    both = np.stack([survey.time, survey.time + np.maximum(survey.travel_time, 0.0)], axis=1)
+    one = np.ones((n, 2))
+    if kind == "modes":
+        if modes is None:
+            raise LocateError(
+                "speed_model 'modes' needs vertical modes; give several profiles or an ocean as `modes`"
+            )
+        return SoundSpeed(kind, (), modes)
+    if kind == "known":
+        return SoundSpeed(kind, ())
+    if kind == "scale":
+        return SoundSpeed(kind, (Term("scale", "", None, one, prior.scale),))
+    terms = [Term("time", "time", Spline(both, prior.knot_interval, _MAX_KNOTS), one, prior.scale)]
+    if kind == "gradient":
+        spline = Spline(both, prior.knot_interval, _MAX_GRADIENT_KNOTS)
+        centre = position.mean(axis=0)
+        ends = np.stack([survey.transmit_position, survey.receive_position], axis=1) - centre
+        ends = np.where(survey.between_nodes[:, None, None], 0.0, ends) / KM
+        for axis, name in enumerate(("north", "east")):
+            terms.append(
+                Term(
+                    f"platform gradient {name}", "platform gradient", spline, ends[..., axis], prior.gradient
+                )
+            )
+        offsets = position - centre
+        if len(position) > 2 and np.linalg.norm(offsets[:, :2], axis=1).max() > _MIN_NODE_SPREAD:
+            at_node = np.repeat(offsets[survey.node][:, None, :] / KM, 2, axis=1)
+            for axis, name in enumerate(("north", "east")):
+                terms.append(
+                    Term(f"node gradient {name}", "node gradient", spline, at_node[..., axis], prior.gradient)
+                )
+    return SoundSpeed(kind, tuple(terms))

@@ -1,0 +1,173 @@
+"""Unknowns of a survey: the columns of its linear system, by name, with their priors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.apps.locate.options import Arrangement
+from pymantaray.apps.locate.sound_speed import SoundSpeed
+from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.apps.locate.travel_times import Legs
+from pymantaray.arrays import Array
+
+_ARRAY_SIGMA = (3.0, 3.0, 3.0, 0.05)  # m, m, m, rad; shift and rotation of a rigid array
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyUnknowns:
+    """
+    Columns of the linear system of a survey for a model of the sound speed.
+
+    In this order: three coordinates of each node, shift and rotation of a rigid array, turn-around time, clock offset and clock
+    drift of each node, lever arm, coefficients of the sound speed. Known values have a prior standard deviation of 0.
+    """
+
+    survey: Survey
+    speed: SoundSpeed
+    arrangement: Arrangement = "free"
+
+    @property
+    def slices(self) -> dict[str, slice]:
+        """Columns of each kind of unknown."""
+        k = len(self.survey.nodes)
+        sizes = {
+            "position": 3 * k,
+            "array": 4,
+            "turn_around": k,
+            "offset": k,
+            "drift": k,
+            "lever": 3,
+            "speed": self.speed.size,
+        }
+        out, at = {}, 0
+        for name, size in sizes.items():
+            out[name] = slice(at, at + size)
+            at += size
+        return out
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return int(self.slices["speed"].stop)
+
+    @property
+    def prior_mean(self) -> Array:
+        """Prior means of all columns."""
+        nodes, mean = self.survey.nodes, np.zeros(self.size)
+        mean[self.slices["position"]] = np.ravel([node.position for node in nodes])
+        mean[self.slices["turn_around"]] = [node.turn_around for node in nodes]
+        mean[self.slices["lever"]] = self.survey.lever.offset
+        return mean
+
+    @property
+    def prior_sd(self) -> Array:
+        """Prior standard deviations of all columns; those of smooth sound-speed terms are for hyperparameters of 1."""
+        nodes, sd = self.survey.nodes, np.zeros(self.size)
+        if self.arrangement == "free":
+            sd[self.slices["position"]] = np.ravel([node.sigma for node in nodes])
+        else:
+            sd[self.slices["array"]] = self.survey.rigid or _ARRAY_SIGMA
+        one_way = self.survey.direction != TravelDirection.TWO_WAY
+        for k, node in enumerate(nodes):
+            mine = one_way & ((self.survey.node == k) | (self.survey.partner == k))
+            sd[self.slices["turn_around"].start + k] = node.turn_around_sigma
+            if mine.any():
+                sd[self.slices["offset"].start + k] = node.offset_sigma
+                sd[self.slices["drift"].start + k] = node.drift_sigma
+        sd[self.slices["lever"]] = self.survey.lever.sigma
+        sd[self.slices["speed"]] = self._speed_sd()
+        return sd
+
+    def _speed_sd(self) -> Array:
+        modes = self.speed.modes
+        amplitudes = [] if modes is None else [np.sqrt(modes.variance)]
+        return np.concatenate([np.empty(0), *(term.sd for term in self.speed.terms), *amplitudes])
+
+    @property
+    def groups(self) -> dict[str, NDArray[np.int64]]:
+        """Columns whose prior standard deviations a hyperparameter multiplies, by hyperparameter."""
+        out: dict[str, list[int]] = {}
+        at = self.slices["speed"].start
+        for term in self.speed.terms:
+            scaled = (at + np.flatnonzero(term.scaled)).tolist()
+            if scaled:
+                out.setdefault(term.group, []).extend(scaled)
+            at += term.sd.size
+        return {name: np.array(columns) for name, columns in out.items()}
+
+    def scaled_sd(self, hyperparameters: Mapping[str, float]) -> Array:
+        """Prior standard deviations for hyperparameters."""
+        sd = self.prior_sd
+        for name, columns in self.groups.items():
+            sd[columns] *= hyperparameters[name]
+        return sd
+
+    def positions(self, values: Array) -> Array:
+        """Positions of the nodes (n_nodes, 3). [m]"""
+        own = values[self.slices["position"]].reshape(-1, 3)
+        north, east, depth, turn = values[self.slices["array"]]
+        centre = own.mean(axis=0)
+        offset = own - centre
+        cos, sin = np.cos(turn), np.sin(turn)
+        turned = np.stack(
+            [
+                cos * offset[:, 0] - sin * offset[:, 1],
+                sin * offset[:, 0] + cos * offset[:, 1],
+                offset[:, 2],
+            ],
+            axis=1,
+        )
+        return np.asarray(centre + turned + [north, east, depth])
+
+    def position_map(self, values: Array) -> Array:
+        """Derivative of the positions by all columns (n_nodes, 3, size)."""
+        k = len(self.survey.nodes)
+        out = np.zeros((k, 3, self.size))
+        nodes = np.arange(k)
+        for axis in range(3):
+            out[nodes, axis, 3 * nodes + axis] = 1.0
+        array = self.slices["array"].start
+        for axis in range(3):
+            out[:, axis, array + axis] = 1.0
+        offset = self.positions(values) - self.positions(values).mean(axis=0)
+        out[:, 0, array + 3], out[:, 1, array + 3] = -offset[:, 1], offset[:, 0]
+        return out
+
+    def lever(self, values: Array) -> Array:
+        """Lever arm forward, starboard, down. [m]"""
+        return np.asarray(values[self.slices["lever"]])
+
+    def speed_values(self, values: Array) -> tuple[Array, Array]:
+        """Coefficients of the fraction gamma, and amplitudes of modes [m/s]."""
+        own = values[self.slices["speed"]]
+        n_modes = 0 if self.speed.modes is None else len(self.speed.modes.modes)
+        return own[: own.size - n_modes], own[own.size - n_modes :]
+
+    def slowing(self, values: Array) -> Array:
+        """Factor ``exp(-gamma)`` of every ping's travel time in the water."""
+        return np.asarray(np.exp(-self.speed.fraction(self.speed_values(values)[0], len(self.survey))))
+
+    def predicted(self, values: Array, legs: Legs) -> Array:
+        """Predicted times; NaN without a ray. [s]"""
+        s, k = self.survey, self.survey.node
+        two_way = s.direction == TravelDirection.TWO_WAY
+        clock = self.clock_signs()
+        elapsed = s.time - s.time[0]
+        time = legs.travel_time * self.slowing(values) + legs.modes @ self.speed_values(values)[1]
+        time = time + np.where(two_way, values[self.slices["turn_around"]][k], 0.0)
+        offset, drift = values[self.slices["offset"]], values[self.slices["drift"]]
+        for sign, node in clock:
+            time = time + sign * (offset[node] + drift[node] * elapsed)
+        return np.asarray(time)
+
+    def clock_signs(self) -> list[tuple[Array, NDArray[np.int64]]]:
+        """Signs of the clocks of both ends in a one-way time (received minus transmitted), and their nodes."""
+        s = self.survey
+        own = np.where(
+            s.direction == TravelDirection.TO_NODE,
+            1.0,
+            np.where(s.direction == TravelDirection.FROM_NODE, -1.0, 0.0),
+        )
+        return [(own, s.node), (np.where(s.between_nodes, -own, 0.0), np.maximum(s.partner, 0))]

@@ -1,0 +1,205 @@
+"""Export of located nodes: landmarks of a study, GeoJSON, PyFactorGraph text, NetCDF, and the object of ``--json``."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pymantaray.apps.locate.location import Location
+from pymantaray.apps.locate.patterns import test_table
+from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.errors import LocateError
+from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
+from pymantaray.estimation.pyfg import write_pyfg
+from pymantaray.messages import one_line
+from pymantaray.records.writing import write_netcdf
+
+_CORNERS = 72  # per ellipse
+_MIN_SIGMA = 1e-3  # m; for known positions in a graph
+_NAME = re.compile("[A-Za-z0-9_-]{1,64}")
+_PLATFORMS = ("A", "platform", *(f"platform-{k}" for k in range(1000)))  # names of the platform in a graph
+
+
+def summary(location: Location) -> dict[str, Any]:
+    """Results as one object: nodes, residuals, used pings, model, tests, centre, mirror solutions."""
+    return {
+        "nodes": location.nodes,
+        "rms_s": location.rms,
+        "n_used": int(location.solution.used.sum()),
+        "n_all": len(location.survey),
+        "hyperparameters": location.hyperparameters,
+        "centre": location.centre,
+        "candidates": location.candidates,
+        "tests": test_table(location.tests),
+        "tests_passed": location.passed,
+        "budget": location.budget,
+        "unknowns": location.other_unknowns,
+        "mirrors": [vars(m) for m in location.mirrors],
+        "rejected": _rejected(location),
+        "settled": location.solution.settled,
+    }
+
+
+def _rejected(location: Location) -> list[dict[Any, Any]]:
+    """Unused pings with their lines and reasons."""
+    out = location.pings[~location.pings["used"]]
+    return out[["line", "node", "time_s", "residual_s", "reason"]].to_dict("records")
+
+
+def landmarks_toml(location: Location) -> str:
+    """Nodes as tables ``[[landmarks]]`` of a study, with standard deviations as comments."""
+    blocks = []
+    for row in location.nodes.to_dict("records"):
+        name = re.sub(r"[^A-Za-z0-9_-]+", "_", str(row["name"])).strip("_")[:64] or "node"
+        place = (
+            f"lat = {row['lat']:.9f}\nlon = {row['lon']:.9f}"
+            if np.isfinite(row["lat"])
+            else f"north = {row['north']:.4f}\neast = {row['east']:.4f}"
+        )
+        axes = np.array([row["sigma_north_m"], row["sigma_east_m"], row["sigma_depth_m"]])
+        sigma, size = ", ".join(f"{x:.3f}" for x in axes), max(float(np.sqrt(np.mean(axes**2))), _MIN_SIGMA)
+        blocks.append(
+            f"[[landmarks]]  # {row['status']}; standard deviations {sigma} m north, east, depth\n"
+            f'name = "{name}"\n{place}\ndepth = {max(row["depth"], 0.0):.4f}\nsigma = {size:.4f}\n'
+        )
+    return "\n".join(blocks)
+
+
+def geojson(location: Location) -> str:
+    """Nodes and their 95 % ellipses as a GeoJSON feature collection; empty without latitudes and longitudes."""
+    features = []
+    frame = location.survey.frame
+    for row in location.nodes.to_dict("records"):
+        if frame is None:
+            break
+        properties = {
+            str(key): (value if not isinstance(value, float) or np.isfinite(value) else None)
+            for key, value in row.items()
+        }
+        features.append(_feature("Point", [row["lon"], row["lat"], -row["depth"]], properties))
+        turn, angle = np.radians(row["ellipse_azimuth_deg"]), np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
+        along, across = row["ellipse_major_m"] * np.cos(angle), row["ellipse_minor_m"] * np.sin(angle)
+        north = row["north"] + along * np.cos(turn) - across * np.sin(turn)
+        east = row["east"] + along * np.sin(turn) + across * np.cos(turn)
+        lat, lon = frame.to_geodetic(north, east)
+        ring = np.column_stack([lon, lat]).tolist()
+        ring[-1] = ring[0]
+        features.append(_feature("Polygon", [ring], {"name": row["name"], "what": "95 % ellipse"}))
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+
+
+def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": properties,
+    }
+
+
+def dataset(location: Location) -> xr.Dataset:
+    """Nodes with their joint covariance, and pings, as a data set with units."""
+    nodes, pings = location.nodes, location.pings
+    data: dict[str, Any] = {}
+    for name in nodes.columns.drop("name"):
+        data[name] = ("node", nodes[name].to_numpy(), {"units": _unit(str(name))})
+    count = len(nodes)
+    joint = location.covariance.reshape(count, 3, count, 3)
+    data["position_covariance"] = (("node", "axis", "node_2", "axis_2"), joint, {"units": "m2"})
+    for name in ("time_s", "travel_time_s", "residual_s", "leverage", "range_m", "azimuth_deg"):
+        data[f"ping_{name}"] = ("ping", pings[name].to_numpy(), {"units": _unit(name)})
+    data["ping_node"] = ("ping", pings["node"].to_numpy(dtype=str))
+    data["ping_used"] = ("ping", pings["used"].to_numpy(dtype=np.int8))
+    data["ping_reason"] = ("ping", pings["reason"].to_numpy(dtype=str))
+    out = xr.Dataset(
+        data, coords={"node": nodes["name"].to_numpy(dtype=str), "axis": ["north", "east", "depth"]}
+    )
+    out["status"] = out["status"].astype(str)
+    model = {key: value for key, value in location.hyperparameters.items() if isinstance(value, (str, float))}
+    out.attrs = {"title": "Located nodes", "source": location.survey.source, "rms_s": location.rms} | model
+    return out
+
+
+def _unit(name: str) -> str:
+    if name in ("lat", "lon"):
+        return "degrees"
+    if name in ("north", "east", "depth", "prior_north", "prior_east", "prior_depth"):
+        return "m"
+    for ending, unit in (("_m", "m"), ("_s", "s"), ("_deg", "degrees")):
+        if name.endswith(ending):
+            return unit
+    return "1"
+
+
+def check_names_to_write(survey: Survey) -> None:
+    """Raise an error if files cannot hold the name of a node."""
+    for name in survey.names:
+        if not _NAME.fullmatch(name):
+            raise LocateError(
+                f"{survey.source}: node {one_line(name, 40)!r}: files of results need names of 1 to 64 letters, digits, _ and -;"
+                " rename it in the survey"
+            )
+
+
+def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
+    """
+    Factor graph of the used pings: known poses of the platform, nodes with priors, and ranges, including ranges between nodes.
+
+    A range is the straight distance at the solution plus the residual in metres. The solution of the graph is therefore that of
+    the survey with the estimated sound speed and clocks.
+    """
+    survey, solution = location.survey, location.solution
+    rows = np.flatnonzero(solution.used & ~survey.between_nodes)
+    near, away = solution.transducers()
+    direction = survey.direction[:, None]
+    place = np.where(
+        direction == TravelDirection.TO_NODE,
+        near,
+        np.where(direction == TravelDirection.FROM_NODE, away, 0.5 * (near + away)),
+    )
+    place, n = place[rows], rows.size
+    pairs = np.flatnonzero(solution.used & survey.between_nodes)
+    both = np.concatenate([rows, pairs])
+    ends = np.concatenate([place, location.positions[survey.partner[pairs]]])
+    half = location.mean_speed * np.where(survey.direction[both] == TravelDirection.TWO_WAY, 0.5, 1.0)
+    distance = (
+        np.linalg.norm(ends - location.positions[survey.node[both]], axis=1) + half * location.residual[both]
+    )
+    noise = solution.posterior.sigma * np.sqrt(solution.correlation.variance) * solution.linear.weight[both]
+    first = np.concatenate([np.arange(n), n + survey.partner[pairs]])
+    unit = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    has_prior = [i for i, one in enumerate(survey.nodes) if min(one.sigma) > 0.0]
+    prior = np.array([np.diag(np.square(survey.nodes[i].sigma)) for i in has_prior])
+    known = np.tile(np.diag([_MIN_SIGMA**2] * 6), (n, 1, 1))
+    graph = FactorGraph(
+        vehicle_name=np.array([next(name for name in _PLATFORMS if name not in survey.names)]),
+        landmark_name=np.array(survey.names),
+        pose_vehicle=np.zeros(n, dtype=np.int32),
+        pose_number=np.arange(n, dtype=np.int32),
+        pose_time=survey.time[rows] - survey.time[0],
+        factors={
+            "prior": KINDS["prior"].table(np.arange(n), [place, unit], known),
+            "survey": KINDS["survey"].table(
+                n + np.array(has_prior, dtype=int), [[survey.nodes[i].position for i in has_prior]], prior
+            ),
+            "range": KINDS["range"].table(
+                np.column_stack([first, n + survey.node[both]]), [distance], (half * noise) ** 2
+            ),
+        },
+    )
+    return graph, GraphValues(position=place, quaternion=unit, landmark_position=location.positions)
+
+
+def write_location(location: Location, folder: Path) -> list[Path]:
+    """Write landmarks, GeoJSON, graph and NetCDF into a folder; return the paths. The graph needs a ping of the platform."""
+    paths = [folder / name for name in ("landmarks.toml", "nodes.geojson", "survey.pyfg", "location.nc")]
+    paths[0].write_text(landmarks_toml(location), encoding="utf-8")
+    paths[1].write_text(geojson(location), encoding="utf-8")
+    write_netcdf(dataset(location), paths[3])
+    if not (location.solution.used & ~location.survey.between_nodes).any():
+        return [paths[0], paths[1], paths[3]]
+    values = graph(location)
+    write_pyfg(values[0], paths[2], initial=values[1])
+    return paths

@@ -1,0 +1,357 @@
+"""`mantaray locate`: surveys of every grammar end to end, what is printed and written, plans, and what is refused."""
+
+import json
+import re
+import tomllib
+
+import numpy as np
+import pytest
+import xarray as xr
+from campaigns import (
+    direct_time,
+    make_campaign,
+    profile_csv,
+    sailed,
+    water,
+    write_garpos,
+    write_gnatss,
+    write_obsrange,
+    write_table,
+)
+
+from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
+from pymantaray.apps.locate.plan import expected_sigmas
+
+KEYS = {"name", "lat", "lon", "north", "east", "depth", "sigma_north_m", "sigma_east_m", "sigma_depth_m"}
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return make_campaign(2, pings=120)
+
+
+def within(nodes, truth, times=4.0):
+    for node, place in zip(nodes, truth, strict=True):
+        error = np.array([node["north"], node["east"], node["depth"]]) - place
+        sigma = np.array([node["sigma_north_m"], node["sigma_east_m"], node["sigma_depth_m"]])
+        assert (np.abs(error) < times * sigma).all(), (node["name"], error, sigma)
+
+
+def test_a_survey_of_garpos_is_located_by_its_ini_file_alone(told, campaign, tmp_path):
+    done = told("locate", write_garpos(campaign, tmp_path))
+    assert all(set(node) >= KEYS for node in done["nodes"])
+    assert [node["name"] for node in done["nodes"]] == campaign.names
+    within(done["nodes"], campaign.truth)
+    assert done["n_all"] == campaign.time.size
+    assert done["n_used"] == campaign.time.size - campaign.gross.sum()
+    assert done["rms_s"] == pytest.approx(1e-4, rel=0.15)
+    assert done["hyperparameters"]["sound_speed"] == "time"
+    assert done["centre"]["lat"] == pytest.approx(34.96, abs=1e-4)
+    assert done["tests_passed"]
+    lines = {row["line"] for row in done["rejected"]}
+    assert len(lines) == campaign.gross.sum()
+    assert all("ms" in row["reason"] for row in done["rejected"])
+
+
+@pytest.mark.parametrize("turn_around", ["13 ms", "0.013"])
+def test_survey_text_of_obsrange_is_located_by_a_profile_and_a_turn_around_time(told, tmp_path, turn_around):
+    path, truth = write_obsrange(tmp_path)
+    done = told(
+        "locate",
+        path,
+        "--profile",
+        profile_csv(tmp_path),
+        "--turn-around",
+        turn_around,
+        "--sound-speed",
+        "scale",
+    )
+    (node,) = done["nodes"]
+    assert node["name"] == "S01"
+    within([node], [truth])
+    assert np.hypot(node["north"] - truth[0], node["east"] - truth[1]) < 0.5
+    assert done["n_all"] == 60
+    assert done["n_used"] == 58
+    assert sorted(round(1e3 * row["residual_s"], -1) for row in done["rejected"]) == [-300.0, 480.0]
+    assert node["lat"] == pytest.approx(-5.2 + truth[0] / 110580.0, abs=1e-6)
+
+
+def test_a_survey_of_gnatss_is_located_by_its_configuration(told, campaign, tmp_path):
+    pytest.importorskip("yaml")
+    done = told("locate", write_gnatss(campaign, tmp_path), "--correlation", "none")
+    within(done["nodes"], campaign.truth)
+    assert done["n_used"] == campaign.time.size - campaign.gross.sum()
+
+
+def test_our_own_table_is_located_in_seconds_and_in_milliseconds(told, campaign, tmp_path):
+    places = []
+    for unit in ("s", "ms"):
+        pings, nodes = write_table(campaign, tmp_path, unit=unit)
+        lever = campaign.lever[0]
+        done = told(
+            *("locate", pings, "--nodes", nodes, "--profile", profile_csv(tmp_path), "--lever", *lever),
+            *("--sound-speed", "time", "--correlation", "none"),
+        )
+        within(done["nodes"], campaign.truth)
+        assert done["nodes"][0]["lat"] is None
+        places.append([node["north"] for node in done["nodes"]])
+    np.testing.assert_allclose(*places, atol=1e-3)
+
+
+def test_names_that_no_file_can_hold_are_refused_before_the_solve(mantaray, campaign, tmp_path, monkeypatch):
+    pings, nodes = write_table(campaign, tmp_path)
+    for file in (pings, nodes):
+        file.write_text(file.read_text().replace(campaign.names[0], "buoy 7/b"))
+    monkeypatch.setattr("pymantaray.apps.locate.locate", lambda *_, **__: pytest.fail("solved"))
+    water = ("--profile", profile_csv(tmp_path))
+    done = mantaray("locate", pings, "--nodes", nodes, *water, "--out", tmp_path / "out")
+    assert (done.code, (tmp_path / "out").exists()) == (2, False)
+    assert done.err == (
+        f"error: {pings}: node 'buoy 7/b': files of results need names of 1 to 64 letters, digits, _ and -;"
+        " rename it in the survey\n"
+    )
+
+
+def test_a_node_may_have_the_name_of_the_platform(mantaray, campaign, tmp_path):
+    pings, nodes = write_table(campaign, tmp_path)
+    for file in (pings, nodes):
+        file.write_text(file.read_text().replace(campaign.names[0], "A"))
+    lever = campaign.lever[0]
+    options = ("--profile", profile_csv(tmp_path), "--lever", *lever, "--sound-speed", "known")
+    done = mantaray("locate", pings, "--nodes", nodes, *options, "--out", tmp_path / "out")
+    assert done.code == 0, done.err
+    assert "A,platform" in (tmp_path / "out" / "survey.names.csv").read_text()
+
+
+def test_a_survey_that_does_not_converge_prints_its_status_and_ends_with_1(
+    mantaray, campaign, tmp_path, monkeypatch
+):
+    pings, nodes = write_table(campaign, tmp_path)
+    monkeypatch.setattr("pymantaray.apps.locate.solve._MAX_STEPS", 1)
+    monkeypatch.setattr("pymantaray.apps.locate.solve._MAX_DAMPED", 0)
+    options = ("--profile", profile_csv(tmp_path), "--lever", *campaign.lever[0])
+    done = mantaray("locate", pings, "--nodes", nodes, *options, "--json")
+    assert done.code == 1
+    assert {node["status"] for node in json.loads(done.out)["nodes"]} == {"not converged"}
+    assert done.err.splitlines()[-1].startswith(f"error: {pings}: not converged; ")
+
+
+def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
+    """Positions every 0.5 s in a file of their own, as a logger writes them."""
+    time = np.arange(-5.0, campaign.time[-1] + 10.0, 0.5)
+    place = sailed(time, 900.0)
+    place[:, 2] = 4.0 + 0.5 * np.sin(2.0 * np.pi * time / 8.0)
+    rows = [
+        "time,vehicle,north,east,depth",
+        *(f"{t:.1f},ship,{p[0]:.5f},{p[1]:.5f},{p[2]:.5f}" for t, p in zip(time, place, strict=True)),
+    ]
+    (tmp_path / "track.csv").write_text("\n".join(rows) + "\n")
+
+    def at(t):
+        return np.column_stack([np.interp(t, time, place[:, k]) for k in range(3)])
+
+    two_way = 2.0 * direct_time(at(campaign.time), campaign.truth[campaign.node])
+    for _ in range(4):
+        two_way = direct_time(at(campaign.time), campaign.truth[campaign.node]) + direct_time(
+            at(campaign.time + two_way), campaign.truth[campaign.node]
+        )
+    start = np.float64(5.0)  # the track's clock starts at its first pose
+    pings = ["time,node,two_way_time_s"]
+    pings += [
+        f"{t + start:.6f},{campaign.names[k]},{d:.7f}"
+        for t, k, d in zip(campaign.time, campaign.node, two_way, strict=True)
+    ]
+    (tmp_path / "pings.csv").write_text("\n".join(pings) + "\n")
+    beside = tmp_path / "nodes"
+    beside.mkdir()
+    _, nodes = write_table(campaign, beside)
+    nodes.write_text(nodes.read_text().replace(",13\n", ",0\n"))
+    done = told(
+        *("locate", tmp_path / "pings.csv", "--nodes", nodes, "--track", tmp_path / "track.csv"),
+        *("--profile", profile_csv(tmp_path), "--sound-speed", "scale", "--correlation", "none"),
+    )
+    for node, truth in zip(done["nodes"], campaign.truth, strict=True):
+        np.testing.assert_allclose([node["north"], node["east"], node["depth"]], truth, atol=0.02)
+
+
+def test_results_are_a_folder_of_page_tables_and_files_for_other_programs(mantaray, told, campaign, tmp_path):
+    ini = write_garpos(campaign, tmp_path)
+    done = mantaray(
+        "locate",
+        ini,
+        "--sound-speed",
+        "time",
+        "--correlation",
+        "none",
+        "--bootstrap",
+        20,
+        "--out",
+        tmp_path / "out",
+    )
+    assert done.code == 0, done.err
+    assert "Positions, standard deviations" in done.out
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "survey_map" in page
+    assert 'name="viewport"' in page
+    tables = {path.stem for path in (tmp_path / "out" / "tables").iterdir()}
+    assert {"nodes", "pings", "budget", "tests", "candidates", "sound_speed", "bootstrap"} <= tables
+    landmarks = tomllib.loads((tmp_path / "out" / "landmarks.toml").read_text())["landmarks"]
+    assert [landmark["name"] for landmark in landmarks] == campaign.names
+    features = json.loads((tmp_path / "out" / "nodes.geojson").read_text())["features"]
+    assert [feature["geometry"]["type"] for feature in features] == ["Point", "Polygon"] * 3
+    with xr.open_dataset(tmp_path / "out" / "location.nc") as data:
+        assert data["position_covariance"].shape == (3, 3, 3, 3)
+    solved = told("graph", "solve", tmp_path / "out" / "survey.pyfg")
+    assert solved["status"] == "OK" or "status" in solved
+    again = mantaray("locate", ini, "--out", tmp_path / "out")
+    assert again.code == 2
+    assert "out" in again.err
+
+
+def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
+    done = told(
+        *(
+            "locate",
+            "plan",
+            "--depth",
+            2000,
+            "--profile",
+            profile_csv(tmp_path),
+            "--pings",
+            40,
+            "--out",
+            tmp_path / "plan.png",
+        ),
+        *("--radii", 300, 3000, 7),
+    )
+    assert {row["pattern"] for row in done["best"]} == {"circle", "cross", "line", "rose", "lines"}
+    assert len(done["plan"]) == 35
+    assert (tmp_path / "plan.png").stat().st_size > 1000
+    assert len((tmp_path / "plan.csv").read_text().splitlines()) == 36
+    circle = [row for row in done["plan"] if row["pattern"] == "circle"]
+    north = [row["sigma_north_m"] for row in circle]
+    assert north == sorted(north, reverse=True)
+
+
+def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
+    """The standard deviations of a plan are those of a solve of noise-free times with the same priors."""
+    medium = water()
+    pattern, truth = Pattern("cross", 1500.0, 60), np.array([0.0, 0.0, 1800.0])
+    expected, lost = expected_sigmas(pattern, medium, PlanOptions(1800.0, 2e-4))
+    place = np.column_stack([pattern.points(), np.full(60, 5.0)])
+    times = 2.0 * direct_time(place, truth) + np.random.default_rng(1).normal(0.0, 2e-4, 60)
+    node = Node("A", tuple(truth), (500.0, 500.0, 100.0))
+    survey = Survey((node,), np.zeros(60, int), 15.0 * np.arange(60), times, place, place)
+    found = locate(survey, medium, LocateOptions(speed_model="scale", correlation="none")).nodes.iloc[0]
+    assert lost == 0
+    sigma = found[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].to_numpy(dtype=float)
+    np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %
+
+
+def test_one_way_times_both_ways_and_between_nodes_give_clocks_and_a_graph(mantaray, told, tmp_path):
+    rng = np.random.default_rng(1)
+    truth = np.array([[400.0, 10.0, 1300.0], [-300.0, 350.0, 1310.0], [-200.0, -400.0, 1290.0]])
+    offset = np.array([2e-3, -1e-3, 4e-3])
+    rows = ["time,node,partner,direction,one_way_time_s,north_m,east_m,depth_m,sigma_s"]
+    for i in range(180):
+        time, k = 20.0 * i, i % 3
+        noise = rng.normal(0.0, 5e-5)
+        if i % 8 == 5:
+            j = (k + 1) % 3
+            measured = direct_time(truth[k], truth[j]) + offset[j] - offset[k] + noise
+            rows.append(f"{time},N{k + 1},N{j + 1},from node,{measured:.7f},,,,0.00005")
+            continue
+        place = np.array([900.0 * np.cos(time / 300.0), 700.0 * np.sin(time / 230.0), 5.0])
+        away = i % 2 == 1
+        measured = direct_time(truth[k], place) + (-offset[k] if away else offset[k]) + noise
+        where = ",".join(f"{x:.4f}" for x in place)
+        rows.append(f"{time},N{k + 1},,{'from' if away else 'to'} node,{measured:.7f},{where},0.00005")
+    (tmp_path / "pings.csv").write_text("\n".join(rows) + "\n")
+    head = (
+        "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,sigma_clock_drift"
+    )
+    lines = [f"N{k + 1},{p[0] + 8:g},{p[1] - 9:g},{p[2] + 5:g},20,20,0.01,1e-7" for k, p in enumerate(truth)]
+    (tmp_path / "nodes.csv").write_text("\n".join([head, *lines]) + "\n")
+    words = (
+        "locate",
+        tmp_path / "pings.csv",
+        "--nodes",
+        tmp_path / "nodes.csv",
+        "--profile",
+        profile_csv(tmp_path),
+    )
+    done = told(*words, "--sound-speed", "known", "--out", tmp_path / "out")
+    within(done["nodes"], truth)
+    clocks = [row for row in done["unknowns"] if "offset" in row["unknown"]]
+    for row, expected in zip(clocks, offset, strict=True):
+        assert abs(row["value"] - expected) < 4.0 * row["sigma"]
+    assert done["tests_passed"]
+    solved = mantaray("graph", "solve", tmp_path / "out" / "survey.pyfg")
+    assert solved.code == 0
+    assert "OK" in solved.out
+
+
+BAD = {
+    "milliseconds": (
+        lambda text: text.replace(" msec. Lat", "msec. Lat") and scaled(text),
+        "divide milliseconds by 1000",
+    ),
+    "no answer": (
+        lambda text: "\n".join(x for x in text.splitlines() if "msec" not in x),
+        "none of 7 events has an answer",
+    ),
+    "times": (lambda text: text.replace(":06:30:30", ":05:30:30"), "times must not decrease"),
+    "lines": (lambda text: text.replace("Lon: 132", "Lon: east"), "line 11: .* is not a ping"),
+    "drop point": (
+        lambda text: text.replace("(Longitude): -132.5", "(Longitude): somewhere"),
+        "is 'somewhere'; it must be degrees",
+    ),
+    "sign": (
+        lambda text: text.replace("(Longitude): -132.5", "(Longitude): 132.5"),
+        "wrong sign .east or west.",
+    ),
+    "hemisphere": (
+        lambda text: text.replace("(Latitude):  -5.2", "(Latitude):  5.2"),
+        "wrong sign .north or south.",
+    ),
+    "exchanged": (
+        lambda text: text.replace("(Latitude):  -5.2", "(Latitude):  -32.5").replace("-132.5", "-5.2"),
+        "km apart",
+    ),
+    "depth": (lambda text: text.replace("2540", "deep"), "depth is 'deep'"),
+}
+
+
+def scaled(text):
+    return re.sub(r"(\d+) msec", lambda m: f"{1000 * int(m[1])} msec", text)
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_wrong_survey_text_is_refused_in_one_line(mantaray, tmp_path, case):
+    path, _ = write_obsrange(tmp_path)
+    change, message = BAD[case]
+    path.write_text(change(path.read_bytes().decode().replace("\r\n", "\n")))
+    done = mantaray("locate", path, "--profile", profile_csv(tmp_path), "--turn-around", "13 ms")
+    assert done.code == 2
+    lines = [line for line in done.err.splitlines() if line.startswith("error")]
+    assert len(lines) == 1
+    assert re.search(message, lines[0]), lines[0]
+
+
+def test_water_is_needed_and_must_reach_the_node(mantaray, tmp_path):
+    path, _ = write_obsrange(tmp_path)
+    assert "no water; give --profile" in mantaray("locate", path).err
+    short = tmp_path / "short.csv"
+    short.write_text("depth_m,sound_speed\n0,1480\n1000,1497\n")
+    done = mantaray("locate", path, "--profile", short)
+    assert done.code == 2
+    assert "ends at 1000 m, above node S01" in done.err
+
+
+def test_help_lists_both_commands_and_a_missing_file_is_one_line(mantaray):
+    done = mantaray("locate", "--help")
+    assert "plan" in done.out
+    assert "survey" in done.out
+    done = mantaray("locate", "nowhere.txt", "--profile", "x.csv")
+    assert done.code == 2
+    assert "nowhere.txt: no such file" in done.err

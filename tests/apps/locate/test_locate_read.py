@@ -1,0 +1,354 @@
+"""Files of other programs in the variants that occur: line ends, comments, missing columns, flags, clocks, folders."""
+
+import re
+
+import numpy as np
+import pytest
+from campaigns import make_campaign, write_garpos, write_gnatss, write_obsrange, write_table
+from refusals import refused
+
+from pymantaray.apps.locate import ReadOptions, read_survey
+from pymantaray.errors import LocateError
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return make_campaign(4, pings=12)
+
+
+def edited(path, *changes):
+    text = path.read_bytes().decode()
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path.write_bytes(text.encode())
+    return path
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_files_of_garpos_are_read_as_they_stand(campaign, tmp_path, end):
+    survey = read_survey(write_garpos(campaign, tmp_path, end=end, lever_sigma=(0.1, 0.2, 0.3)))
+    assert survey.names == campaign.names
+    np.testing.assert_allclose([node.position for node in survey.nodes], campaign.prior, atol=1e-4)
+    np.testing.assert_allclose([node.sigma for node in survey.nodes], campaign.prior_sigma)
+    np.testing.assert_allclose(survey.travel_time, campaign.two_way - 0.013, atol=1e-7)
+    np.testing.assert_allclose(survey.transmit_position, campaign.antenna[0], atol=1e-5)
+    np.testing.assert_allclose(survey.receive_position, campaign.antenna[1], atol=1e-5)
+    turned = np.exp(1j * (survey.receive_attitude - campaign.attitude[1]))
+    np.testing.assert_allclose(turned, 1.0, atol=1e-7)
+    assert survey.lever.offset == campaign.lever[0]
+    assert survey.lever.sigma == (0.1, 0.2, 0.3)
+    assert str(survey.epoch)[:10] == "2019-03-15"
+    assert survey.profile[0][-1] == 3000.0
+    assert survey.rigid is None
+
+
+def test_flags_of_garpos_leave_pings_out_and_missing_columns_have_a_default(campaign, tmp_path):
+    path = write_garpos(campaign, tmp_path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    lines = table.read_text().splitlines()
+    rows = [line.split(",") for line in lines if line and not line.startswith("#")]
+    head = rows[0]
+    rows[3][head.index("flag")] = "True"
+    kept = [
+        i for i, name in enumerate(head) if name not in ("ResiTT", "TakeOff", "gamma", "pitch0", "RT", "LN")
+    ]
+    table.write_text("\n".join(",".join(row[i] for i in kept) for row in rows) + "\n")
+    survey = read_survey(path)
+    assert survey.flagged.nonzero()[0].tolist() == [2]
+    assert (survey.transmit_attitude[:, 1] == 0.0).all()
+    assert len(survey) == campaign.time.size
+
+
+def test_times_of_garpos_may_be_unordered_and_of_any_clock(campaign, tmp_path):
+    path = write_garpos(campaign, tmp_path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    first, *rest = [line for line in table.read_text().splitlines() if line and not line.startswith("#")]
+    head = first.split(",")
+    unix = 1552608000.0  # 2019-03-15
+
+    def later(line):
+        cells = line.split(",")
+        for name in ("ST", "RT"):
+            cells[head.index(name)] = f"{float(cells[head.index(name)]) + unix:.6f}"
+        return ",".join(cells)
+
+    table.write_text("\n".join([first, *(later(line) for line in reversed(rest))]) + "\n")
+    survey = read_survey(path)
+    assert (np.diff(survey.time) >= 0.0).all()
+    assert survey.time[0] == pytest.approx(30000.0)
+    assert str(survey.epoch)[:10] == "2019-03-15"
+
+
+def test_fixed_stations_and_a_free_centre_are_a_rigid_array(campaign, tmp_path):
+    path = write_garpos(campaign, tmp_path)
+    edited(
+        path,
+        ("5.0000 5.0000 5.0000", "0.0 0.0 0.0"),
+        ("dCentPos    = 0.0 0.0 0.0 0.0 0.0 0.0", "dCentPos    = 1.0 2.0 3.0 3.0 2.0 1.0"),
+    )
+    survey = read_survey(path)
+    assert survey.rigid == (2.0, 3.0, 1.0, 0.0)
+    np.testing.assert_allclose(survey.nodes[0].position, campaign.prior[0] + [2.0, 1.0, -3.0], atol=1e-4)
+
+
+BAD_GARPOS = {
+    "[Site-parameter] has no Stations": (" Stations ", " Station "),
+    "[Model-parameter] has no N2_dPos": ("N2_dPos", "N9_dPos"),
+    "Latitude0 is 'north'; it must be 1 finite numbers": ("= 34.96", "= north"),
+    "./obsdata/none.csv is neither in the working folder": ("SITE-obs.csv", "none.csv"),
+}
+
+
+@pytest.mark.parametrize("message", BAD_GARPOS)
+def test_wrong_files_of_garpos_are_refused_in_one_line(campaign, tmp_path, message):
+    path = edited(write_garpos(campaign, tmp_path), BAD_GARPOS[message])
+    refused(LocateError, re.escape(message), read_survey, path)
+
+
+def test_a_reception_before_its_transmission_is_refused_by_its_line(campaign, tmp_path):
+    path = write_garpos(campaign, tmp_path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    lines = table.read_text().splitlines()
+    cells = lines[3].split(",")
+    cells[16] = "100.0"
+    lines[3] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n")
+    refused(LocateError, "line 4: RT 100.0* is not after ST", read_survey, path)
+
+
+def test_survey_text_of_scripps_has_one_place_a_ping_at_both_ends_unless_told(tmp_path):
+    path, _ = write_obsrange(tmp_path)
+    survey = read_survey(path)
+    assert len(survey) == 60
+    assert survey.notes == (f"{path}: 7 events without an answer",)
+    np.testing.assert_array_equal(survey.transmit_position, survey.receive_position)
+    assert str(survey.epoch).startswith("2018-04-24T06:00:30")
+    received = read_survey(path, ReadOptions(position_at="reception"))
+    np.testing.assert_array_equal(received.receive_position, survey.receive_position)
+    middle = np.median(survey.travel_time)
+    np.testing.assert_allclose(received.time, survey.time - middle)
+    moved = received.receive_position - received.transmit_position
+    speed = np.linalg.norm(moved[20, :2]) / received.travel_time[20]
+    assert 0.5 < speed < 30.0  # m/s, as the ship's places a minute apart say
+
+
+WHOI = """#==============================================================================
+# EdgeNmea_Universal_0.9.py VERSION 0.0.9
+# UTC Date and Time:    2023-04-06 05:09:59
+# Cruise:               Test
+# Station:              13
+# Instrument:           S05
+# Drop-Point Latitude:  01 35.6114 N
+# Drop-Point Longitude: 91 48.5609 W
+# Drop-Point Depth (m): 2318
+# TAT:                  13 ms
+# Comment: none
+#==============================================================================
+# Sys date time utc, rng m,rng ms,    latitude  ,    longitude  , GPS time, heading
+2023-04-06 23:59:58,  2329,  3106, 01 35.6648 N, 091 48.5082 W, 23:59:56.00, 84.1
+2023-04-07 00:00:01,  2328,  3104, 01 35.6630 N, 091 48.5069 W, 23:59:59.00, 142.8
+2023-04-07 00:00:35,      ,      , 01 35.6606 N, 091 48.5058 W, 00:00:33.00, 141.4
+"""
+
+
+def test_survey_text_of_woods_hole_has_its_turn_around_time_and_crosses_midnight(tmp_path):
+    path = tmp_path / "S05.txt"
+    path.write_text(WHOI)
+    survey = read_survey(path)
+    assert survey.notes == (f"{path}: 1 event without an answer",)
+    assert survey.names == ["S05"]
+    assert survey.nodes[0].turn_around == 0.013
+    assert survey.nodes[0].position[2] == 2318.0
+    assert survey.frame.longitude_deg == pytest.approx(-91.809348333)
+    np.testing.assert_allclose(survey.time, [0.0, 3.0])
+    np.testing.assert_allclose(survey.travel_time, [3.106, 3.104])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("two_way_time_s", "time_of_flight"), "exactly one of two_way_time_s, two_way_time_ms"),
+        (("two_way_time_s", "two_way_time_s,two_way_time_s"), "two columns two_way_time_s; remove one"),
+        ((",yes", ",perhaps"), "use is 'perhaps'; allowed: 1, true, yes"),
+        (
+            ("north_m,east_m,depth_m,heading", "north,east,depth_m,heading"),
+            "no positions of the platform",
+        ),
+        ((",N1,", ",X,"), "no node X, which the survey has"),
+    ],
+)
+def test_wrong_tables_are_refused_in_one_line(campaign, tmp_path, change, message):
+    pings, nodes = write_table(campaign, tmp_path)
+    text = pings.read_text()
+    assert change[0] in text
+    header, rows = text.split("\n", 1)
+    pings.write_text(f"{header.replace(*change)}\n{rows.replace(*change, 1 if change[0] == ',N1,' else -1)}")
+    refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
+
+
+def test_without_nodes_a_depth_is_needed(campaign, tmp_path):
+    pings, _ = write_table(campaign, tmp_path)
+    refused(LocateError, "the depth of node N1 is unknown; give --depth", read_survey, pings)
+    survey = read_survey(pings, ReadOptions(depth=1300.0))
+    assert {node.position[2] for node in survey.nodes} == {1300.0}
+
+
+def test_swapped_coordinates_of_nodes_are_refused(tmp_path):
+    pings, nodes = tmp_path / "pings.csv", tmp_path / "nodes.csv"
+    rows = [f"{10 * i},A,1.8,34.{960 + i},139.26,3" for i in range(5)]
+    pings.write_text("\n".join(["time,node,two_way_time_s,lat,lon,depth_m", *rows]) + "\n")
+    for place, message in (
+        ("34.96,-139.26", "wrong sign .east or west."),
+        ("-34.96,139.26", "north or south"),
+    ):
+        nodes.write_text(f"name,lat,lon,depth_m\nA,{place},1300\n")
+        refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
+    pings.write_text("\n".join(["time,node,two_way_time_s,lon,lat,depth_m", *rows]) + "\n")
+    refused(LocateError, "they may be exchanged", read_survey, pings, ReadOptions(nodes=nodes))
+
+
+@pytest.mark.parametrize("bad", [
+    "6306 msec. Lat: 4 52.9", "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:400:06:04:30",
+    "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 0000:114:06:04:30",
+    "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:26:04:30",
+])  # fmt: skip
+def test_unreadable_lines_of_scripps_are_listed_and_left_out(tmp_path, bad):
+    path, _ = write_obsrange(tmp_path)
+    whole = read_survey(path)
+    path.write_text(f"{path.read_text().rstrip()}\n{bad}\n")
+    survey = read_survey(path)
+    np.testing.assert_array_equal(survey.travel_time, whole.travel_time)
+    number = len(path.read_text().splitlines())
+    start = f"{path}: 1 line left out, not readable: line {number}: '6306 msec. Lat: 4 52.9"
+    assert survey.notes[-1].startswith(start)
+
+
+def test_unreadable_lines_of_woods_hole_are_left_out_and_a_file_of_them_is_refused(tmp_path):
+    path = tmp_path / "S05.txt"
+    good = "2023-04-07 00:00:05,  2328,  3104, 01 35.6630 N, 091 48.5069 W, 00:00:04.00, 142.8\n"
+    for bad in (
+        good.replace("2023-04-07", "2018-13-45"),
+        good.replace("00:00:05", "99:00:05"),
+        good[:40] + "\n",
+    ):
+        path.write_text(WHOI + bad)
+        survey = read_survey(path)
+        assert len(survey) == 2
+        assert "1 line left out, not readable: line 17" in survey.notes[-1]
+    path.write_text(WHOI.replace("2023-04-", "2023-13-"))
+    refused(LocateError, "line 14: .* is not a ping; write it as", read_survey, path)
+
+
+@pytest.mark.parametrize("bad", [
+    "26-JUN-23 00:00:07.00 1", "45-JUN-23 00:00:07.00 1 2 3", "26-SOL-23 00:00:07.00 1 2 3", "26-JUN-23 25:00:07.00 1 2 3",
+    "2018-13-45 00:00:07.00 1 2 3",
+])  # fmt: skip
+def test_unreadable_lines_of_gnatss_are_listed_and_left_out(campaign, tmp_path, bad):
+    path = write_gnatss(campaign, tmp_path)
+    whole = read_survey(path)
+    times = next(file for file in tmp_path.rglob("*") if file.is_file() and "JUN-23" in file.read_text())
+    times.write_text(f"{times.read_text().rstrip()}\n{bad}\n")
+    survey = read_survey(path)
+    np.testing.assert_array_equal(survey.travel_time, whole.travel_time)
+    assert f"1 line left out, not readable: line {len(times.read_text().splitlines())}" in survey.notes[-1]
+
+
+@pytest.mark.parametrize("date", ["2018-13-45", "0000-01-01", "2263-01-01", "soon"])
+def test_an_impossible_date_of_garpos_is_refused(campaign, tmp_path, date):
+    path = write_garpos(campaign, tmp_path)
+    text = path.read_text()
+    line = next(line for line in text.splitlines() if "Date(UTC)" in line)
+    path.write_text(text.replace(line, f"{line.split('=')[0]}= {date}"))
+    refused(LocateError, f"Date.UTC. is '{date}'; it must be a date", read_survey, path)
+
+
+def test_numbers_of_any_length_and_stray_lines_are_one_line(campaign, tmp_path):
+    path, _ = write_obsrange(tmp_path)
+    path.write_text(path.read_text().replace("Lon: 132", "Lon: " + "9" * 400, 1))
+    assert "1 line left out" in read_survey(path).notes[-1]
+    path = edited(write_garpos(campaign, tmp_path), ("Date(UTC)", "key\n  Date(UTC)"))
+    refused(LocateError, "not a readable ini file", read_survey, path)
+
+
+TRUNCATED = {  # what is left of a row, and the reason
+    "whole but the last cell": (lambda row: row.rpartition(",")[0], "cells, other rows"),
+    "half": (lambda row: row[: len(row) // 2], "cells, other rows"),
+    "two joined": (lambda row: f"{row},{row}", "cells, but the header has"),
+    "open quote": (lambda row: f'"{row}', "has a quote that is not closed"),
+    "no time": (
+        lambda row: row.replace(row.split(",")[0], "noon", 1),
+        "time is 'noon'; all cells must be seconds",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", TRUNCATED)
+def test_unreadable_rows_of_our_table_are_listed_and_left_out(campaign, tmp_path, case):
+    pings, nodes = write_table(campaign, tmp_path)
+    whole = read_survey(pings, ReadOptions(nodes=nodes))
+    change, reason = TRUNCATED[case]
+    lines = pings.read_text().splitlines()
+    lines[6] = change(lines[6])
+    pings.write_text("\n".join(lines) + "\n")
+    survey = read_survey(pings, ReadOptions(nodes=nodes))
+    assert survey.line.tolist() == [line for line in whole.line.tolist() if line != 7]
+    np.testing.assert_array_equal(survey.travel_time, np.delete(whole.travel_time, 4))
+    assert survey.notes[-1].startswith(f"{pings}: 1 line left out, not readable: line 7: ")
+    assert reason in survey.notes[-1]
+
+
+@pytest.mark.parametrize("case", [name for name in TRUNCATED if name != "no time"])
+def test_unreadable_rows_of_garpos_are_listed_and_left_out(campaign, tmp_path, case):
+    path = write_garpos(campaign, tmp_path)
+    whole = read_survey(path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    lines = table.read_text().splitlines()
+    lines[8] = TRUNCATED[case][0](lines[8])
+    table.write_text("\n".join(lines) + "\n")
+    survey = read_survey(path)
+    kept = whole.line != 9
+    np.testing.assert_array_equal(survey.travel_time, whole.travel_time[kept])
+    np.testing.assert_array_equal(survey.line, whole.line[kept])
+    assert survey.notes[-1].startswith(f"{table}: 1 line left out, not readable: line 9: ")
+
+
+def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_path):
+    pings, nodes = write_table(campaign, tmp_path)
+    head, *rows = pings.read_text().splitlines()[1:]
+    bad = [row.replace("yes", "perhaps") for row in rows[: len(rows) // 2]]
+    pings.write_text("\n".join([head, *bad, *rows[len(rows) // 2 :]]) + "\n")
+    message = f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines cannot be read"
+    refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
+
+
+def test_rows_that_omit_their_last_optional_cells_are_whole(tmp_path):
+    pings = tmp_path / "pings.csv"
+    rows = [f"{10 * i},A,1.8,34.96{i},139.26" for i in range(4)]
+    pings.write_text(
+        "\n".join(["time,node,two_way_time_s,lat,lon,depth_m,use", *rows, "40,A,1.8,34.96,139.26,3,no"])
+    )
+    survey = read_survey(pings, ReadOptions(depth=1300.0))
+    assert len(survey) == 5
+    assert survey.notes == ()
+
+
+@pytest.mark.parametrize("bad", ["99 52.9270 S", "4 62.9270 S"])
+def test_a_latitude_that_does_not_exist_is_left_out(tmp_path, bad):
+    path, _ = write_obsrange(tmp_path)
+    text = path.read_text()
+    first = next(line for line in text.splitlines() if "msec" in line)
+    latitude = re.search(r"Lat: (.*? [NS])", first)[1]
+    path.write_text(text.replace(first, first.replace(latitude, bad), 1))
+    assert "1 line left out" in read_survey(path).notes[-1]
+
+
+@pytest.mark.parametrize("bad", ["741052807.0 0 0 0", "741052807.0 1e9 0 0", "741052807.0 -2.6e6 -4.5e6 3.6"])
+def test_positions_of_gnatss_that_are_not_on_the_earth_are_left_out(campaign, tmp_path, bad):
+    path = write_gnatss(campaign, tmp_path)
+    whole = read_survey(path)
+    file = next(f for f in tmp_path.rglob("*POS*"))
+    file.write_text(f"{file.read_text().rstrip()}\n{bad}\n")
+    survey = read_survey(path)
+    np.testing.assert_array_equal(survey.transmit_position, whole.transmit_position)
+    assert survey.notes[-1].startswith(f"{file}: 1 line left out, not readable: line ")
