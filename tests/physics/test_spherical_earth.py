@@ -10,12 +10,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
+from pymantaray.apps.replay import Events, replay_events
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import earth_note, simulate_mission
 from pymantaray.config.load import load_study
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import EarthSphere, LocalFrame
-from pymantaray.replay import Events, replay_events
 from pymantaray.water import open_water
 
 EARTH = EarthSphere.at_latitude(78.0)

@@ -13,9 +13,9 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.apps.replay import DetectionRule, Replay
 from pymantaray.apps.study import load_study, open_run, store, study_toml
 from pymantaray.records import RayStatus, SolveStatus, write_netcdf
-from pymantaray.replay import DetectionRule, Replay
 from pymantaray.sensing import Links
 
 N_TIME, PERIOD = 121, 600.0

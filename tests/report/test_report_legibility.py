@@ -9,6 +9,7 @@ import pytest
 from matplotlib.ticker import ScalarFormatter
 from PIL import Image
 
+from pymantaray.apps.replay import page as replay_page
 from pymantaray.apps.study import report as write
 from pymantaray.apps.study.figures.fleet import factor_graph, fleet_layout
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
@@ -17,7 +18,6 @@ from pymantaray.apps.study.page import run_page
 from pymantaray.pages import style
 from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
-from pymantaray.report import replay as replay_page
 
 LONG = ("surface-beacon", "remus-north", "hugin-south", "bluefin-east")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.apps.replay.clocks import gross_of
+from pymantaray.apps.replay.summary import quantile_of
 from pymantaray.arrays import Array
-from pymantaray.replay.clocks import gross_of
-from pymantaray.replay.summary import quantile_of
 
 CONSTANT, BY_DEPTHS = "constant sound speed", "one speed per pair of depths"
 _DEPTH_STEP = 10.0  # m; ends whose depths round to the same multiples have the same pair of depths

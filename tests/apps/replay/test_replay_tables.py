@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from pymantaray.replay.clocks import clock_table, reciprocity_table
-from pymantaray.replay.summary import percentiles, summary_table
-from pymantaray.replay.switching import fit_clocks, switching_table, taken_candidates
+from pymantaray.apps.replay.clocks import clock_table, reciprocity_table
+from pymantaray.apps.replay.summary import percentiles, summary_table
+from pymantaray.apps.replay.switching import fit_clocks, switching_table, taken_candidates
 
 OFFSET = {"A": 2e-3, "B": -3e-3, "C": 0.5e-3, "D": 0.5e-3}
 

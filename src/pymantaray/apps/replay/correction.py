@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.replay.clocks import clock_errors
+from pymantaray.apps.replay.compare import Replay
+from pymantaray.apps.replay.events import Events
 from pymantaray.arrays import Array
 from pymantaray.geometry.frames import ELLIPSOID
-from pymantaray.replay.clocks import clock_errors
-from pymantaray.replay.compare import Replay
-from pymantaray.replay.events import Events
 
 
 def correct_events(events: Events, replay: Replay) -> Events:

@@ -10,6 +10,23 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
+from pymantaray.apps.replay.baselines import baseline_table
+from pymantaray.apps.replay.clocks import (
+    find_gross_errors,
+    gross_note,
+    known_clocks,
+    reciprocity_table,
+    unknown_clocks_note,
+)
+from pymantaray.apps.replay.consistency import fit_clocks_and_nodes, node_note
+from pymantaray.apps.replay.draws import bounce_hint, choice_of, predict_draws, with_median_candidate
+from pymantaray.apps.replay.events import Events
+from pymantaray.apps.replay.mixture import coverage_table, predict_mixture
+from pymantaray.apps.replay.options import DEFAULT_OPTIONS, PredictionOptions
+from pymantaray.apps.replay.rules import DEFAULT_RULE, DetectionRule, predicted_columns
+from pymantaray.apps.replay.summary import summary_table
+from pymantaray.apps.replay.switching import switching_table
+from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.sphere import flat_earth_note
@@ -17,23 +34,6 @@ from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
-from pymantaray.replay.baselines import baseline_table
-from pymantaray.replay.clocks import (
-    find_gross_errors,
-    gross_note,
-    known_clocks,
-    reciprocity_table,
-    unknown_clocks_note,
-)
-from pymantaray.replay.consistency import fit_clocks_and_nodes, node_note
-from pymantaray.replay.draws import bounce_hint, choice_of, predict_draws, with_median_candidate
-from pymantaray.replay.events import Events
-from pymantaray.replay.mixture import coverage_table, predict_mixture
-from pymantaray.replay.options import DEFAULT_OPTIONS, PredictionOptions
-from pymantaray.replay.rules import DEFAULT_RULE, DetectionRule, predicted_columns
-from pymantaray.replay.summary import summary_table
-from pymantaray.replay.switching import switching_table
-from pymantaray.replay.water import choose_water, ends_of, instants_in
 from pymantaray.sensing import Detector, find_receptions
 from pymantaray.water import Source, Water, open_waters
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pymantaray.apps.replay import Replay
 from pymantaray.apps.study.figures.register import FigureSpec
 from pymantaray.apps.study.report import write_page
 from pymantaray.jobs.progress import Progress
@@ -19,7 +20,6 @@ from pymantaray.pages.table_explorer import table_explorer
 from pymantaray.records import RayStatus
 from pymantaray.records.digits import metres, show, signed_metres
 from pymantaray.records.status import RAY_STATUS_WORDS
-from pymantaray.replay import Replay
 
 _MAX_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows

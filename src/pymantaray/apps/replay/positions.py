@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.replay.events import ENDS, Events
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.quantities.checks import check_number
-from pymantaray.replay.events import ENDS, Events
 
 _WALKS = np.geomspace(1e-4, 10.0, 21)  # m per square root of a second, among which the likelihood chooses
 _REFINEMENTS = 3  # of the choice, each ten times finer
@@ -61,7 +61,7 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
     Notes
     -----
     Depths are not changed. Errors that are constant over the campaign remain, because no position shows them; see
-    `pymantaray.replay.consistency.node_table`. ``innovation_ratio`` is the root mean square of the normalized innovations: about 1 if
+    `pymantaray.apps.replay.consistency.node_table`. ``innovation_ratio`` is the root mean square of the normalized innovations: about 1 if
     sigma is right, more if the errors are larger.
     """
     check_number(ReplayError, "smooth positions: sigma", sigma, "m", positive=True)

@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.apps.replay.clocks import clock_errors, clock_table
+from pymantaray.apps.replay.summary import ratio_interval
 from pymantaray.arrays import Array
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
-from pymantaray.replay.clocks import clock_errors, clock_table
-from pymantaray.replay.summary import ratio_interval
 
 _MIN_SEPARATION = 4.0  # standard deviations between candidates that can be separated
 _MAX_ITERATIONS = 50  # of clocks and candidates

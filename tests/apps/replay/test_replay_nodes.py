@@ -8,10 +8,9 @@ import pandas as pd
 import pytest
 
 from pymantaray.acoustics import Medium
-from pymantaray.errors import ReplayError
-from pymantaray.replay import Events, correct_events, replay_events, smooth_positions
-from pymantaray.replay.baselines import BY_DEPTHS, CONSTANT, baseline_table
-from pymantaray.replay.clocks import (
+from pymantaray.apps.replay import Events, correct_events, replay_events, smooth_positions
+from pymantaray.apps.replay.baselines import BY_DEPTHS, CONSTANT, baseline_table
+from pymantaray.apps.replay.clocks import (
     clock_errors,
     clock_table,
     find_gross_errors,
@@ -19,8 +18,9 @@ from pymantaray.replay.clocks import (
     known_clocks,
     unknown_clocks_note,
 )
-from pymantaray.replay.consistency import node_table
-from pymantaray.replay.positions import _smooth
+from pymantaray.apps.replay.consistency import node_table
+from pymantaray.apps.replay.positions import _smooth
+from pymantaray.errors import ReplayError
 from pymantaray.report import write_replay
 from pymantaray.water import Water
 

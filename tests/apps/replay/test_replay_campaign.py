@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.replay import replay_events
+from pymantaray.apps.replay import replay_events
 
 
 @pytest.fixture(scope="module")

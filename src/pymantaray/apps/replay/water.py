@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.apps.replay.events import Events
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.geometry.frames import ELLIPSOID
-from pymantaray.replay.events import Events
 from pymantaray.water import Water
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.apps.replay.options import PredictionOptions
+from pymantaray.apps.replay.rules import DEFAULT_RULE
 from pymantaray.cli.groups import Fields, quantity, with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
@@ -19,11 +21,9 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.printing import Printer
-from pymantaray.replay.options import PredictionOptions
-from pymantaray.replay.rules import DEFAULT_RULE
 
 if TYPE_CHECKING:
-    from pymantaray.replay import Replay
+    from pymantaray.apps.replay import Replay
 
 _MAX_NODES = 12
 
@@ -103,11 +103,11 @@ def replay(
 ) -> None:
     """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
     import pymantaray
+    from pymantaray.apps.replay import DetectionRule, read_events, replay_events
+    from pymantaray.apps.replay import smooth_positions as smooth
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import load_waters, search_record, water_notes
     from pymantaray.config.load import sound_sections
-    from pymantaray.replay import DetectionRule, read_events, replay_events
-    from pymantaray.replay import smooth_positions as smooth
     from pymantaray.report import write_replay
 
     window_s = parse_duration("--window", comparing.window, positive=False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arctic import write_campaign
 
-from pymantaray.replay import PredictionOptions, read_events, replay_events
+from pymantaray.apps.replay import PredictionOptions, read_events, replay_events
 from pymantaray.water import open_waters
 
 pytestmark = pytest.mark.slow

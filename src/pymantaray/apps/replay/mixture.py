@@ -7,11 +7,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.reflection import wave_height_rms
+from pymantaray.apps.replay.options import PredictionOptions
+from pymantaray.apps.replay.summary import quantile_of, ratio_interval
 from pymantaray.arrays import Array
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
-from pymantaray.replay.options import PredictionOptions
-from pymantaray.replay.summary import quantile_of, ratio_interval
 from pymantaray.sensing.picking import LEVEL_SPREAD_DB
 
 _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5

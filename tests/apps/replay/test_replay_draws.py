@@ -8,9 +8,9 @@ from arctic import BOTTOM, DEPTH, cast
 from refusals import refused
 
 from pymantaray.acoustics import BoundarySurface, Medium
+from pymantaray.apps.replay import Events, PredictionOptions, replay_events
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.roughness import Roughness
-from pymantaray.replay import Events, PredictionOptions, replay_events
 from pymantaray.sensing import ReceptionOptions
 from pymantaray.water import Water
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pymantaray.replay import PredictionOptions, correct_events, read_events, replay_events
+from pymantaray.apps.replay import PredictionOptions, correct_events, read_events, replay_events
 from pymantaray.water import open_waters
 
 pytestmark = pytest.mark.slow

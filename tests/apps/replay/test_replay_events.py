@@ -7,10 +7,10 @@ from factories import ridged
 from refusals import refused
 
 from pymantaray.acoustics import Leakage, Medium, Sonar
+from pymantaray.apps.replay import DetectionRule, Events, read_events, replay_events
+from pymantaray.apps.replay.water import choose_water, ends_of
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
-from pymantaray.replay import DetectionRule, Events, read_events, replay_events
-from pymantaray.replay.water import choose_water, ends_of
 from pymantaray.sensing import Detector, ReceptionOptions
 from pymantaray.water import Water
 

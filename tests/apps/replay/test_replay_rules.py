@@ -7,7 +7,7 @@ import pytest
 from factories import make_arrivals
 
 from pymantaray.acoustics import Sonar
-from pymantaray.replay.rules import Choice, DetectionRule
+from pymantaray.apps.replay.rules import Choice, DetectionRule
 from pymantaray.sensing.receptions import AlongRays, SoundPath, receptions_of
 
 LOSS = np.array([76.0, 71.5, 66.0, 70.0, 90.0])  # of five arrivals in order of time

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 from refusals import refused
 
+from pymantaray.apps.replay import DetectionRule, PredictionOptions
+from pymantaray.apps.replay.candidates import MERGED, DrawnArrivals, merge_draws
+from pymantaray.apps.replay.mixture import _passed, coverage_table, first_detected, predict_mixture
 from pymantaray.errors import ReplayError
-from pymantaray.replay import DetectionRule, PredictionOptions
-from pymantaray.replay.candidates import MERGED, DrawnArrivals, merge_draws
-from pymantaray.replay.mixture import _passed, coverage_table, first_detected, predict_mixture
 
 
 def drawn(rows):

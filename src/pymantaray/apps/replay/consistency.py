@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.replay.clocks import gross_of
+from pymantaray.apps.replay.switching import fit_clocks
 from pymantaray.arrays import Array
 from pymantaray.geometry.spread import MAD_TO_SIGMA
-from pymantaray.replay.clocks import gross_of
-from pymantaray.replay.switching import fit_clocks
 
 _MIN_PAIRS = 3  # of a node whose offset, two numbers, leaves something to check
 _SUSPECT_OFFSET = 2.0  # m, of a suspect node

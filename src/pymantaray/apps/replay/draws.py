@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.selection import first_rows
+from pymantaray.apps.replay.candidates import DrawnArrivals, merge_draws
+from pymantaray.apps.replay.events import Events
+from pymantaray.apps.replay.rules import Choice, DetectionRule, first_picks, predicted_columns
+from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
-from pymantaray.replay.candidates import DrawnArrivals, merge_draws
-from pymantaray.replay.events import Events
-from pymantaray.replay.rules import Choice, DetectionRule, first_picks, predicted_columns
-from pymantaray.replay.water import choose_water, ends_of, instants_in
 from pymantaray.sensing import Detector, Transmission, find_receptions
 from pymantaray.sensing.receptions import Direction
 from pymantaray.water import Water
