@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.online.cells import CellStatus as CellStatus
-    from pymantaray.online.file import open_table as open_table
-    from pymantaray.online.file import save_table as save_table
+    from pymantaray.apps.table.cells import CellStatus as CellStatus
+    from pymantaray.apps.table.file import open_table as open_table
+    from pymantaray.apps.table.file import save_table as save_table
+    from pymantaray.apps.table.make import build_table as build_table
+    from pymantaray.apps.table.table import TableRanges as TableRanges
+    from pymantaray.apps.table.table import TravelTimeTable as TravelTimeTable
     from pymantaray.online.filter import Outcome as Outcome
-    from pymantaray.online.make import build_table as build_table
-    from pymantaray.online.table import TableRanges as TableRanges
-    from pymantaray.online.table import TravelTimeTable as TravelTimeTable
     from pymantaray.online.vehicle import Beacon as Beacon
     from pymantaray.online.vehicle import OnlineEstimator as OnlineEstimator
     from pymantaray.online.vehicle import PoseEstimate as PoseEstimate

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
 from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
+from pymantaray.apps.table.cells import HAS_RANGE, CellStatus
+from pymantaray.apps.table.table import TableRanges, TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.range_models import (
@@ -18,8 +20,6 @@ from pymantaray.estimation.range_models import (
     RangeModel,
     TravelTimeUncertainty,
 )
-from pymantaray.online.cells import HAS_RANGE, CellStatus
-from pymantaray.online.table import TableRanges, TravelTimeTable
 
 _OTHER_END = {
     "range_by_source_depth": "range_by_receiver_depth",

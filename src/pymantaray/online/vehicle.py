@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
 from pymantaray.estimation.graph import LARGEST
@@ -21,7 +22,6 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 from pymantaray.online.filter import Event, Kind, Outcome, RangePrediction, State
 from pymantaray.online.range_model import range_model_of
 from pymantaray.online.saved_state import fault_of, read_state, write_state
-from pymantaray.online.table import TravelTimeTable
 from pymantaray.online.timeline import Timeline
 from pymantaray.quantities.checks import check_number, checked_array
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from pymantaray.apps.table.cells import LEAF, CellStatus, Tree
+from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.errors import OnlineError, RecordError
-from pymantaray.online.cells import LEAF, CellStatus, Tree
-from pymantaray.online.table import TravelTimeTable
 from pymantaray.records.writing import read_netcdf, whole_file, write_netcdf
 from pymantaray.user_files import check_regular, first_bytes, read_bytes
 

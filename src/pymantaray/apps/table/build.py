@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.apps.table.cells import LEAF, CellStatus, Tree
+from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS, interpolate
+from pymantaray.apps.table.samples import NO_ARRIVAL, OUTSIDE, Sampler, Samples
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
-from pymantaray.online.cells import LEAF, CellStatus, Tree
-from pymantaray.online.interpolation import REFERENCE_SLOWNESS, interpolate
-from pymantaray.online.samples import NO_ARRIVAL, OUTSIDE, Sampler, Samples
 
 Whole = NDArray[np.int64]
 _FIRST_HALVINGS = (2, 3, 3)  # of every cell along each axis before any cell is accepted

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import ArrivalRule, Medium, choose_arrivals, find_eigenrays
+from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS
 from pymantaray.arrays import Array
-from pymantaray.online.interpolation import REFERENCE_SLOWNESS
 from pymantaray.records import RayStatus
 
 NO_ARRIVAL, OUTSIDE = -1, -2

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.apps.table.cells import LEAF, CellStatus, Tree, find_cells, mean_slowness
+from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
-from pymantaray.online.cells import LEAF, CellStatus, Tree, find_cells, mean_slowness
-from pymantaray.online.interpolation import REFERENCE_SLOWNESS
 from pymantaray.records.base import Column, Record, column
 
 # relative differences from the mean slowness at the first corner

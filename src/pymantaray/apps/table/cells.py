@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.apps.table.interpolation import interpolate
 from pymantaray.arrays import Array
-from pymantaray.online.interpolation import interpolate
 
 LEAF = 3  # in place of the axis of a branch
 _AXIS_BITS = 2

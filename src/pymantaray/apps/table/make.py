@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.table.build import Box, build_tree
+from pymantaray.apps.table.cells import Tree, joined
+from pymantaray.apps.table.samples import Radial
+from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.errors import OnlineError
 from pymantaray.jobs.progress import Progress
-from pymantaray.online.build import Box, build_tree
-from pymantaray.online.cells import Tree, joined
-from pymantaray.online.samples import Radial
-from pymantaray.online.table import TravelTimeTable
 from pymantaray.water import Water, open_water
 from pymantaray.water.water import Source
 

@@ -1,0 +1,1 @@
+"""Tables of travel times for use on board."""
