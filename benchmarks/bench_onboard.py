@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.config import load_study
 from pymantaray.fleet import simulate
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
-from pymantaray.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.water.ocean import build_medium
 from pymantaray.water.water import mission_ocean
 

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose, build_table
 from pymantaray.geometry.se3 import so3_exp
-from pymantaray.online import Beacon, OnlineEstimator, StartPose, build_table
 from pymantaray.water import open_water
 
 STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_exp, so3_log
-from pymantaray.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.records.status import ARRIVES
 
 SPEED = 1500.0  # m/s

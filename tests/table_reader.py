@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pymantaray.apps.online import TableRanges
 from pymantaray.apps.table.file import c_header
-from pymantaray.online import TableRanges
 
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"]

@@ -5,8 +5,8 @@ import pytest
 from table_reader import COMPILER, bits_of, compiled, read
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.apps.online import CellStatus, TravelTimeTable, build_table, save_table
 from pymantaray.errors import OnlineError
-from pymantaray.online import CellStatus, TravelTimeTable, build_table, save_table
 from pymantaray.water import Water
 
 NODE, SECTORS = (300.0, -200.0), 4

@@ -121,8 +121,8 @@ def table(
 ) -> None:
     """Build a table that maps two depths and a travel time to a horizontal range."""
     files.check([Path(name) for name in ocean])
+    from pymantaray.apps.online import build_table, save_table
     from pymantaray.apps.table.file import c_header
-    from pymantaray.online import build_table, save_table
     from pymantaray.records.writing import whole_file
     from pymantaray.water import open_water
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from onboard import BEACONS, SPEED, START, feed, mission
 
-from pymantaray.online import OnlineEstimator
+from pymantaray.apps.online import OnlineEstimator
 
 SECONDS, LAG, SAVE = 900.0, 10.0, 25  # s, s, calls between two files
 TESTS = Path(__file__).parents[1]
@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from onboard import BEACONS, SPEED, START, feed, mission
-from pymantaray.online import OnlineEstimator
+from pymantaray.apps.online import OnlineEstimator
 state, seconds, lag, save = Path(sys.argv[2]), *map(float, sys.argv[3:6])
 calls, _ = mission(seconds)
 if state.exists():

@@ -12,6 +12,9 @@ from onboard import BEACONS, SPEED, START, STEP_SIGMA, feed, fleet_calls, fleet_
 from refusals import refused
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.online import Beacon, OnlineEstimator, Outcome, StartPose
+from pymantaray.apps.online.range_model import TableModel
+from pymantaray.apps.online.saved_state import read_state, write_state
 from pymantaray.errors import OnlineError
 from pymantaray.estimation import (
     GraphSolver,
@@ -23,9 +26,6 @@ from pymantaray.estimation import (
 )
 from pymantaray.estimation.range_models import RangeEndpoints
 from pymantaray.geometry.se3 import se3_exp, so3_log
-from pymantaray.online import Beacon, OnlineEstimator, Outcome, StartPose
-from pymantaray.online.range_model import TableModel
-from pymantaray.online.saved_state import read_state, write_state
 
 
 def new(**options):

@@ -5,16 +5,16 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from pymantaray.apps.online.filter import Outcome as Outcome
+    from pymantaray.apps.online.vehicle import Beacon as Beacon
+    from pymantaray.apps.online.vehicle import OnlineEstimator as OnlineEstimator
+    from pymantaray.apps.online.vehicle import PoseEstimate as PoseEstimate
+    from pymantaray.apps.online.vehicle import StartPose as StartPose
     from pymantaray.apps.table.cells import CellStatus as CellStatus
     from pymantaray.apps.table.file import open_table as open_table
     from pymantaray.apps.table.file import save_table as save_table
     from pymantaray.apps.table.make import build_table as build_table
     from pymantaray.apps.table.table import TableRanges as TableRanges
     from pymantaray.apps.table.table import TravelTimeTable as TravelTimeTable
-    from pymantaray.online.filter import Outcome as Outcome
-    from pymantaray.online.vehicle import Beacon as Beacon
-    from pymantaray.online.vehicle import OnlineEstimator as OnlineEstimator
-    from pymantaray.online.vehicle import PoseEstimate as PoseEstimate
-    from pymantaray.online.vehicle import StartPose as StartPose
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

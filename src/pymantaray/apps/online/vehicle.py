@@ -12,6 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.online.filter import Event, Kind, Outcome, RangePrediction, State
+from pymantaray.apps.online.range_model import range_model_of
+from pymantaray.apps.online.saved_state import fault_of, read_state, write_state
+from pymantaray.apps.online.timeline import Timeline
 from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
@@ -19,10 +23,6 @@ from pymantaray.estimation.graph import LARGEST
 from pymantaray.estimation.kalman import SIZE
 from pymantaray.estimation.range_models import RangeModel, TransmitterSpeed
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
-from pymantaray.online.filter import Event, Kind, Outcome, RangePrediction, State
-from pymantaray.online.range_model import range_model_of
-from pymantaray.online.saved_state import fault_of, read_state, write_state
-from pymantaray.online.timeline import Timeline
 from pymantaray.quantities.checks import check_number, checked_array
 
 Ranges = TravelTimeTable | Medium | RangeModel | float

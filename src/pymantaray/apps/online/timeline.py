@@ -7,8 +7,7 @@ from bisect import bisect_left, insort
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from pymantaray.errors import OnlineError
-from pymantaray.online.filter import (
+from pymantaray.apps.online.filter import (
     Event,
     Kind,
     Outcome,
@@ -19,6 +18,7 @@ from pymantaray.online.filter import (
     measured,
     updated,
 )
+from pymantaray.errors import OnlineError
 
 
 class Timeline:
