@@ -28,10 +28,10 @@ import numpy as np
 from all_rows import machine
 from bench_links import GRID, TARGETS
 
+from pymantaray.apps.service import RangingService
+from pymantaray.apps.service.server import MAX_BYTES
 from pymantaray.apps.study import SoundConfig
 from pymantaray.config.parse import parse
-from pymantaray.service import RangingService
-from pymantaray.service.server import MAX_BYTES
 
 STILL = {"ocean": {"source": "synthetic:beaufort"}}
 LOUD = STILL | {

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from pymantaray import StudyConfig, error_table, load_study, measure, range_error_table, run_study
-from pymantaray.service import RangingService
+from pymantaray.apps.service import RangingService
 
 CENTRE = {"centre_lat": 74.5, "centre_lon": -140.0}
 OCEAN = {"source": "synthetic:beaufort", **CENTRE}

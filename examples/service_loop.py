@@ -4,8 +4,8 @@ import heapq
 
 import numpy as np
 
+from pymantaray.apps.service import RangingService
 from pymantaray.records import RayStatus
-from pymantaray.service import RangingService
 
 NAMES = ("A", "B", "C", "D")
 STEP, SLOT, DURATION = 0.1, 5.0, 60.0  # s

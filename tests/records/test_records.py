@@ -32,7 +32,11 @@ from pymantaray.records.base import LABELS, Column, DatedRecord, Record, column
 
 SUBCLASSES = {*Record.__subclasses__(), *DatedRecord.__subclasses__()} - {DatedRecord}
 KINDS = sorted(  # a graph has tables of its own, a ping of the service has records
-    (kind for kind in SUBCLASSES if kind is not FactorGraph and kind.__module__ != "pymantaray.service.ping"),
+    (
+        kind
+        for kind in SUBCLASSES
+        if kind is not FactorGraph and kind.__module__ != "pymantaray.apps.service.ping"
+    ),
     key=lambda kind: kind.kind,
 )
 START = np.datetime64("2014-07-15T12:00:00.250000")

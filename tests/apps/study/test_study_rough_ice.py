@@ -6,10 +6,10 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import BoundarySurface, Medium, find_eigenrays
+from pymantaray.apps.service import RangingService
 from pymantaray.apps.study import measure
 from pymantaray.errors import StudyError
 from pymantaray.geometry.roughness import Roughness
-from pymantaray.service import RangingService
 
 DEPTH = np.array([0.0, 40.0, 55.0, 60.0, 65.0, 80.0, 100.0, 150.0, 300.0, 1000.0, 2700.0])
 SPEED = np.array([1436.0, 1436.6, 1440.0, 1443.0, 1440.0, 1437.5, 1437.6, 1445.0, 1455.0, 1465.0, 1490.0])

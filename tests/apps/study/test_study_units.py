@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray.apps.service.messages import PingRequest
 from pymantaray.apps.study import load_study
 from pymantaray.config import checks
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.quantities.units import quantity_of
-from pymantaray.service.messages import PingRequest
 
 IN_WORDS = {"m": "m", "s": "s", "h": "h", "days": "d", "m/s": "m/s", "degrees": "deg", "degrees/s": "deg/s",
             "rad": "rad", "rad/s": "rad/s", "Hz": "Hz"}  # fmt: skip

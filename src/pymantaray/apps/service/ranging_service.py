@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.solving import as_positions
+from pymantaray.apps.service.facts import require_place
+from pymantaray.apps.service.ping import Participants, Ping, Pinger
 from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
@@ -22,8 +24,6 @@ from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.quantities.checks import check_number
 from pymantaray.sensing import ReceptionOptions, Timing, TwoWay
-from pymantaray.service.facts import require_place
-from pymantaray.service.ping import Participants, Ping, Pinger
 from pymantaray.water import Source, Water, open_water
 from pymantaray.water.water import configuration_of
 

@@ -13,7 +13,7 @@ from pymantaray.cli.printing import LOG
 from pymantaray.records.stops import handled
 
 if TYPE_CHECKING:
-    from pymantaray.service import RangingService
+    from pymantaray.apps.service import RangingService
 
 
 @with_options
@@ -45,7 +45,7 @@ def serve(
     changes: Set = None,
 ) -> None:
     """Answer pings with receptions as JSON over HTTP. Ctrl-C stops the server."""
-    from pymantaray.service import RangingService, make_server
+    from pymantaray.apps.service import RangingService, make_server
 
     kept_s = parse_duration("--water-interval", water_interval, positive=False)
     options = water.keys | arrivals.keys | changes_of(changes)

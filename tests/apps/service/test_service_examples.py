@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pymantaray.service import RangingService
+from pymantaray.apps.service import RangingService
 
 ROOT = Path(__file__).parents[2]
 

@@ -7,14 +7,14 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
 
+from pymantaray.apps.service.ping import Ping
+from pymantaray.apps.service.ranging_service import RangingService
 from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
 from pymantaray.errors import ServiceError
 from pymantaray.messages import one_line
 from pymantaray.records import RayStatus
 from pymantaray.sensing.receptions import Direction
-from pymantaray.service.ping import Ping
-from pymantaray.service.ranging_service import RangingService
 
 MAX_RECEIVERS = 10_000
 _MAX_FAULTS = 3  # in one answer

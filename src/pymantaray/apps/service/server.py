@@ -12,11 +12,11 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pymantaray
+from pymantaray.apps.service.facts import facts as facts_of
+from pymantaray.apps.service.messages import answer_body, error_body, schema
+from pymantaray.apps.service.ranging_service import RangingService
 from pymantaray.errors import MantaRayError, ServiceError
 from pymantaray.jobs.processes import WorkerEndedError
-from pymantaray.service.facts import facts as facts_of
-from pymantaray.service.messages import answer_body, error_body, schema
-from pymantaray.service.ranging_service import RangingService
 
 MAX_BYTES = 4 * 2**20  # of a request's body
 _READ_BYTES = 4 * MAX_BYTES  # of a body that is read to its end before it is refused
@@ -135,7 +135,7 @@ def make_server(service: RangingService, host: str = "127.0.0.1", port: int = 0)
     try:
         from waitress.server import create_server
 
-        from pymantaray.service.connections import TIMEOUT, JsonChannel, close_late
+        from pymantaray.apps.service.connections import TIMEOUT, JsonChannel, close_late
     except ImportError:
         raise ServiceError("the server needs waitress: pip install 'pymantaray[serve]'") from None
     logging.getLogger("waitress.queue").setLevel(logging.ERROR)  # it reports every request that waits

@@ -19,13 +19,13 @@ from refusals import refused
 
 import pymantaray
 from pymantaray.acoustics import Medium
+from pymantaray.apps.service import RangingService, connections, make_server, server
+from pymantaray.apps.service.messages import ANSWER
+from pymantaray.apps.service.server import MAX_BYTES
 from pymantaray.cli.main import main
 from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.records import RayStatus
-from pymantaray.service import RangingService, connections, make_server, server
-from pymantaray.service.messages import ANSWER
-from pymantaray.service.server import MAX_BYTES
 
 pytestmark = pytest.mark.network
 NAMES = ("north", "east", "depth")

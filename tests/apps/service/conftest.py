@@ -7,10 +7,10 @@ import pytest
 from factories import TINY
 
 from pymantaray.acoustics import Medium, Sonar
+from pymantaray.apps.service import RangingService, make_server
 from pymantaray.apps.study import parse_study
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
-from pymantaray.service import RangingService, make_server
 from pymantaray.water.ocean import build_medium
 from pymantaray.water.water import mission_ocean
 

@@ -8,7 +8,7 @@ from typing import Any
 from waitress.channel import ClientDisconnected, HTTPChannel
 from waitress.task import ErrorTask
 
-from pymantaray.service.messages import error_body
+from pymantaray.apps.service.messages import error_body
 
 TIMEOUT = 120  # seconds without a complete request until a connection is closed
 

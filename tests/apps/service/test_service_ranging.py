@@ -12,6 +12,7 @@ from refusals import refused
 from pymantaray.acoustics import Currents, Medium, Sonar, find_eigenrays
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics._kernels.paths import trace_arrivals
+from pymantaray.apps.service import RangingService
 from pymantaray.apps.study import load_sound
 from pymantaray.errors import AcousticsError, MantaRayError, ServiceError, WaterError
 from pymantaray.geometry import LocalFrame
@@ -20,7 +21,6 @@ from pymantaray.records import RayStatus
 from pymantaray.records.writing import write_netcdf
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
 from pymantaray.sensing.timing import velocities
-from pymantaray.service import RangingService
 
 STILL = Medium.from_profile([0.0, 2000.0], [1500.0, 1500.0], bottom_depth=2000.0, interpolation="linear")
 MISSIONS = {

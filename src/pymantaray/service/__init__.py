@@ -1,7 +1,0 @@
-"""Ranges ping by ping, in the loop of a simulator: in its own process, or by a server on loopback."""
-
-from pymantaray.service.ping import Ping
-from pymantaray.service.ranging_service import RangingService
-from pymantaray.service.server import make_server
-
-__all__ = ["Ping", "RangingService", "make_server"]
