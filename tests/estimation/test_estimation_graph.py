@@ -7,9 +7,9 @@ import pytest
 from factories import without
 from refusals import refused
 
+from pymantaray.apps.graphs.diagnose import check_conditioned, diagnose, worst_misfit
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import FactorGraph, GraphSolver, Method, build_graph, dead_reckon
-from pymantaray.estimation.diagnose import check_conditioned, diagnose, worst_misfit
 from pymantaray.estimation.graph import KINDS, check_anchored, check_graph, check_values
 from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp

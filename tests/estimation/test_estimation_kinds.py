@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray.apps.graphs.certificate import certify
+from pymantaray.apps.graphs.chordal_problem import ChordalProblem
+from pymantaray.apps.graphs.g2o import write_g2o
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import build_graph, covariances_at
-from pymantaray.estimation.certificate import certify
-from pymantaray.estimation.chordal_problem import ChordalProblem
-from pymantaray.estimation.g2o import write_g2o
 from pymantaray.estimation.graph import KINDS, FactorGraph, check_kinds
 from pymantaray.estimation.losses import Loss
 from pymantaray.estimation.pyfg import read_pyfg, write_pyfg

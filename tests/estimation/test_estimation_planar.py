@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray.apps.graphs.g2o import load_g2o, write_g2o
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     FactorGraph,
@@ -20,7 +21,6 @@ from pymantaray.estimation import (
     to_gtsam,
     write_pyfg,
 )
-from pymantaray.estimation.g2o import load_g2o, write_g2o
 from pymantaray.estimation.graph import KINDS, check_graph, check_values
 from pymantaray.estimation.pyfg import GraphFile
 from pymantaray.estimation.solve import METHODS

@@ -5,12 +5,16 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from pymantaray.apps.graphs.certificate import Certificate as Certificate
+    from pymantaray.apps.graphs.certificate import certify as certify
+    from pymantaray.apps.graphs.external import GraphResult as GraphResult
+    from pymantaray.apps.graphs.external import open_graph as open_graph
+    from pymantaray.apps.graphs.external import solve_graph as solve_graph
+    from pymantaray.apps.graphs.external import to_gtsam as to_gtsam
     from pymantaray.estimation.build import build_graph as build_graph
     from pymantaray.estimation.candidates import CandidateArrivals as CandidateArrivals
     from pymantaray.estimation.candidates import CandidateModel as CandidateModel
     from pymantaray.estimation.candidates import MixtureOptions as MixtureOptions
-    from pymantaray.estimation.certificate import Certificate as Certificate
-    from pymantaray.estimation.certificate import certify as certify
     from pymantaray.estimation.conditions import CONDITIONS as CONDITIONS
     from pymantaray.estimation.conditions import Estimator as Estimator
     from pymantaray.estimation.conditions import collect_estimates as collect_estimates
@@ -19,10 +23,6 @@ if TYPE_CHECKING:
     from pymantaray.estimation.covariance import effective_degrees_of_freedom as effective_degrees_of_freedom
     from pymantaray.estimation.covariance import fixed_epochs as fixed_epochs
     from pymantaray.estimation.covariance import rmse_standard_error as rmse_standard_error
-    from pymantaray.estimation.external import GraphResult as GraphResult
-    from pymantaray.estimation.external import open_graph as open_graph
-    from pymantaray.estimation.external import solve_graph as solve_graph
-    from pymantaray.estimation.external import to_gtsam as to_gtsam
     from pymantaray.estimation.graph import FactorGraph as FactorGraph
     from pymantaray.estimation.graph import GraphValues as GraphValues
     from pymantaray.estimation.losses import LOSSES as LOSSES

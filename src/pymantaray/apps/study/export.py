@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import CONDITIONS, GraphValues
-from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
 from pymantaray.estimation.pyfg import warn_of_depths
 from pymantaray.exchange.centre import write_sidecar
 from pymantaray.exchange.cf import write_cf

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymantaray.estimation.chordal_problem import ChordalProblem, not_quadratic
+from pymantaray.apps.graphs.chordal_problem import ChordalProblem, not_quadratic
+from pymantaray.apps.graphs.staircase import can_relax, descend, gap, least_eigenpair, lower_bound, relax
 from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.staircase import can_relax, descend, gap, least_eigenpair, lower_bound, relax
 
 _CRITICAL = 1e-6  # relative; a larger Newton decrement is not at a critical point
 

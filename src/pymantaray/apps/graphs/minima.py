@@ -7,12 +7,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
+from pymantaray.apps.graphs.chordal_problem import ChordalProblem
+from pymantaray.apps.graphs.staircase import can_relax, relax, rounded
 from pymantaray.arrays import Array, Indices
-from pymantaray.estimation.chordal_problem import ChordalProblem
 from pymantaray.estimation.descents import finish, lowest, same_cost
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solution import GraphSolution
-from pymantaray.estimation.staircase import can_relax, relax, rounded
 from pymantaray.estimation.starts import StartingValues, chordal, dead_reckon_graph, first_of_chains
 from pymantaray.estimation.trilateration import range_only_landmarks, trilaterate, with_landmarks
 from pymantaray.geometry import stream

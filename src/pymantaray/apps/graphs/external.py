@@ -9,13 +9,19 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.apps.graphs.certificate import Certificate, certify
+from pymantaray.apps.graphs.chordal_problem import not_quadratic
+from pymantaray.apps.graphs.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
+from pymantaray.apps.graphs.g2o import ISAM, TORO, load_g2o
+from pymantaray.apps.graphs.minima import (
+    StartOutcome,
+    largest_difference,
+    plausible_alternative,
+    search_minima,
+)
 from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.certificate import Certificate, certify
-from pymantaray.estimation.chordal_problem import not_quadratic
 from pymantaray.estimation.descents import lowest
-from pymantaray.estimation.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
-from pymantaray.estimation.g2o import ISAM, TORO, load_g2o
 from pymantaray.estimation.graph import (
     FactorGraph,
     GraphValues,
@@ -26,12 +32,6 @@ from pymantaray.estimation.graph import (
 )
 from pymantaray.estimation.graph_text import MAX_GRAPH_BYTES, Indefinite
 from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.minima import (
-    StartOutcome,
-    largest_difference,
-    plausible_alternative,
-    search_minima,
-)
 from pymantaray.estimation.pyfactorgraph import isotropic
 from pymantaray.estimation.pyfg import GraphFile, load_pyfg
 from pymantaray.estimation.solution import GraphSolution, SolveOptions

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.sparse import csc_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
+from pymantaray.apps.graphs.chordal_problem import ChordalProblem, not_quadratic
 from pymantaray.arrays import Array
-from pymantaray.estimation.chordal_problem import ChordalProblem, not_quadratic
 from pymantaray.estimation.graph import FactorGraph, GraphValues
 from pymantaray.estimation.sparse_factor import symmetric_factor
 

@@ -124,8 +124,8 @@ class GraphSolveOptions:
         self, file: Path, content: "GraphFile", report: Callable[[int, float], None] | None
     ) -> "GraphResult":
         """Solve the graph of a file."""
+        from pymantaray.apps.graphs.external import is_pose_graph, with_certificate
         from pymantaray.estimation import solve_graph
-        from pymantaray.estimation.external import is_pose_graph, with_certificate
 
         options = asdict(self) | {"truth": not is_pose_graph(file) if self.truth is None else self.truth}
         certificate = options.pop("certificate")
@@ -136,8 +136,8 @@ class GraphSolveOptions:
 @with_options
 def show(file: In, reading: GraphReadOptions, as_json: Json = False) -> None:
     """Show the contents of a graph, and whether it can be solved."""
-    from pymantaray.estimation.diagnose import diagnose
-    from pymantaray.estimation.external import anchor_graph
+    from pymantaray.apps.graphs.diagnose import diagnose
+    from pymantaray.apps.graphs.external import anchor_graph
 
     content = reading.open(file)
     with printer(as_json=as_json) as out:
@@ -233,10 +233,10 @@ def convert(
     force: Force = False,
 ) -> None:
     """Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold."""
+    from pymantaray.apps.graphs.external import G2O
+    from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
     from pymantaray.cli.output import check_output
     from pymantaray.estimation import write_pyfg
-    from pymantaray.estimation.external import G2O
-    from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
     from pymantaray.estimation.pyfg import names_file
     from pymantaray.exchange import graph_tum_files, write_graph_tum
 

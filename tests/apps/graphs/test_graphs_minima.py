@@ -9,10 +9,10 @@ from refusals import refused
 from scipy.optimize import least_squares
 from two_minima import FILES, drone, ring
 
+from pymantaray.apps.graphs.external import anchor_graph
+from pymantaray.apps.graphs.minima import random_start
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import FactorGraph, GraphValues, open_graph, solve_graph, to_gtsam
-from pymantaray.estimation.external import anchor_graph
-from pymantaray.estimation.minima import random_start
 from pymantaray.estimation.solution import SolveOptions
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.trilateration import trilaterate

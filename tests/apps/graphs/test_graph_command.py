@@ -189,7 +189,7 @@ def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
     assert (failed.code, failed.out, out.exists()) == (2, "", False)
     file.write_text(whole)
     monkeypatch.setattr(
-        "pymantaray.estimation.external.SolveOptions", partial(SolveOptions, max_iterations=1)
+        "pymantaray.apps.graphs.external.SolveOptions", partial(SolveOptions, max_iterations=1)
     )
     done = mantaray("graph", "solve", file, "--json", "--out", out, "--start", "dead-reckoning")
     assert done.code == 1

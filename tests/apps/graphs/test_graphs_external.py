@@ -8,6 +8,8 @@ import pytest
 from factories import values_at, without
 from refusals import refused
 
+from pymantaray.apps.graphs.diagnose import diagnose
+from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     FactorGraph,
@@ -19,8 +21,6 @@ from pymantaray.estimation import (
     solve_graph,
     write_pyfg,
 )
-from pymantaray.estimation.diagnose import diagnose
-from pymantaray.estimation.g2o import LEFT_OUT, write_g2o
 from pymantaray.estimation.graph import KINDS
 from pymantaray.estimation.pyfg import GraphFile
 from pymantaray.evaluation import graph_errors

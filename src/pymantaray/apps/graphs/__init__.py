@@ -1,0 +1,1 @@
+"""Factor graphs from files: formats, minima, certificates."""
