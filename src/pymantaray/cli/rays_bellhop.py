@@ -63,8 +63,8 @@ def compare_bellhop(
 ) -> None:
     """Run Bellhop on every link and compare its first direct travel times with those of MantaRay."""
     from pymantaray.acoustics.bellhop import compare_with_bellhop
+    from pymantaray.apps.rays.tables import read_links, write_table
     from pymantaray.cli.output import check_output, progress_bars
-    from pymantaray.cli.rays_tables import read_links, write_table
 
     check_output(out, (".csv",), inputs=[links, *source.files, *water.files], force=force)
     content = read_links(links)
@@ -101,7 +101,7 @@ def write_bellhop(
 ) -> None:
     """Write links and their ocean as BELLHOP3D input files: .env, .ssp and .bty."""
     from pymantaray.acoustics.bellhop import write_bellhop as write_files
-    from pymantaray.cli.rays_tables import read_links
+    from pymantaray.apps.rays.tables import read_links
 
     if (links is None) == (link is None):
         raise AcousticsError("write-bellhop: no links; give LINKS.csv, or --run with --link ROW")

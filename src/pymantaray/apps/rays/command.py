@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.apps.rays.plot_command import plot
 from pymantaray.cli.groups import quantity, with_options
 from pymantaray.cli.options import (
     LINKS,
@@ -21,7 +22,6 @@ from pymantaray.cli.options import (
     fan_angles,
 )
 from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
-from pymantaray.cli.rays_plot import plot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pymantaray.acoustics import Medium
-    from pymantaray.cli.rays_tables import TracedRays
+    from pymantaray.apps.rays.tables import TracedRays
     from pymantaray.records import Arrivals
     from pymantaray.records.text_table import TextTable
     from pymantaray.water import Water
@@ -63,7 +63,7 @@ class TaskOptions:
 def times(task: TaskOptions) -> None:
     """Compute the travel time of the earliest arrival of each link, or the reason for its absence."""
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
-    from pymantaray.cli.rays_tables import times_table
+    from pymantaray.apps.rays.tables import times_table
 
     job = _begin("times", task)
     cutoff, near = job.water.reception.spreading_cutoff_db, None
@@ -80,7 +80,7 @@ def times(task: TaskOptions) -> None:
 @with_options
 def eigen(task: TaskOptions) -> None:
     """Compute every arrival of each link: time, bounces, angles, spreading and slowness."""
-    from pymantaray.cli.rays_tables import arrivals_table
+    from pymantaray.apps.rays.tables import arrivals_table
 
     job = _begin("eigen", task)
     arrivals = job.solve()
@@ -120,7 +120,7 @@ class FanOptions:
 @with_options
 def trace(task: TaskOptions, rays: FanOptions) -> None:
     """Compute the path of each eigenray, or of a fan of rays from each source, node by node."""
-    from pymantaray.cli.rays_tables import paths_dataset, paths_table
+    from pymantaray.apps.rays.tables import paths_dataset, paths_table
     from pymantaray.errors import AcousticsError
 
     if rays.fan is None and (rays.azimuth is not None or rays.distance is not None):
@@ -194,7 +194,7 @@ class Job:
     def trace(self) -> "tuple[TracedRays, Arrivals]":
         """Paths of all arrivals, and the arrivals."""
         from pymantaray.acoustics import trace_paths
-        from pymantaray.cli.rays_tables import TracedRays, number_within
+        from pymantaray.apps.rays.tables import TracedRays, number_within
 
         arrivals, tolerance = self.solve(), self.task.search.tolerance
         paths = trace_paths(self.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
@@ -205,7 +205,7 @@ class Job:
         import numpy as np
 
         from pymantaray.acoustics import trace_fan
-        from pymantaray.cli.rays_tables import TracedRays, joined
+        from pymantaray.apps.rays.tables import TracedRays, joined
         from pymantaray.errors import AcousticsError
 
         fans = []
@@ -234,7 +234,7 @@ class Job:
 
     def finish(self, result: "pd.DataFrame | xr.Dataset", found: "Arrivals | None", **also: int) -> None:
         """Write the result, and print the outcomes of the links, notes, and the name of the output."""
-        from pymantaray.cli.rays_tables import status_words, write_result
+        from pymantaray.apps.rays.tables import status_words, write_result
         from pymantaray.records.digits import counted
 
         outcomes = Counter([] if found is None else status_words(found.status))
@@ -260,8 +260,8 @@ def _begin(command: str, task: TaskOptions, *, receivers: bool = True) -> Job:
     import numpy as np
 
     import pymantaray
+    from pymantaray.apps.rays.tables import read_links, sidecar
     from pymantaray.cli.output import check_output
-    from pymantaray.cli.rays_tables import read_links, sidecar
     from pymantaray.cli.water import load_water, search_record
 
     check_output(

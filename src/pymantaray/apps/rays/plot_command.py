@@ -119,7 +119,7 @@ def _links(ends: EndOptions, frame: "LocalFrame | None") -> "list[tuple[str, Arr
     """Name and ends of each link. [m]"""
     import numpy as np
 
-    from pymantaray.cli.rays_tables import read_links
+    from pymantaray.apps.rays.tables import read_links
 
     if ends.links is None:
         source = np.array(parse_place("--source", str(ends.source)))

@@ -1,0 +1,1 @@
+"""Eigenrays, travel times and paths between positions in a table."""
