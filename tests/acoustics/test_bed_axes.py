@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import BoundarySurface, Medium, find_eigenrays, trace_paths
-from pymantaray.acoustics.bellhop import linear_medium
+from pymantaray.apps.bellhop import linear_medium
 from pymantaray.records import RayStatus
 
 AXIS = np.linspace(-10e3, 10e3, 5)

@@ -24,7 +24,7 @@ from pymantaray.acoustics import (
     smooth_profile,
     thin_profile,
 )
-from pymantaray.acoustics.bellhop import BellhopOptions, HalfSpace
+from pymantaray.apps.bellhop import BellhopOptions, HalfSpace
 from pymantaray.errors import AcousticsError
 
 LINK = (Medium.from_profile(Z, DUCT, bottom_depth=3500.0), [0.0, 0.0, 10.0], [1e3, 0.0, 10.0])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pymantaray.apps.bellhop.command import compare_bellhop, write_bellhop
 from pymantaray.apps.rays.plot_command import plot
 from pymantaray.cli.groups import quantity, with_options
 from pymantaray.cli.options import (
@@ -21,7 +22,6 @@ from pymantaray.cli.options import (
     WaterOptions,
     fan_angles,
 )
-from pymantaray.cli.rays_bellhop import compare_bellhop, write_bellhop
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,8 +11,8 @@ from oracles import direct_travel_time_linear_gradient
 from refusals import refused
 
 from pymantaray.acoustics import BoundarySurface, Medium, find_eigenrays
-from pymantaray.acoustics.bellhop import BellhopOptions, compare_with_bellhop, write_bellhop
-from pymantaray.acoustics.bellhop.run import PROGRAMS, bellhop_arrivals, find_bellhop, run_bellhop
+from pymantaray.apps.bellhop import BellhopOptions, compare_with_bellhop, write_bellhop
+from pymantaray.apps.bellhop.run import PROGRAMS, bellhop_arrivals, find_bellhop, run_bellhop
 from pymantaray.errors import AcousticsError
 
 ISO = Medium.from_profile([0.0, 2000.0], [1500.0, 1500.0], bottom_depth=2000.0, interpolation="linear")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from pymantaray.acoustics.bellhop import read_bellhop_arrivals, read_bellhop_rays
+from pymantaray.apps.bellhop import read_bellhop_arrivals, read_bellhop_rays
 from pymantaray.errors import AcousticsError
 
 DATA = Path(__file__).parent / "data"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.acoustics.bellhop import BellhopOptions, HalfSpace, linear_medium, write_bellhop
+from pymantaray.apps.bellhop import BellhopOptions, HalfSpace, linear_medium, write_bellhop
 from pymantaray.errors import AcousticsError
 
 DEPTH = np.array([0.0, 10.0, 50.0, 200.0, 1000.0])

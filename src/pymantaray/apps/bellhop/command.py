@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.acoustics.bellhop.options import BellhopOptions
+from pymantaray.apps.bellhop.options import BellhopOptions
 from pymantaray.cli.groups import Fields, with_options
 from pymantaray.cli.options import (
     LINKS,
@@ -62,7 +62,7 @@ def compare_bellhop(
     force: Force = False,
 ) -> None:
     """Run Bellhop on every link and compare its first direct travel times with those of MantaRay."""
-    from pymantaray.acoustics.bellhop import compare_with_bellhop
+    from pymantaray.apps.bellhop import compare_with_bellhop
     from pymantaray.apps.rays.tables import read_links, write_table
     from pymantaray.cli.output import check_output, progress_bars
 
@@ -100,7 +100,7 @@ def write_bellhop(
     force: Force = False,
 ) -> None:
     """Write links and their ocean as BELLHOP3D input files: .env, .ssp and .bty."""
-    from pymantaray.acoustics.bellhop import write_bellhop as write_files
+    from pymantaray.apps.bellhop import write_bellhop as write_files
     from pymantaray.apps.rays.tables import read_links
 
     if (links is None) == (link is None):
@@ -121,7 +121,7 @@ def _straight_medium(
     source: SourceOptions, options: WaterOptions, refine: int
 ) -> "tuple[Medium, LocalFrame | None]":
     """Linear medium, or a smooth medium sampled on finer cells, and its frame."""
-    from pymantaray.acoustics.bellhop import linear_medium
+    from pymantaray.apps.bellhop import linear_medium
     from pymantaray.cli.water import load_water
 
     water = load_water(source, options, default="linear")

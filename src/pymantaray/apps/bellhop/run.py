@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from pymantaray.acoustics.bellhop.options import BellhopOptions
-from pymantaray.acoustics.bellhop.output import BellhopArrivals, read_bellhop_arrivals
-from pymantaray.acoustics.bellhop.write import write_bellhop
 from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.medium import Medium
+from pymantaray.apps.bellhop.options import BellhopOptions
+from pymantaray.apps.bellhop.output import BellhopArrivals, read_bellhop_arrivals
+from pymantaray.apps.bellhop.write import write_bellhop
 from pymantaray.errors import AcousticsError
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import RayStatus

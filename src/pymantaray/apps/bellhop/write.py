@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pymantaray.acoustics.bellhop.options import BellhopOptions, BellhopOutput, HalfSpace
 from pymantaray.acoustics.medium import Medium
+from pymantaray.apps.bellhop.options import BellhopOptions, BellhopOutput, HalfSpace
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface
