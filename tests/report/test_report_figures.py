@@ -8,6 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 from refusals import refused
 
+from pymantaray.apps.ocean import figures as ocean_plots
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.comparison_page import comparison_figure_specs
 from pymantaray.apps.study.figures import register as figures
@@ -23,7 +24,7 @@ from pymantaray.errors import ReportError
 from pymantaray.ocean import synthetic_ocean
 from pymantaray.pages import style
 from pymantaray.records import RayStatus
-from pymantaray.report import ocean_plots, write_ray_plot
+from pymantaray.report import write_ray_plot
 
 HEADER = "Test Sea, synthetic ocean"
 NAME = "A long name " * 9

@@ -4,7 +4,7 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from pymantaray.cli.ocean_fetch import app
+from pymantaray.apps.ocean.fetch_command import app
 from pymantaray.ocean import validate_ocean
 
 WINDOW = ["--lat", "73,73.4", "--lon", "-150,-149.5"]

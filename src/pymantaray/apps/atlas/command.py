@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pymantaray.apps.atlas.links import AtlasLinks
+from pymantaray.apps.ocean.command import Files
 from pymantaray.cli.groups import Fields, quantities, quantity, with_options
-from pymantaray.cli.ocean import Files
 from pymantaray.cli.options import (
     Commands,
     Force,

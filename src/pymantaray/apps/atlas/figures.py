@@ -13,12 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
-from pymantaray.arrays import Array
-from pymantaray.errors import ReportError
-from pymantaray.geometry.longitude import wrapped
-from pymantaray.jobs.progress import Progress
-from pymantaray.pages import style
-from pymantaray.report.ocean_plots import (
+from pymantaray.apps.ocean.figures import (
     CELLS,
     LAND,
     finish_bar,
@@ -27,6 +22,11 @@ from pymantaray.report.ocean_plots import (
     longitude_label,
     map_shape,
 )
+from pymantaray.arrays import Array
+from pymantaray.errors import ReportError
+from pymantaray.geometry.longitude import wrapped
+from pymantaray.jobs.progress import Progress
+from pymantaray.pages import style
 
 CONVENTION_WORDS = {
     "transmitter": "speed at the transmitter",

@@ -7,16 +7,16 @@ from matplotlib.collections import QuadMesh
 from matplotlib.quiver import Quiver
 from refusals import refused
 
-from pymantaray.errors import ReportError, WriteError
-from pymantaray.ocean import synthetic_ocean
-from pymantaray.ocean.seawater import sound_speed
-from pymantaray.pages import style
-from pymantaray.report.ocean_plots import (
+from pymantaray.apps.ocean.figures import (
     sea_floor_map,
     sound_speed_map,
     sound_speed_sections,
     write_ocean_plots,
 )
+from pymantaray.errors import ReportError, WriteError
+from pymantaray.ocean import synthetic_ocean
+from pymantaray.ocean.seawater import sound_speed
+from pymantaray.pages import style
 
 HEADER = "Test Sea, synthetic ocean"
 

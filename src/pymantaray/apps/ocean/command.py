@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pymantaray.cli import ocean_fetch
+from pymantaray.apps.ocean import fetch_command as ocean_fetch
 from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import quantities, quantity, with_options
 from pymantaray.cli.options import (

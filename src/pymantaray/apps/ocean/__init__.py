@@ -1,0 +1,1 @@
+"""Commands that check, show, plot and make oceans."""
