@@ -21,8 +21,8 @@ from pymantaray import (
     range_error_table,
     run_study,
 )
+from pymantaray.apps.export.run_files import export_run
 from pymantaray.apps.study import parse_study
-from pymantaray.apps.study.export import export_run
 from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.errors import ExchangeError, MantaRayError, StudyError
 from pymantaray.exchange.centre import centre_beside

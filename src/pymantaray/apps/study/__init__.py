@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from pymantaray.apps.export.run_files import export_run as export_run
     from pymantaray.apps.ranges.measure import measure as measure
-    from pymantaray.apps.study.export import export_run as export_run
     from pymantaray.apps.study.references import citation as citation
     from pymantaray.apps.study.runner import run_study as run_study
     from pymantaray.apps.study.store import Run as Run

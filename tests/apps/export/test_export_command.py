@@ -6,8 +6,8 @@ import pandas as pd
 from authors_files import write_simulation
 from factories import names_in
 
+from pymantaray.apps.export.run_files import FORMATS
 from pymantaray.apps.study import open_run
-from pymantaray.apps.study.export import FORMATS
 
 
 def test_help_has_every_format(mantaray):

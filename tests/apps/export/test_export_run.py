@@ -16,8 +16,8 @@ from factories import names_in
 from oracles import cf_errors
 from refusals import refused
 
+from pymantaray.apps.export.run_files import FORMATS, export_run, record
 from pymantaray.apps.study import open_run
-from pymantaray.apps.study.export import FORMATS, export_run, record
 from pymantaray.errors import ExchangeError, JobError, StudyError, WriteError
 from pymantaray.estimation import read_pyfg
 from pymantaray.exchange import read_trajectories

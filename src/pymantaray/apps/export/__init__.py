@@ -1,0 +1,1 @@
+"""Exports of runs and studies to formats of other programs."""
