@@ -15,11 +15,11 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.study import load_study
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.apps.study.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
-from pymantaray.apps.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.estimation import ClockPrior, Estimator, GraphSolver, MeanSlowness, solve_conditions
 from pymantaray.ocean.modes import vertical_modes
+from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.range_models.eigenray_model import EigenrayModel
+from pymantaray.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.sensing import perturb
 
 

@@ -10,9 +10,9 @@ from onboard import feed, fleet_calls, fleet_estimator
 from pymantaray.apps.online import Outcome
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.config import load_study
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
+from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import perturb
 from pymantaray.water.ocean import build_medium
 

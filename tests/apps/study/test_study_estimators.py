@@ -13,8 +13,6 @@ from refusals import refused
 from pymantaray.apps.study import parse_study, preset_text, run_study, study_toml
 from pymantaray.apps.study.beliefs import Beliefs
 from pymantaray.apps.study.estimators import EstimatorFactory
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
-from pymantaray.apps.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.apps.study.realization import RealizationSolver
 from pymantaray.apps.study.store import Run
 from pymantaray.config.estimators import (
@@ -53,6 +51,8 @@ from pymantaray.ocean import (
     to_local,
 )
 from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced, with_internal_tide
+from pymantaray.range_models.eigenray_model import EigenrayModel
+from pymantaray.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.records import SolveStatus, write_netcdf
 from pymantaray.water.ocean import mission_start, open_start
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.apps.study.range_models.candidate_rays import CandidateRays
 from pymantaray.errors import StudyError
 from pymantaray.estimation import MixtureOptions, RangeEndpoints
+from pymantaray.range_models.candidate_rays import CandidateRays
 from pymantaray.sensing import OneWay, Picker, ReceptionOptions, TwoWay
 
 DEPTH = np.linspace(0.0, 1000.0, 21)

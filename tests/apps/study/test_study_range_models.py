@@ -6,13 +6,13 @@ import xarray as xr
 from factories import trajectories
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature
-from pymantaray.apps.study.range_models import eigenray_model
-from pymantaray.apps.study.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel, pairs_of
-from pymantaray.apps.study.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.apps.study.true_unknowns import true_amplitudes
 from pymantaray.estimation import AdjustableModel, RangeEndpoints
 from pymantaray.ocean import SoundSpeedCovariance
+from pymantaray.range_models import eigenray_model
+from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
+from pymantaray.range_models.ray_uncertainty import RayUncertainty
 
 NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 25)
 FRONT = (

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.apps.table.cells import HAS_RANGE, CellStatus
 from pymantaray.apps.table.table import TableRanges, TravelTimeTable
 from pymantaray.arrays import Array
@@ -20,6 +19,7 @@ from pymantaray.estimation.range_models import (
     RangeModel,
     TravelTimeUncertainty,
 )
+from pymantaray.range_models.eigenray_model import EigenrayModel
 
 _OTHER_END = {
     "range_by_source_depth": "range_by_receiver_depth",

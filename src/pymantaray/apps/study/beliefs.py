@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
 from pymantaray.config.common import own_files
@@ -52,6 +51,7 @@ from pymantaray.ocean.metres import ocean_in_metres
 from pymantaray.ocean.perturb import draw_sound_speed_error
 from pymantaray.ocean.window import Window
 from pymantaray.quantities.checks import distinct_digits
+from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import ReceptionOptions
 from pymantaray.water.instants import utc_instant
 from pymantaray.water.metres import file_in_metres, read_file_in_metres, section_in_metres

@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymantaray.apps.study.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.config.sections import StudyConfig
 from pymantaray.estimation import GraphSolution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
+from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.records import SharedUnknowns, Trajectories
 
 

@@ -3,10 +3,10 @@
 from functools import partial
 
 from pymantaray.apps.study.beliefs import Beliefs
-from pymantaray.apps.study.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.apps.study.range_models.varying_eigenrays import VaryingEigenrays
 from pymantaray.config.estimators import EigenrayRangeModel, varies
 from pymantaray.estimation import RangeModel
+from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.range_models.varying_eigenrays import VaryingEigenrays
 from pymantaray.water.ocean import build_currents, medium_around
 
 

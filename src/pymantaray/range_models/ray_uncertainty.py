@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.paths import quadrature
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel, pairs_of
 from pymantaray.arrays import Array
 from pymantaray.estimation import RangeEndpoints
 from pymantaray.ocean import SoundSpeedCovariance
+from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 
 _PER_SCALE = 8  # pieces of a ray to each horizontal scale: 0.2 % of a variance
 _MAX_SECTIONS = 64

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel
 from pymantaray.arrays import Array
 from pymantaray.estimation import Prediction, RangeEndpoints
+from pymantaray.range_models.eigenray_model import EigenrayModel
 
 
 class VaryingEigenrays:

@@ -6,9 +6,9 @@ import numpy as np
 
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.paths import travel_time_sensitivity
-from pymantaray.apps.study.range_models.eigenray_model import EigenrayModel, pairs_of
 from pymantaray.arrays import Array
 from pymantaray.estimation import Prediction, RangeEndpoints
+from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 
 
 class AdjustableEigenrays:

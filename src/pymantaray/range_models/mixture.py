@@ -1,9 +1,9 @@
 """Max-mixture of all arrivals that a receiver may take in an assumed ocean."""
 
 from pymantaray.apps.study.beliefs import Beliefs
-from pymantaray.apps.study.range_models.candidate_rays import CandidateRays
 from pymantaray.config.estimators import MixtureRangeModel
 from pymantaray.estimation import MixtureOptions
+from pymantaray.range_models.candidate_rays import CandidateRays
 
 
 def build(section: MixtureRangeModel, beliefs: Beliefs, realization: int) -> CandidateRays:
