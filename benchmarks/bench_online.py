@@ -23,7 +23,7 @@ from pymantaray.estimation import (
     SolveOptions,
     solve_conditions,
 )
-from pymantaray.estimation.incremental import solve_incrementally
+from pymantaray.estimation.filters.incremental import solve_incrementally
 from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
 from pymantaray.records import Measurements
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, open_graph, to_gtsam, write_pyfg
-from pymantaray.estimation.graph import KINDS
-from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
+from pymantaray.estimation.graph.graph import KINDS
+from pymantaray.estimation.solvers.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 
 SAME, STANDS_STILL, MOST = 1e-6, 1e-12, 300

@@ -29,8 +29,8 @@ from pymantaray.estimation import (
     build_graph,
     dead_reckon,
 )
-from pymantaray.estimation.incremental import solve_incrementally
-from pymantaray.estimation.losses import whitened_ranges
+from pymantaray.estimation.filters.incremental import solve_incrementally
+from pymantaray.estimation.solvers.losses import whitened_ranges
 from pymantaray.sensing import perturb
 
 LATE = (50.0, 500.0)  # m

@@ -28,7 +28,7 @@ import plain_gtsam
 from pymantaray.apps.study import load_study, run_study
 from pymantaray.apps.study.realization import RealizationSolver
 from pymantaray.estimation import GraphSolver, SolveOptions, build_graph, solve_conditions
-from pymantaray.estimation.graph import GraphValues
+from pymantaray.estimation.graph.graph import GraphValues
 from pymantaray.geometry.se3 import quaternion_from_matrix, se3_exp, so3_log
 from pymantaray.records import Measurements, RayStatus, SolveStatus
 

@@ -3,7 +3,7 @@
 import factories
 import pytest
 
-from pymantaray.estimation.normal_equations import NormalEquations
+from pymantaray.estimation.solvers.normal_equations import NormalEquations
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from pymantaray.estimation import (
     rmse_standard_error,
     to_gtsam,
 )
-from pymantaray.estimation.covariance import dead_reckoning_covariances
-from pymantaray.estimation.starts import dead_reckon
+from pymantaray.estimation.solvers.covariance import dead_reckoning_covariances
+from pymantaray.estimation.solvers.starts import dead_reckon
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 
@@ -176,7 +176,9 @@ def test_innovations_are_computed_only_if_asked_for(make_fleet, monkeypatch):
     fleet = make_fleet(seed=16)
     graph, values = solved(fleet, fleet.noisy)
     every = covariances_at(graph, values, poses_at(fleet.noisy, [10, 12]))
-    monkeypatch.setattr("pymantaray.estimation.marginals._innovation", lambda *_: pytest.fail("for nothing"))
+    monkeypatch.setattr(
+        "pymantaray.estimation.solvers.marginals._innovation", lambda *_: pytest.fail("for nothing")
+    )
     found = covariances_at(graph, values, poses_at(fleet.noisy, [10, 12]), innovations=False)
     np.testing.assert_array_equal(found.position, every.position)
     np.testing.assert_array_equal(found.pose, every.pose)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pymantaray.estimation.descents import choose, lowest
+from pymantaray.estimation.solvers.descents import choose, lowest
 
 
 class End(NamedTuple):

@@ -10,8 +10,8 @@ from refusals import refused
 from pymantaray.apps.graphs.diagnose import check_conditioned, diagnose, worst_misfit
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import FactorGraph, GraphSolver, Method, build_graph, dead_reckon
-from pymantaray.estimation.graph import KINDS, check_anchored, check_graph, check_values
-from pymantaray.estimation.starts import anchor_loose_parts, dead_reckon_graph
+from pymantaray.estimation.graph.graph import KINDS, check_anchored, check_graph, check_values
+from pymantaray.estimation.solvers.starts import anchor_loose_parts, dead_reckon_graph
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp
 from pymantaray.records import RayStatus
 
@@ -352,7 +352,7 @@ def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
     fleet = make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
     graph = build_graph(fleet.noisy, "straight")
     kinds = {"beacon": replace(KINDS["sighting"], what="beacon", plural="beacons", word=None), **KINDS}
-    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", kinds)
+    monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", kinds)
     sighted = one_more(graph, "sighting", fleet.truth)
     beacon = replace(sighted["sighting"], kind=kinds["beacon"])
     tables = {"sighting": sighted, "beacon": graph.with_factors(beacon=beacon)}
@@ -374,7 +374,7 @@ def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
 ])  # fmt: skip
 def test_a_kind_that_no_residual_fits_is_refused(whole, monkeypatch, kind, message):
     _, graph, truth = whole
-    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {"new": kind, **KINDS})
+    monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", {"new": kind, **KINDS})
     refused(EstimationError, message, GraphSolver().solve, graph, truth)
 
 

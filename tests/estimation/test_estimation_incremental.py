@@ -20,7 +20,7 @@ from pymantaray.estimation import (
     solve_conditions,
     solve_graph,
 )
-from pymantaray.estimation.incremental import solve_incrementally
+from pymantaray.estimation.filters.incremental import solve_incrementally
 from pymantaray.records import SolveStatus
 
 ATOL = 1e-2  # m; what the default threshold of relinearization may leave

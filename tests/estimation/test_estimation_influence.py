@@ -5,10 +5,10 @@ import pytest
 from factories import make_fleet
 
 from pymantaray.estimation import LOSSES, GraphSolver, build_graph
-from pymantaray.estimation.graph import KINDS
-from pymantaray.estimation.influence import MEASURES, factor_influence, worst_factors
-from pymantaray.estimation.losses import whitened_ranges
-from pymantaray.estimation.problems import GraphState, distance_problem
+from pymantaray.estimation.graph.graph import KINDS
+from pymantaray.estimation.solvers.influence import MEASURES, factor_influence, worst_factors
+from pymantaray.estimation.solvers.losses import whitened_ranges
+from pymantaray.estimation.solvers.problems import GraphState, distance_problem
 
 
 def solved(graph, initial, method="batch"):

@@ -18,7 +18,7 @@ from pymantaray.estimation import (
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation.kalman import moved
+from pymantaray.estimation.filters.kalman import moved
 from pymantaray.evaluation.consistency import nees
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import RayStatus, SolveStatus

@@ -12,12 +12,12 @@ from pymantaray.apps.graphs.chordal_problem import ChordalProblem
 from pymantaray.apps.graphs.g2o import write_g2o
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import build_graph, covariances_at
-from pymantaray.estimation.graph import KINDS, FactorGraph, check_kinds
-from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
-from pymantaray.estimation.solution import Method
+from pymantaray.estimation.graph.graph import KINDS, FactorGraph, check_kinds
+from pymantaray.estimation.graph.pyfg import read_pyfg, write_pyfg
 from pymantaray.estimation.solve import GraphSolver
-from pymantaray.estimation.starts import chordal, dead_reckon_graph
+from pymantaray.estimation.solvers.losses import Loss
+from pymantaray.estimation.solvers.solution import Method
+from pymantaray.estimation.solvers.starts import chordal, dead_reckon_graph
 from pymantaray.evaluation import DegreesOfFreedom, graph_degrees_of_freedom
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
@@ -47,7 +47,7 @@ def graph(fleet):
 def copied(request, monkeypatch):
     """Name of a kind, of which "new" is a copy that files cannot hold."""
     kind = replace(KINDS[request.param], what="new", plural="new ones", word=None, axes=(), source=None)
-    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
+    monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
     return request.param
 
 
@@ -141,8 +141,8 @@ def test_the_bound_of_dead_reckoning_leaves_out_a_new_sensor(monkeypatch):
         name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet for name in ("odometry", "straight")
     }
     kind = replace(KINDS["fix"], what="new", plural="new ones", word=None)
-    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
-    monkeypatch.setattr("pymantaray.estimation.build.KINDS", {**KINDS, "new": kind})
+    monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
+    monkeypatch.setattr("pymantaray.estimation.graph.build.KINDS", {**KINDS, "new": kind})
     after = {name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet for name in before}
     assert after["odometry"] == pytest.approx(before["odometry"], rel=1e-9)
     assert after["straight"] != pytest.approx(before["straight"], rel=1e-6)
@@ -179,7 +179,7 @@ def test_text_holds_each_factor_once(graph, fleet, name, tmp_path):
 def test_a_data_set_with_a_kind_of_another_version_is_refused(graph, fleet, monkeypatch):
     kind = replace(KINDS["depth"], what="new", plural="new ones", word=None)
     with monkeypatch.context() as patch:
-        patch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
+        patch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
         data = one_more(graph, "new", fleet.truth, "depth").to_dataset()
     refused(
         EstimationError, "factors of a kind 'new'; this version has prior,", FactorGraph.from_dataset, data
@@ -196,6 +196,6 @@ def test_a_data_set_with_a_kind_of_another_version_is_refused(graph, fleet, monk
 ])  # fmt: skip
 def test_kinds_that_a_file_cannot_tell_apart_are_refused(graph, fleet, monkeypatch, changes, message):
     kind = replace(KINDS["depth"], **{"what": "new", "plural": "new ones", **changes})
-    monkeypatch.setattr("pymantaray.estimation.graph.KINDS", {**KINDS, "new": kind})
+    monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
     refused(EstimationError, message, check_kinds)
     refused(EstimationError, message, GraphSolver().solve, graph, fleet.truth)

@@ -21,11 +21,11 @@ from pymantaray.estimation import (
     RangeEndpoints,
     solve_conditions,
 )
-from pymantaray.estimation.candidates import of_picks
-from pymantaray.estimation.epoch_picks import EpochMixture, graduated_fits
-from pymantaray.estimation.expansion import Expansion
-from pymantaray.estimation.picks import NONE, Chains, RangeChoice, best_picks
-from pymantaray.estimation.range_models import TimedRanges
+from pymantaray.estimation.ranges.candidates import of_picks
+from pymantaray.estimation.ranges.epoch_picks import EpochMixture, graduated_fits
+from pymantaray.estimation.ranges.expansion import Expansion
+from pymantaray.estimation.ranges.picks import NONE, Chains, RangeChoice, best_picks
+from pymantaray.estimation.ranges.range_models import TimedRanges
 from pymantaray.records import SolveStatus
 
 SPEED = 1480.0

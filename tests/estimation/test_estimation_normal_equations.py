@@ -17,10 +17,10 @@ from pymantaray.estimation import (
     to_gtsam,
 )
 from pymantaray.estimation._kernels.cholesky import BATCH_ROWS
-from pymantaray.estimation.graph import KINDS
-from pymantaray.estimation.normal_equations import SIZE, NormalEquations, Structure
-from pymantaray.estimation.problems import GraphState, distance_problem
-from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
+from pymantaray.estimation.graph.graph import KINDS
+from pymantaray.estimation.solvers.normal_equations import SIZE, NormalEquations, Structure
+from pymantaray.estimation.solvers.problems import GraphState, distance_problem
+from pymantaray.estimation.solvers.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 
 

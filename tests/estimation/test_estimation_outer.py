@@ -26,8 +26,8 @@ from pymantaray.estimation import (
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation.build import timed_ranges
-from pymantaray.estimation.range_models import ModelRanges, RangeUnknowns
+from pymantaray.estimation.graph.build import timed_ranges
+from pymantaray.estimation.ranges.range_models import ModelRanges, RangeUnknowns
 from pymantaray.records import RangingTruth, RayStatus, SolveStatus
 from pymantaray.sensing import Clocks, OneWay, TwoWay
 from pymantaray.sensing.timing import clock_error

@@ -21,10 +21,10 @@ from pymantaray.estimation import (
     to_gtsam,
     write_pyfg,
 )
-from pymantaray.estimation.graph import KINDS, check_graph, check_values
-from pymantaray.estimation.pyfg import GraphFile
+from pymantaray.estimation.graph.graph import KINDS, check_graph, check_values
+from pymantaray.estimation.graph.pyfg import GraphFile
 from pymantaray.estimation.solve import METHODS
-from pymantaray.estimation.starts import chordal, dead_reckon_graph
+from pymantaray.estimation.solvers.starts import chordal, dead_reckon_graph
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 

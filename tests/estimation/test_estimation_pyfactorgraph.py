@@ -10,7 +10,7 @@ from refusals import refused
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import GraphSolver, build_graph, open_graph, read_pyfg, solve_graph, write_pyfg
-from pymantaray.estimation.pyfactorgraph import depths_as_ranges
+from pymantaray.estimation.graph.pyfactorgraph import depths_as_ranges
 
 
 def precisions(covariance):

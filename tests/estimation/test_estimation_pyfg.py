@@ -9,8 +9,8 @@ from refusals import refused
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import GraphSolver, build_graph, read_pyfg, write_pyfg
-from pymantaray.estimation.graph import KINDS
-from pymantaray.estimation.pyfg import load_pyfg, write_pyfgs
+from pymantaray.estimation.graph.graph import KINDS
+from pymantaray.estimation.graph.pyfg import load_pyfg, write_pyfgs
 from pymantaray.records import SolveStatus
 
 HAND = """\

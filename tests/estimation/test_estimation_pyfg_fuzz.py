@@ -8,7 +8,7 @@ import pytest
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import build_graph, read_pyfg, solve_graph, write_pyfg
-from pymantaray.estimation.pyfg import load_pyfg
+from pymantaray.estimation.graph.pyfg import load_pyfg
 
 LIMIT_S = 20.0  # of the processor for a whole read and solve; a healthy one takes milliseconds
 LONGEST_LINE = 600

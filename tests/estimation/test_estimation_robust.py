@@ -27,7 +27,7 @@ from pymantaray.estimation import (
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation.losses import whitened_ranges
+from pymantaray.estimation.solvers.losses import whitened_ranges
 from pymantaray.records import SolveStatus
 from pymantaray.sensing import perturb
 

@@ -20,8 +20,8 @@ from pymantaray.estimation import (
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation.normal_equations import NormalEquations
-from pymantaray.estimation.solution import SolveProgress, gate
+from pymantaray.estimation.solvers.normal_equations import NormalEquations
+from pymantaray.estimation.solvers.solution import SolveProgress, gate
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 from pymantaray.records import SolveStatus
 

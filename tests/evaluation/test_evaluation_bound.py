@@ -10,7 +10,7 @@ from refusals import refused
 
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import build_graph, collect_estimates, solve_conditions
-from pymantaray.estimation.marginals import PoseCovariance
+from pymantaray.estimation.solvers.marginals import PoseCovariance
 from pymantaray.evaluation import (
     DegreesOfFreedom,
     attitude_table,
@@ -56,7 +56,9 @@ def measured(position, attempts, *, landmarks=(), fixes=((), ()), **changes):
 
 def test_the_bound_computes_no_innovations(monkeypatch):
     """Of 30 vehicles they took ten times as long as the bound itself."""
-    monkeypatch.setattr("pymantaray.estimation.marginals._innovation", lambda *_: pytest.fail("for nothing"))
+    monkeypatch.setattr(
+        "pymantaray.estimation.solvers.marginals._innovation", lambda *_: pytest.fail("for nothing")
+    )
     truth, o = measured([[[0, 0, DEPTH]]], [(0, 1, 0)], landmarks=[[900, 0, DEPTH]])
     assert np.isfinite(error_bound(truth, o)).all()
 

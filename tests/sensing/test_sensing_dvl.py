@@ -9,8 +9,8 @@ from scipy.stats import binom
 
 from pymantaray.errors import SensingError
 from pymantaray.estimation import GraphSolver, build_graph
-from pymantaray.estimation.graph import GraphValues
-from pymantaray.estimation.pyfg import read_pyfg, write_pyfg
+from pymantaray.estimation.graph.graph import GraphValues
+from pymantaray.estimation.graph.pyfg import read_pyfg, write_pyfg
 from pymantaray.geometry import stream
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements, RangingTruth

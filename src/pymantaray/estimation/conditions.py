@@ -12,13 +12,17 @@ from numpy.typing import NDArray
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.build import LinkChoice, MeasuredRanges, build_graph, timed_ranges, with_ranges
-from pymantaray.estimation.candidates import CandidateModel
-from pymantaray.estimation.covariance import dead_reckoning_covariances
-from pymantaray.estimation.descents import choose, same_cost
-from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.on_sphere import OnSphere
-from pymantaray.estimation.range_models import (
+from pymantaray.estimation.graph.build import (
+    LinkChoice,
+    MeasuredRanges,
+    build_graph,
+    timed_ranges,
+    with_ranges,
+)
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.ranges.candidates import CandidateModel
+from pymantaray.estimation.ranges.on_sphere import OnSphere
+from pymantaray.estimation.ranges.range_models import (
     AdjustableModel,
     ClockPrior,
     ConstantSpeed,
@@ -29,9 +33,11 @@ from pymantaray.estimation.range_models import (
     TravelTimeUncertainty,
     UnknownsEstimate,
 )
-from pymantaray.estimation.solution import GraphSolution, Method, SolveProgress, make_solution
 from pymantaray.estimation.solve import GraphSolver
-from pymantaray.estimation.starts import dead_reckon
+from pymantaray.estimation.solvers.covariance import dead_reckoning_covariances
+from pymantaray.estimation.solvers.descents import choose, same_cost
+from pymantaray.estimation.solvers.solution import GraphSolution, Method, SolveProgress, make_solution
+from pymantaray.estimation.solvers.starts import dead_reckon
 from pymantaray.records import Estimates, Measurements, SolveStatus
 
 _MAX_SCALE = 1e4  # largest factor on range sigmas

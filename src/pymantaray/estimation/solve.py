@@ -9,20 +9,20 @@ import numpy as np
 
 from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.candidates import CandidateModel
-from pymantaray.estimation.fixed_lag import smooth_with_lag
-from pymantaray.estimation.graph import FactorGraph, GraphValues, check_graph, check_values
-from pymantaray.estimation.incremental import solve_incrementally
-from pymantaray.estimation.kalman import filter_graph
-from pymantaray.estimation.losses import LOSSES, Loss
-from pymantaray.estimation.marginals import check_poses, epoch_groups, group_marginals
-from pymantaray.estimation.mixture import MixtureIterations
-from pymantaray.estimation.optimize import check_convergence
-from pymantaray.estimation.outer import BatchOutcome, OuterIterations
-from pymantaray.estimation.problems import GraphState, Problem, ProblemCache, distance_problem
-from pymantaray.estimation.range_models import ModelRanges, RangeUnknowns, UnknownsEstimate
-from pymantaray.estimation.robust import optimize_robust
-from pymantaray.estimation.solution import GraphSolution, Method, SolveOptions, gate, make_solution
+from pymantaray.estimation.filters.fixed_lag import smooth_with_lag
+from pymantaray.estimation.filters.incremental import solve_incrementally
+from pymantaray.estimation.filters.kalman import filter_graph
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues, check_graph, check_values
+from pymantaray.estimation.ranges.candidates import CandidateModel
+from pymantaray.estimation.ranges.range_models import ModelRanges, RangeUnknowns, UnknownsEstimate
+from pymantaray.estimation.solvers.losses import LOSSES, Loss
+from pymantaray.estimation.solvers.marginals import check_poses, epoch_groups, group_marginals
+from pymantaray.estimation.solvers.mixture import MixtureIterations
+from pymantaray.estimation.solvers.optimize import check_convergence
+from pymantaray.estimation.solvers.outer import BatchOutcome, OuterIterations
+from pymantaray.estimation.solvers.problems import GraphState, Problem, ProblemCache, distance_problem
+from pymantaray.estimation.solvers.robust import optimize_robust
+from pymantaray.estimation.solvers.solution import GraphSolution, Method, SolveOptions, gate, make_solution
 
 
 class GraphSolver:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import CONDITIONS, Estimator, GraphValues, build_graph, covariances_at
-from pymantaray.estimation.covariance import dead_reckoning_covariances
-from pymantaray.estimation.graph import FactorGraph, connected_parts
-from pymantaray.estimation.marginals import PoseCovariance
-from pymantaray.estimation.starts import dead_reckon
+from pymantaray.estimation.graph.graph import FactorGraph, connected_parts
+from pymantaray.estimation.solvers.covariance import dead_reckoning_covariances
+from pymantaray.estimation.solvers.marginals import PoseCovariance
+from pymantaray.estimation.solvers.starts import dead_reckon
 from pymantaray.evaluation.ranging_error import check_same_vehicles
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import root_mean

@@ -5,7 +5,7 @@ import numpy as np
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.arrays import Array
 from pymantaray.estimation import CandidateArrivals, MixtureOptions, Prediction, RangeEndpoints
-from pymantaray.estimation.candidates import of_picks
+from pymantaray.estimation.ranges.candidates import of_picks
 from pymantaray.range_models.eigenray_model import pairs_of
 from pymantaray.sensing import Picker, ReceptionOptions, Timing
 from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values

@@ -8,8 +8,8 @@ import pytest
 from two_minima import ring
 
 from pymantaray.estimation import GraphSolver, read_pyfg
-from pymantaray.estimation.solution import SolveOptions
 from pymantaray.estimation.solve import METHODS
+from pymantaray.estimation.solvers.solution import SolveOptions
 
 NOISE = "0.01 0 0 0 0 0 0.01 0 0 0 0 0.01 0 0 0 1e-4 0 0 1e-4 0 1e-4"
 TEXT = f"""\

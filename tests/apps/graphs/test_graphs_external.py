@@ -21,8 +21,8 @@ from pymantaray.estimation import (
     solve_graph,
     write_pyfg,
 )
-from pymantaray.estimation.graph import KINDS
-from pymantaray.estimation.pyfg import GraphFile
+from pymantaray.estimation.graph.graph import KINDS
+from pymantaray.estimation.graph.pyfg import GraphFile
 from pymantaray.evaluation import graph_errors
 from pymantaray.records import SolveStatus
 

@@ -13,9 +13,9 @@ from pymantaray.apps.graphs.external import anchor_graph
 from pymantaray.apps.graphs.minima import random_start
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import FactorGraph, GraphValues, open_graph, solve_graph, to_gtsam
-from pymantaray.estimation.solution import SolveOptions
 from pymantaray.estimation.solve import GraphSolver
-from pymantaray.estimation.trilateration import trilaterate
+from pymantaray.estimation.solvers.solution import SolveOptions
+from pymantaray.estimation.solvers.trilateration import trilaterate
 from pymantaray.records import SolveStatus
 
 SHARED = Path(__file__).parents[3] / "shared"

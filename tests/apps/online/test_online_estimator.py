@@ -24,7 +24,7 @@ from pymantaray.estimation import (
     build_graph,
     dead_reckon,
 )
-from pymantaray.estimation.range_models import RangeEndpoints
+from pymantaray.estimation.ranges.range_models import RangeEndpoints
 from pymantaray.geometry.se3 import se3_exp, so3_log
 
 

@@ -8,7 +8,7 @@ import pytest
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.online import Beacon, OnlineEstimator, Outcome, StartPose
 from pymantaray.apps.online.range_model import TableModel
-from pymantaray.estimation.range_models import RangeEndpoints
+from pymantaray.estimation.ranges.range_models import RangeEndpoints
 
 STARTS = {"A": np.array([0.0, 0.0, 60.0]), "B": np.array([300.0, 900.0, 250.0])}
 BEACON = np.array([-400.0, 700.0, 90.0])

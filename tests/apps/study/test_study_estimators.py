@@ -37,8 +37,8 @@ from pymantaray.estimation import (
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation.build import timed_ranges
-from pymantaray.estimation.range_models import ModelRanges, RangeEndpoints
+from pymantaray.estimation.graph.build import timed_ranges
+from pymantaray.estimation.ranges.range_models import ModelRanges, RangeEndpoints
 from pymantaray.evaluation import ping_error_table
 from pymantaray.geometry import stream
 from pymantaray.ocean import (

@@ -91,7 +91,7 @@ def test_reflected_times_expanded_about_images_follow_the_rays(medium, links):
 
 
 def found_expansion(found, links):
-    from pymantaray.estimation.expansion import Expansion
+    from pymantaray.estimation.ranges.expansion import Expansion
 
     of_candidates = RangeEndpoints(*(column[found.row] for column in links))
     n = found.row.size

@@ -15,7 +15,7 @@ from pymantaray.estimation import (
     SolveOptions,
     solve_conditions,
 )
-from pymantaray.estimation.on_sphere import OnSphere
+from pymantaray.estimation.ranges.on_sphere import OnSphere
 from pymantaray.records import SolveStatus
 
 

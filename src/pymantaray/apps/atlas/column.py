@@ -11,7 +11,7 @@ from pymantaray.acoustics import Currents, Medium, find_eigenrays, select
 from pymantaray.acoustics.currents import carried
 from pymantaray.apps.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.arrays import Array
-from pymantaray.estimation.range_models import ConstantSpeed, TransmitterSpeed
+from pymantaray.estimation.ranges.range_models import ConstantSpeed, TransmitterSpeed
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.local import LocalGrid

@@ -14,7 +14,7 @@ from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import CONDITIONS, GraphValues
-from pymantaray.estimation.pyfg import warn_of_depths
+from pymantaray.estimation.graph.pyfg import warn_of_depths
 from pymantaray.exchange.centre import write_sidecar
 from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti

@@ -16,7 +16,7 @@ import numpy as np
 
 from pymantaray.apps.graphs.chordal_problem import ChordalProblem, not_quadratic
 from pymantaray.apps.graphs.staircase import can_relax, descend, gap, least_eigenpair, lower_bound, relax
-from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 
 _CRITICAL = 1e-6  # relative; a larger Newton decrement is not at a critical point
 

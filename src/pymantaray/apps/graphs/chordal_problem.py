@@ -32,9 +32,9 @@ from scipy.sparse import csc_array, csr_array
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import FactorGraph, GraphValues, Residual
-from pymantaray.estimation.range_models import chord
-from pymantaray.estimation.sparse_factor import symmetric_factor
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues, Residual
+from pymantaray.estimation.ranges.range_models import chord
+from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 

@@ -15,7 +15,7 @@ from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
     from pymantaray.estimation import GraphResult
-    from pymantaray.estimation.pyfg import GraphFile
+    from pymantaray.estimation.graph.pyfg import GraphFile
 
 app = Commands(help="Show, solve and convert factor graphs from files.")
 
@@ -237,7 +237,7 @@ def convert(
     from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
     from pymantaray.cli.output import check_output
     from pymantaray.estimation import write_pyfg
-    from pymantaray.estimation.pyfg import names_file
+    from pymantaray.estimation.graph.pyfg import names_file
     from pymantaray.exchange import graph_tum_files, write_graph_tum
 
     endings = (".pyfg", G2O, ".tum")
@@ -340,7 +340,7 @@ def _print_starts(out: Printer, result: "GraphResult") -> None:
 def _print_worst(out: Printer, result: "GraphResult", count: int) -> None:
     """Print the factors with the largest influence on a solution, by each measure."""
     from pymantaray.estimation import LOSSES
-    from pymantaray.estimation.influence import MEASURES, factor_influence, worst_factors
+    from pymantaray.estimation.solvers.influence import MEASURES, factor_influence, worst_factors
     from pymantaray.records.result_table import ResultTable
 
     if not result.solution.usable:

@@ -7,9 +7,9 @@ from scipy.sparse import diags_array, eye_array
 from scipy.sparse.linalg import splu
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.normal_equations import SIZE
-from pymantaray.estimation.problems import GraphState, distance_problem
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.solvers.normal_equations import SIZE
+from pymantaray.estimation.solvers.problems import GraphState, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 _UNDETERMINED = 1e6  # m or rad; a standard deviation of this size counts as undetermined, as in the solver

@@ -21,8 +21,7 @@ from pymantaray.apps.graphs.minima import (
 )
 from pymantaray.arrays import Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.descents import lowest
-from pymantaray.estimation.graph import (
+from pymantaray.estimation.graph.graph import (
     FactorGraph,
     GraphValues,
     check_anchored,
@@ -30,13 +29,14 @@ from pymantaray.estimation.graph import (
     check_values,
     connected_parts,
 )
-from pymantaray.estimation.graph_text import MAX_GRAPH_BYTES, Indefinite
-from pymantaray.estimation.losses import Loss
-from pymantaray.estimation.pyfactorgraph import isotropic
-from pymantaray.estimation.pyfg import GraphFile, load_pyfg
-from pymantaray.estimation.solution import GraphSolution, SolveOptions
+from pymantaray.estimation.graph.pyfactorgraph import isotropic
+from pymantaray.estimation.graph.pyfg import GraphFile, load_pyfg
+from pymantaray.estimation.graph.text import MAX_GRAPH_BYTES, Indefinite
 from pymantaray.estimation.solve import METHODS, GraphSolver
-from pymantaray.estimation.starts import anchor_loose_parts, chordal, dead_reckon_graph
+from pymantaray.estimation.solvers.descents import lowest
+from pymantaray.estimation.solvers.losses import Loss
+from pymantaray.estimation.solvers.solution import GraphSolution, SolveOptions
+from pymantaray.estimation.solvers.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.csv_text import is_number
 from pymantaray.records.status import SOLVE_STATUS_WORDS

@@ -15,7 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph import (
+from pymantaray.estimation.graph.columns import (
+    TO_WXYZ,
+    columns,
+    from_triangle,
+    to_graph,
+    triangle,
+    write_rows,
+)
+from pymantaray.estimation.graph.graph import (
     EDGE,
     KINDS,
     SMALLEST_EIGENVALUE,
@@ -26,17 +34,9 @@ from pymantaray.estimation.graph import (
     check_graph,
     check_values,
 )
-from pymantaray.estimation.graph_columns import (
-    TO_WXYZ,
-    columns,
-    from_triangle,
-    to_graph,
-    triangle,
-    write_rows,
-)
-from pymantaray.estimation.graph_text import Indefinite, Table, TextLines, Word, read_tables
-from pymantaray.estimation.pyfg import POSE, GraphFile
-from pymantaray.estimation.starts import ANCHOR_SIGMA, chordal
+from pymantaray.estimation.graph.pyfg import POSE, GraphFile
+from pymantaray.estimation.graph.text import Indefinite, Table, TextLines, Word, read_tables
+from pymantaray.estimation.solvers.starts import ANCHOR_SIGMA, chordal
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import whole_file
 

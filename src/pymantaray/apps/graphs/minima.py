@@ -10,11 +10,11 @@ from scipy.special import chdtri
 from pymantaray.apps.graphs.chordal_problem import ChordalProblem
 from pymantaray.apps.graphs.staircase import can_relax, relax, rounded
 from pymantaray.arrays import Array, Indices
-from pymantaray.estimation.descents import finish, lowest, same_cost
-from pymantaray.estimation.graph import FactorGraph, GraphValues
-from pymantaray.estimation.solution import GraphSolution
-from pymantaray.estimation.starts import StartingValues, chordal, dead_reckon_graph, first_of_chains
-from pymantaray.estimation.trilateration import range_only_landmarks, trilaterate, with_landmarks
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.solvers.descents import finish, lowest, same_cost
+from pymantaray.estimation.solvers.solution import GraphSolution
+from pymantaray.estimation.solvers.starts import StartingValues, chordal, dead_reckon_graph, first_of_chains
+from pymantaray.estimation.solvers.trilateration import range_only_landmarks, trilaterate, with_landmarks
 from pymantaray.geometry import stream
 
 SolveFrom = Callable[[GraphValues], GraphSolution]

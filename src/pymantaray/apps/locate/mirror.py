@@ -8,7 +8,7 @@ import numpy as np
 from pymantaray.apps.locate.solve import Solver, SurveySolution
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
-from pymantaray.estimation.descents import lowest
+from pymantaray.estimation.solvers.descents import lowest
 
 _MAX_WIDTH = 0.15  # width over length of a line for which mirror solutions are computed
 _MIN_DIFFERENCE = 25.0  # chi-square; with a smaller difference, the data do not decide

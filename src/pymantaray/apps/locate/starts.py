@@ -9,7 +9,7 @@ from pymantaray.apps.locate.survey import Node, Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
 from pymantaray.estimation import LOSSES
-from pymantaray.estimation.descents import choose
+from pymantaray.estimation.solvers.descents import choose
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 
 _MAX_STEPS = 60

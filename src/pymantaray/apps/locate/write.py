@@ -12,8 +12,8 @@ from pymantaray.apps.locate.location import Location
 from pymantaray.apps.locate.patterns import test_table
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.errors import LocateError
-from pymantaray.estimation.graph import KINDS, FactorGraph, GraphValues
-from pymantaray.estimation.pyfg import write_pyfg
+from pymantaray.estimation.graph.graph import KINDS, FactorGraph, GraphValues
+from pymantaray.estimation.graph.pyfg import write_pyfg
 from pymantaray.messages import one_line
 from pymantaray.records.writing import write_netcdf
 

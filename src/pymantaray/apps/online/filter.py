@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.arrays import Array
-from pymantaray.estimation.kalman import SIZE, corrected, moved
-from pymantaray.estimation.range_models import RangeEndpoints, RangeModel, TravelTimeUncertainty
+from pymantaray.estimation.filters.kalman import SIZE, corrected, moved
+from pymantaray.estimation.ranges.range_models import RangeEndpoints, RangeModel, TravelTimeUncertainty
 from pymantaray.geometry.se3 import se3_exp, se3_log, so3_exp
 
 _ONE_LINK = np.zeros(1, dtype=np.intp)

@@ -12,7 +12,7 @@ from pymantaray.apps.table.cells import HAS_RANGE, CellStatus
 from pymantaray.apps.table.table import TableRanges, TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
-from pymantaray.estimation.range_models import (
+from pymantaray.estimation.ranges.range_models import (
     ConstantSpeed,
     Prediction,
     RangeEndpoints,

@@ -9,7 +9,7 @@ import numpy as np
 
 from pymantaray.apps.online.filter import Kind, Outcome
 from pymantaray.errors import OnlineError
-from pymantaray.estimation.kalman import SIZE as KALMAN_SIZE
+from pymantaray.estimation.filters.kalman import SIZE as KALMAN_SIZE
 from pymantaray.messages import one_line
 from pymantaray.records.writing import whole_file
 from pymantaray.user_files import read_text

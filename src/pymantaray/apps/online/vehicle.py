@@ -19,9 +19,9 @@ from pymantaray.apps.online.timeline import Timeline
 from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
-from pymantaray.estimation.graph import LARGEST
-from pymantaray.estimation.kalman import SIZE
-from pymantaray.estimation.range_models import RangeModel, TransmitterSpeed
+from pymantaray.estimation.filters.kalman import SIZE
+from pymantaray.estimation.graph.graph import LARGEST
+from pymantaray.estimation.ranges.range_models import RangeModel, TransmitterSpeed
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.quantities.checks import check_number, checked_array
 

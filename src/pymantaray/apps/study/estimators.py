@@ -13,7 +13,7 @@ from pymantaray.config.estimators import (
     GtsamSolver,
 )
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeModel
-from pymantaray.estimation.on_sphere import ALONG_CHORDS, OnSphere
+from pymantaray.estimation.ranges.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.range_models import build_range_model
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph
-from pymantaray.estimation.pyfg import write_pyfgs
+from pymantaray.estimation.graph.pyfg import write_pyfgs
 from pymantaray.records import Measurements
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import pandas as pd
 from pymantaray.apps.study.graphs import noisy_graphs
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import GraphValues
-from pymantaray.estimation.influence import MEASURES, factor_influence, worst_factors
+from pymantaray.estimation.solvers.influence import MEASURES, factor_influence, worst_factors
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run

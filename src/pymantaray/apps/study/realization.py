@@ -23,7 +23,7 @@ from pymantaray.estimation import (
     fixed_epochs,
     solve_conditions,
 )
-from pymantaray.estimation.covariance import EpochCovariances
+from pymantaray.estimation.solvers.covariance import EpochCovariances
 from pymantaray.jobs.pool import Queue
 from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns, SolveStatus
 from pymantaray.records.writing import netcdf_content, netcdf_groups

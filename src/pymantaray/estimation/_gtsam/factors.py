@@ -12,8 +12,8 @@ import gtsam
 import numpy as np
 
 from pymantaray.arrays import Array
-from pymantaray.estimation.graph import FactorGraph, FactorKind, Factors, GraphValues, Residual
-from pymantaray.estimation.losses import Loss
+from pymantaray.estimation.graph.graph import FactorGraph, FactorKind, Factors, GraphValues, Residual
+from pymantaray.estimation.solvers.losses import Loss
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation._gtsam import incremental as isam2
 from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
-from pymantaray.estimation.graph import FactorGraph, GraphValues
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 
 
 class LaggedSmoother:

@@ -8,8 +8,8 @@ import numpy as np
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation._gtsam.factors import poses_of
-from pymantaray.estimation.graph import FactorGraph, Factors, GraphValues
-from pymantaray.estimation.trilateration import trilaterate
+from pymantaray.estimation.graph.graph import FactorGraph, Factors, GraphValues
+from pymantaray.estimation.solvers.trilateration import trilaterate
 
 
 class EntryUpdates(NamedTuple):

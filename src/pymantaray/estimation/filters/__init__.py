@@ -1,0 +1,1 @@
+"""Sequential estimators: Kalman filter, fixed lag, iSAM2."""

@@ -1,0 +1,1 @@
+"""Factor graphs: variables, factors, and their text files."""

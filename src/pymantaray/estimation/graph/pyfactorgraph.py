@@ -1,0 +1,106 @@
+"""Graphs as PyFactorGraph reads them: isotropic covariances, and a form of depths that it keeps."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.graph.graph import KINDS, FactorGraph, Factors, GraphValues
+
+ABOVE = 5e8
+"""Height above the sea surface of the landmark that ranges give depths to. [m]"""
+_SURVEY_SIGMA = 1e-3  # m, of this landmark
+
+
+def isotropic(graph: FactorGraph) -> tuple[FactorGraph, int]:
+    """
+    Replace all covariances by isotropic ones, as PyFactorGraph's reader does [1]_.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+
+    Returns
+    -------
+    graph : FactorGraph
+        Graph whose translations and rotations have the mean of their variances on each axis, without covariances.
+    lost : int
+        Number of depths, which PyFactorGraph reads as priors of all axes with a precision of about 1e-12: none.
+
+    Notes
+    -----
+    The reader keeps two numbers of a covariance: the precision 3 / tr of the translation, and 3 / (2 tr) of the rotation. In
+    three dimensions an information matrix has twice the latter on its diagonal, so the variance is the mean. In the
+    plane the precisions are 2 / tr and the inverse of the variance.
+
+    References
+    ----------
+    .. [1] PyFactorGraph, ``py_factor_graph/utils/matrix_utils.py``, functions get_measurement_precisions_from_covariance_matrix and
+       get_info_matrix_from_measurement_precisions, https://github.com/MarineRoboticsGroup/PyFactorGraph
+    """
+    tables = {
+        name: _isotropic(graph[name], planar=graph.planar)
+        for name in KINDS
+        if len(graph[name]) and name != "depth"
+    }
+    none = graph["depth"][:0]
+    return graph.with_factors(**tables, depth=none), len(graph["depth"])
+
+
+def _isotropic(factors: Factors, *, planar: bool) -> Factors:
+    """Factors with one variance of the rotation and one of the position."""
+    kind = factors.kind
+    diagonal = np.diagonal(factors.covariance, axis1=1, axis2=2).copy()
+    for unit in ("rad", "m"):
+        if rows := kind.rows_in(unit, planar=planar):
+            diagonal[:, rows] = diagonal[:, rows].mean(axis=1, keepdims=True)
+    measured = [factors.measured[:, place] for place in kind.columns_at.values()]
+    return kind.table(factors.variables, measured, diagonal[:, :, None] * np.eye(kind.rows))
+
+
+class DepthsAsRanges(NamedTuple):
+    """Graph whose depths are ranges, and its values."""
+
+    graph: FactorGraph
+    values: GraphValues
+
+
+def depths_as_ranges(graph: FactorGraph, values: GraphValues) -> DepthsAsRanges:
+    """
+    Replace depths by ranges to one landmark that is 5e8 m above the frame's centre, a form that PyFactorGraph keeps.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    values : GraphValues
+        Values of its variables: where a range has its direction, and so also a small part of the horizontal position. For a
+        vehicle 10 km from the centre, an error of 100 m in the values shifts the depth by 2 mm.
+
+    Returns
+    -------
+    DepthsAsRanges
+
+    Raises
+    ------
+    EstimationError
+        If the graph is planar, so has no depths.
+    """
+    if graph.planar:
+        raise EstimationError("a planar graph has no depths; leave them as they are")
+    depth, (ranges, surveys) = graph["depth"], (graph["range"], graph["survey"])
+    pose = depth.variables[:, 0]
+    above = np.array([[0.0, 0.0, -ABOVE]])
+    away = np.column_stack([values.position[pose, :2], depth.column("depth") + ABOVE])
+    landmark = np.full(len(pose), graph.n_variables, dtype=np.int32)
+    more = KINDS["range"].table(
+        np.column_stack([pose, landmark]), [np.linalg.norm(away, axis=1)], depth.variance.reshape(-1, 1, 1)
+    )
+    survey = KINDS["survey"].table([[graph.n_variables]], [above], [_SURVEY_SIGMA**2 * np.eye(3)])
+    names = graph.landmark_name.tolist()
+    name = next(f"L{k}" for k in range(len(names) + 1) if f"L{k}" not in names)
+    whole = replace(graph, landmark_name=np.array([*names, name])).with_factors(
+        depth=depth[:0], range=ranges.joined(more), survey=surveys.joined(survey)
+    )
+    positions = np.concatenate([values.landmark_position.reshape(-1, 3), above])
+    return DepthsAsRanges(whole, replace(values, landmark_position=positions))

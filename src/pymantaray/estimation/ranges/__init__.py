@@ -1,0 +1,1 @@
+"""Models of ranges, and candidates of arrivals."""

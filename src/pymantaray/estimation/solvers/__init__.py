@@ -1,0 +1,1 @@
+"""Batch solvers: problems, normal equations, optimizers, covariances."""

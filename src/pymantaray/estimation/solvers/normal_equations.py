@@ -1,0 +1,324 @@
+"""Normal equations of a graph in blocks of six: elimination order, factorization and inverse."""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array
+
+from pymantaray.arrays import Array, Indices, Mask
+from pymantaray.estimation._kernels import cholesky
+from pymantaray.estimation._kernels.residuals import Matrix
+from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
+
+SIZE = 6
+_NO_VECTOR, _NO_BLOCKS = np.empty((0, SIZE)), np.empty((0, SIZE, SIZE))
+_LARGEST_SPARE = 1 << 26  # bytes
+
+
+class Blocks(NamedTuple):
+    """Indices of the blocks of pairs of variables, and whether the block has the pair in reverse order."""
+
+    block: Indices
+    turned: Mask
+
+
+class Structure:
+    """
+    Elimination order and nonzero blocks, from the pairs (n, 2) of variables that share a factor.
+
+    Variable i has row ``row[i]``, those in ``last`` after all others; ``column`` lists the off-diagonal columns, from ``start`` of each row.
+    ``batch`` has the first row of each batch, of the rows after all batches, and the number of rows. Rows of a batch share blocks only with
+    each other and with the rows after all batches, among which are those of the variables in ``unbatched``; None makes no batches.
+    """
+
+    def __init__(
+        self, size: int, pairs: Indices, last: Indices | None = None, *, unbatched: Indices | None = None
+    ) -> None:
+        late = np.zeros(size, dtype=np.bool_)
+        if last is not None:
+            late[last] = True
+        self.row = _order(size, pairs, late.copy())
+        if last is not None:
+            self.row[np.lexsort((self.row, late))] = np.arange(size)
+        self.batch = np.array([0, size])
+        if unbatched is not None and size > cholesky.BATCH_ROWS:
+            self._make_batches(pairs, unbatched)
+        walk, count = self._tree(pairs)
+        self.start = np.concatenate([[0], np.cumsum(count)])
+        self.column = np.empty(self.start[-1], dtype=np.intp)
+        cholesky.join_rows(*walk, np.empty(size, dtype=np.intp), count, self.start, self.column)
+        self._between: dict[bytes, tuple[Indices, Indices, Blocks]] = {}
+        self._spare: list[tuple[Array, Array]] = []
+
+    def take_blocks(self) -> tuple[Array, Array]:
+        """Blocks on and above the diagonal, with any numbers in them."""
+        if self._spare:
+            return self._spare.pop()
+        return np.empty((self.row.size, SIZE, SIZE)), np.empty((self.column.size, SIZE, SIZE))
+
+    def return_blocks(self, diagonal: Array, above: Array) -> None:
+        """Keep blocks that are not needed any more for the next equations, unless they are large: new memory takes time."""
+        if diagonal.nbytes + above.nbytes <= _LARGEST_SPARE:
+            self._spare.append((diagonal, above))
+
+    def _tree(self, pairs: Indices) -> tuple[tuple[Indices, Indices, Indices], Indices]:
+        """Earlier neighbours of each row (their ends and numbers) and its parent in the elimination tree, and its number of blocks."""
+        size = self.row.size
+        low, high = np.sort(self.row[pairs], axis=1).T
+        before = coo_array((np.ones(low.size), (high, low)), shape=(size, size)).tocsr()
+        parent, count = np.full(size, -1), np.zeros(size, dtype=np.intp)
+        walk = (before.indptr.astype(np.intp), before.indices.astype(np.intp), parent)
+        none = np.empty(0, dtype=np.intp)
+        cholesky.join_rows(*walk, np.empty(size, dtype=np.intp), count, none, none)
+        return walk, count
+
+    def _make_batches(self, pairs: Indices, unbatched: Indices) -> None:
+        """Number the rows by batches; their blocks stay the same."""
+        size = self.row.size
+        fixed = np.zeros(size, dtype=np.bool_)
+        fixed[unbatched] = True
+        scratch, root, place, end = np.empty((4, size), dtype=np.intp)
+        (_, _, parent), _ = self._tree(pairs)
+        batches = cholesky.gather_rows(parent, self.row, fixed, scratch, root, place, end)
+        self.batch = np.concatenate([[0], end[:batches], [size]])
+        self.row = place[self.row]
+
+    @cached_property
+    def _keys(self) -> Indices:
+        rows = np.repeat(np.arange(self.row.size), np.diff(self.start))
+        return rows * self.row.size + self.column
+
+    def blocks(self, pairs: Indices) -> Blocks:
+        """Blocks of connected pairs (n, 2) of variables."""
+        first, second = self.row[pairs.reshape(-1, 2)].T
+        keys = np.minimum(first, second) * self.row.size + np.maximum(first, second)
+        return Blocks(np.searchsorted(self._keys, keys), first > second)
+
+    def between(self, variables: Indices) -> tuple[Indices, Indices, Blocks]:
+        """Pairs of some mutually connected variables, as two arrays of indices, and their blocks; computed once."""
+        key = variables.tobytes()
+        if key not in self._between:
+            a, b = np.triu_indices(len(variables), 1)
+            self._between[key] = a, b, self.blocks(np.stack([variables[a], variables[b]], axis=1))
+        return self._between[key]
+
+
+def _order(size: int, pairs: Indices, fixed: Mask) -> Indices:
+    """Row of each variable by minimum degree; it changes ``fixed``, variables that are not in the first part of the order."""
+    row, joined = np.empty(size, dtype=np.intp), np.empty((size, 2), dtype=np.intp)
+    near, turn, left = np.full((size, 2), -1), np.zeros(size, dtype=np.intp), np.empty(size, dtype=np.intp)
+    count, joins = cholesky.eliminate_chains(pairs, fixed, near, turn, left, row, joined)
+    if count < size:
+        number = np.cumsum(fixed) - 1
+        rest = np.concatenate([pairs[fixed[pairs].all(axis=1)], joined[:joins]])
+        row[fixed] = count + _minimum_degree(size - count, number[rest])
+    return row
+
+
+def _minimum_degree(size: int, pairs: Indices) -> Indices:
+    """Row of each variable by multiple minimum degree; SciPy offers it only within a factorization."""
+    a, b = pairs.T
+    links = coo_array((np.full(a.size, -1.0), (a, b)), shape=(size, size)).tocsc()
+    links = (links + links.T).tocsc()
+    links.data[:] = -1.0
+    links.setdiag(1.0 - links.sum(axis=0))  # weakly dominant, so that rows are not exchanged
+    return np.asarray(symmetric_factor(links.tocsc()).perm_c, dtype=np.intp)
+
+
+class Factor:
+    """Cholesky factor of normal equations."""
+
+    def __init__(self, structure: Structure, diagonal: Array, above: Array) -> None:
+        self._structure, self._diagonal, self._above = structure, diagonal, above
+
+    def solve(self, vector: Array, *, overwrite: bool = False) -> Array:
+        """
+        Solution for a right-hand side, both in the order of rows, (n, 6); it can take the place of the right-hand side.
+
+        Several right-hand sides, (n, 6, count), have the same digits as each alone, and take less time.
+        """
+        x, s = vector if overwrite else vector.copy(), self._structure
+        factor = s.start, s.column, self._diagonal, self._above
+        if x.ndim == 2:
+            cholesky.substitute(*factor, x, True)
+        else:
+            cholesky.substitute_all(*factor, x)
+        return x
+
+    def finish(self, vector: Array) -> Array:
+        """Solution for a right-hand side that has gone down with the factorization, in its place."""
+        s = self._structure
+        cholesky.substitute(s.start, s.column, self._diagonal, self._above, vector, False)
+        return vector
+
+    def release(self) -> None:
+        """Let later equations use the arrays; the factor cannot be used any more."""
+        self._structure.return_blocks(self._diagonal, self._above)
+        self._diagonal = self._above = _NO_BLOCKS
+
+    def inverse(self, groups: list[Indices]) -> list[Array]:
+        """Dense blocks of the inverse, one for each group of mutually connected variables."""
+        s = self._structure
+        rows = np.zeros(s.row.size, dtype=np.bool_)
+        for group in groups:
+            rows[s.row[group]] = True
+        diagonal, above = self._inverse_blocks(rows)
+        return [self._joint(group, diagonal, above) for group in groups]
+
+    def inverse_of_pairs(self, pairs: Indices) -> tuple[Array, Array]:
+        """Blocks of the inverse of all variables, (n_variables, 6, 6), and between connected pairs (n, 2) of them, (n, 6, 6)."""
+        s = self._structure
+        diagonal, above = self._inverse_blocks(np.ones(s.row.size, dtype=np.bool_))
+        block, turned = s.blocks(pairs)
+        between = above[block]
+        between[turned] = np.swapaxes(between[turned], 1, 2)
+        return diagonal[s.row], between
+
+    def _inverse_blocks(self, rows: Mask) -> tuple[Array, Array]:
+        """Blocks of the inverse in some rows, on and above the diagonal."""
+        s = self._structure
+        diagonal, above = np.empty_like(self._diagonal), np.empty_like(self._above)
+        work = np.empty((1, SIZE, SIZE))
+        cholesky.invert(s.start, s.column, self._diagonal, self._above, rows, diagonal, above, work)
+        return diagonal, above
+
+    def _joint(self, group: Indices, diagonal: Array, above: Array) -> Array:
+        s, n = self._structure, len(group)
+        out = np.empty((n, n, SIZE, SIZE))
+        i = np.arange(n)
+        out[i, i] = diagonal[s.row[group]]
+        a, b, (block, turned) = s.between(group)
+        between = above[block]
+        between[turned] = np.swapaxes(between[turned], 1, 2)
+        out[a, b], out[b, a] = between, np.swapaxes(between, 1, 2)
+        return np.moveaxis(out, 2, 1).reshape(n * SIZE, n * SIZE)
+
+
+class NormalEquations:
+    """
+    Matrix, gradient and cost of residuals linearized at one state; ``factorize`` overwrites the matrix, which has to be set first.
+
+    The matrix of order 1 is that of Gauss-Newton. Order 2 adds the largest part of the curvature of odometry, order 3 that of
+    distances, and order 4 all curvature of odometry, for steps along arcs. ``scale`` is the diagonal before order 4 is added.
+    If ``begun``, the batches of the structure are eliminated already, and only `step` can be called.
+    """
+
+    def __init__(self, structure: Structure, order: int = 1) -> None:
+        self.structure, self.order = structure, order
+        n = structure.row.size
+        self.diagonal, self.above = structure.take_blocks()
+        self.gradient, self.cost, self._element = np.empty((n, SIZE)), 0.0, np.empty((n, SIZE))
+        self._right = _NO_VECTOR
+        self.scale: Array | None = None
+        self.begun, self.failed = False, False
+
+    def cleared(self, order: int) -> "NormalEquations":
+        """These equations without a cost and with an order; the matrix has to be set anew, and a factor in its arrays is lost."""
+        self.order, self.cost, self.scale = order, 0.0, None
+        self.begun, self.failed = False, False
+        return self
+
+    @property
+    def matrix(self) -> Matrix:
+        """Arrays that residual kernels add to."""
+        return Matrix(self.structure.row, self.diagonal, self.above, self.gradient)
+
+    def upper(self, right: Array = _NO_VECTOR) -> cholesky.Upper:
+        """Arrays to factorize, with a right-hand side or none."""
+        s = self.structure
+        return cholesky.Upper(s.start, s.column, self.diagonal, self.above, self._element, right)
+
+    def begin(self) -> cholesky.Upper:
+        """Arrays to eliminate batches in, for a step."""
+        self.begun = True
+        if self._right.size == 0:
+            self._right = np.empty_like(self.gradient)
+        return self.upper(self._right)
+
+    def factorize(self) -> Factor | None:
+        """Compute the Cholesky factor in place of the matrix; None if some direction is not determined."""
+        self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
+        return self._eliminated(0, _NO_VECTOR)
+
+    def step(self) -> tuple[Factor, Array] | None:
+        """
+        Factor as in `factorize`, and the step to the minimum of the linearized cost (n, 6), in the order of rows.
+
+        The next step of equations in the same arrays may overwrite it.
+        """
+        if not self.begun:
+            step, first = -self.gradient, 0
+            self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
+        else:
+            step, first = self._right, int(self.structure.batch[-2])
+            step[first:] -= self.gradient[first:]
+            self._element[first:] += np.diagonal(self.diagonal[first:], axis1=1, axis2=2)
+        factor = None if self.failed else self._eliminated(first, step)
+        return None if factor is None else (factor, factor.finish(step))
+
+    def _eliminated(self, first: int, right: Array) -> Factor | None:
+        """Factor after elimination of all rows from the first one."""
+        s = self.structure
+        if cholesky.factorize(self.upper(right), first, s.row.size) >= 0:
+            return None
+        return Factor(s, self.diagonal, self.above)
+
+    def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
+        """
+        Dense matrix and gradient that remain for the last variables of the structure, in the order given; overwrites the matrix.
+
+        None if some direction of the others is not determined.
+        """
+        s, n = self.structure, len(last)
+        first, end = s.row.size - n, s.start[s.row.size - n]
+        self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
+        if cholesky.factorize(self.upper(), 0, first) >= 0:
+            return None
+        left = np.zeros((n, n, SIZE, SIZE))
+        own, row = np.arange(n), np.repeat(np.arange(n), np.diff(s.start[first:]))
+        left[own, own] = self.diagonal[first:]
+        left[row, s.column[end:] - first] = self.above[end:]
+        left[s.column[end:] - first, row] = np.swapaxes(self.above[end:], 1, 2)
+        self.diagonal[first:], self.above[end:] = np.eye(SIZE), 0.0
+        rest = Factor(s, self.diagonal, self.above).solve(self.gradient)[first:]
+        at = s.row[last] - first
+        matrix = np.moveaxis(left[at[:, None], at], 2, 1).reshape(n * SIZE, n * SIZE)
+        return matrix, rest[at].ravel()
+
+    def damped(self, factor: float) -> "NormalEquations":
+        """Copy with a multiple of the diagonal added (of the diagonal without curvature, if stored)."""
+        copy = NormalEquations(self.structure)
+        copy.diagonal[:], copy.above[:] = self.diagonal, self.above
+        copy.gradient, copy.cost = self.gradient, self.cost
+        i = np.arange(SIZE)
+        copy.diagonal[:, i, i] += factor * (self.diagonal[:, i, i] if self.scale is None else self.scale)
+        return copy
+
+    def add(self, variables: Indices, matrix: Array, gradient: Array) -> None:
+        """Add a dense term of mutually connected variables."""
+        s, n = self.structure, len(variables)
+        blocks = np.swapaxes(matrix.reshape(n, SIZE, n, SIZE), 1, 2)
+        rows, i = s.row[variables], np.arange(n)
+        self.gradient[rows] += gradient.reshape(n, SIZE)
+        self.diagonal[rows] += blocks[i, i]
+        a, b, (block, turned) = s.between(variables)
+        between = blocks[a, b]
+        between[turned] = np.swapaxes(between[turned], 1, 2)
+        self.above[block] += between
+
+    def information(self) -> csc_array:
+        """The matrix in the order of the variables."""
+        s, n = self.structure, self.structure.row.size
+        variable = np.argsort(s.row)
+        row = np.repeat(variable, np.diff(s.start))
+        upper = _matrix(row, variable[s.column], self.above, n)
+        return csc_array(upper + upper.T + _matrix(variable, variable, self.diagonal, n))
+
+
+def _matrix(row: Indices, column: Indices, blocks: Array, size: int) -> csc_array:
+    """Sparse matrix of blocks at block rows and columns."""
+    i, j = np.indices((SIZE, SIZE))
+    at = SIZE * row[:, None, None] + i, SIZE * column[:, None, None] + j
+    entries = blocks.ravel(), (at[0].ravel(), at[1].ravel())
+    return csc_array(coo_array(entries, shape=(size * SIZE, size * SIZE)))

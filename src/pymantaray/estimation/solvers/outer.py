@@ -1,0 +1,167 @@
+"""Outer iterations: expand the travel times of a range model about the estimate, solve, and repeat."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pymantaray.arrays import Array, Indices, Mask
+from pymantaray.errors import EstimationError
+from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.ranges.expansion import Expansion, RangeWeights
+from pymantaray.estimation.ranges.range_models import ModelRanges, Prediction, RangeEndpoints
+from pymantaray.estimation.solvers.losses import Loss
+from pymantaray.estimation.solvers.marginals import epoch_groups
+from pymantaray.estimation.solvers.normal_equations import SIZE
+from pymantaray.estimation.solvers.optimize import Optimum
+from pymantaray.estimation.solvers.problems import ExpandedRanges, GraphState, Problem, ProblemCache
+from pymantaray.estimation.solvers.robust import optimize_robust
+from pymantaray.estimation.solvers.solution import SolveOptions, SolveProgress
+
+_SETTLED = 1e-3  # m; a range that a new prediction changes by less has converged
+_FIRST_TOLERANCE = 0.1  # m; the first expansion is inaccurate, so its solve ends early
+_MAX_EXPANSIONS = 25
+_MAX_GATINGS = 2  # a link that was gated this often stays gated
+_EXPANSIONS_BEFORE_GATING = 8  # after these, links whose corrections do not converge are gated
+_GATED_FROM = 0.3  # share of the largest correction; smaller ones follow from it
+_MAX_GATED_SHARE = 0.05  # share of the links that may be gated at a time
+
+
+@dataclass(frozen=True, eq=False)
+class BatchOutcome:
+    """Result of a batch solve."""
+
+    optimum: Optimum
+    problem: Problem  # problem whose optimum it is
+    groups: list[Indices]  # variables of the covariances to compute
+    possible: Mask | None = None  # true for each used range; the others were gated
+    expansions: int = 0
+
+
+class OuterIterations:
+    """
+    Minimize the cost of a graph with the ranges of a model.
+
+    Predict travel times at the estimate, expand them (`Expansion`), solve the graph, and repeat until a new prediction changes
+    no range by more than 1 mm. A link without an arrival is gated until the next estimate, and permanently after two times,
+    so that the set of links converges. After 8 expansions the links with the largest corrections are gated, too: their first
+    arrival alternates between families of rays.
+    """
+
+    def __init__(
+        self,
+        cache: ProblemCache,
+        graph: FactorGraph,
+        model_ranges: ModelRanges,
+        loss: Loss | None,
+        poses: Indices,
+    ) -> None:
+        _check_rows(graph, model_ranges)
+        if loss is not None and model_ranges.correlated:
+            raise EstimationError(
+                "a robust loss applies to single ranges, but these are correlated; remove the loss or the correlation"
+            )
+        self._model_ranges, self._loss = model_ranges, loss
+        r, n = model_ranges.ranges, graph.n_variables
+        self._shared = n + np.arange(-(-model_ranges.n_unknowns // SIZE))
+        self._factors = cache.factors(graph)
+        self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
+        ends = np.stack([r.transmitter, r.receiver], axis=1)
+        epochs = [np.unique(ends[r.epoch == e]) for e in range(int(r.epoch.max(initial=-1)) + 1)]
+        cliques = [*self.groups, *(np.concatenate([e, self._shared]) for e in epochs)]
+        self._structure = cache.structure(
+            self._factors, n + self._shared.size, np.empty((0, 2), dtype=np.intp), cliques
+        )
+        self._weights = RangeWeights(model_ranges, graph["range"].variance)
+        self._rows = np.arange(r.time.size)
+        self._used, self._gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
+        self._expansion: Expansion | None = None
+        self._first: tuple[Prediction, Array] | None = None
+
+    def solve(self, initial: GraphValues, options: SolveOptions) -> BatchOutcome:
+        """Solve from a start; if the expansions do not converge the last step is NaN, which no gate passes."""
+        start, loss = GraphState.of(initial, self._model_ranges.n_unknowns), self._loss
+        end, ranges, problem = Optimum(start, SolveProgress(0, np.nan, np.nan)), None, None
+        iterations, count, settled = 0, 0, False
+        while True:
+            place = self._ends(end.state)
+            if self._expansion is not None and count > 1 and self._expansion.is_good_at(*place):
+                settled = True
+                break
+            if count == _MAX_EXPANSIONS:
+                break
+            expansion = self._ask(place, count)
+            if expansion is None:
+                settled = True
+                break
+            self._expansion = expansion
+            blocks = self._weights.blocks(self._used)
+            ranges = ExpandedRanges(self._model_ranges.ranges, blocks, expansion, self._shared)
+            if loss is not None and count:
+                loss = replace(loss, graduated=False)  # only for the first expansion
+            problem = Problem(self._factors, ranges, self._structure, loss)
+            tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
+            end = optimize_robust(problem, end.state, replace(options, step_tolerance=tolerance))
+            iterations, count = iterations + end.progress.iterations, count + 1
+            if end.progress.singular or not np.isfinite(end.progress.final_cost):
+                break
+        assert problem is not None  # the model was evaluated at least once
+        assert ranges is not None
+        cost = self._initial_cost(start, ranges, place)
+        progress = replace(end.progress, iterations=iterations, initial_cost=cost)
+        if not settled:
+            progress = replace(progress, last_step=np.nan)
+        return BatchOutcome(end._replace(progress=progress), problem, self.groups, self._used, count)
+
+    def _ends(self, state: GraphState) -> tuple[Array, Array, Array]:
+        r = self._model_ranges.ranges
+        return state.position[r.transmitter], state.position[r.receiver], state.shared
+
+    def _ask(self, place: tuple[Array, Array, Array], count: int) -> Expansion | None:
+        """Evaluate the model and gate links; None if nothing has changed."""
+        r = self._model_ranges.ranges
+        a, b, u = place
+        links = r.links(a, b)
+        prediction, by_unknowns = self._predict(links, u)
+        self._gated += self._used & ~prediction.possible
+        before, self._used = self._used, prediction.possible & (self._gated < _MAX_GATINGS)
+        residual = r.sound_speed * (
+            np.where(prediction.possible, prediction.travel_time, 0.0) - r.travel_time
+        )
+        if self._first is None:
+            self._first = prediction, residual
+        if self._expansion is not None:
+            both = self._used & before
+            off = np.where(both, np.abs(residual - self._expansion(a, b, u)[0]), 0.0)
+            largest = float(off.max(initial=0.0))
+            if count > 1 and np.array_equal(self._used, before) and largest <= _SETTLED:
+                return None
+            if count >= _EXPANSIONS_BEFORE_GATING and largest > _SETTLED:
+                unsettled = off >= _GATED_FROM * largest
+                if np.count_nonzero(unsettled) <= _MAX_GATED_SHARE * np.count_nonzero(self._used):
+                    self._gated[unsettled], self._used = _MAX_GATINGS, self._used & ~unsettled
+        self._weights.at(links)
+        return Expansion(prediction, links, r.travel_time, u, by_unknowns)
+
+    def _predict(self, links: RangeEndpoints, unknowns: Array) -> tuple[Prediction, Array]:
+        """Predict the travel times of all ranges and their derivatives by the unknowns."""
+        return self._model_ranges.predict(links, self._rows, unknowns)
+
+    def _initial_cost(
+        self, start: GraphState, ranges: ExpandedRanges, place: tuple[Array, Array, Array]
+    ) -> float:
+        """Initial cost of the links used at the end; links without an arrival at the start have their final residual."""
+        assert self._first is not None  # the model was evaluated at least once
+        assert self._expansion is not None
+        prediction, residual = self._first
+        comparable = np.where(prediction.possible, residual, self._expansion(*place)[0])
+        return self._factors.cost(start) + ranges.cost_of(comparable, self._loss)
+
+
+def _check_rows(graph: FactorGraph, model_ranges: ModelRanges) -> None:
+    ends = np.stack([model_ranges.ranges.transmitter, model_ranges.ranges.receiver], axis=1)
+    rows = graph["range"].variables
+    if not np.array_equal(np.sort(ends, axis=1), np.sort(rows, axis=1)):
+        raise EstimationError(
+            f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)} ranges; take"
+            " both from the same measurements, ranges and links"
+        )
