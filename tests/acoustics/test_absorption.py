@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Absorption
-from pymantaray.acoustics.absorption import (
+from pymantaray.acoustics.levels.absorption import (
     ainslie_mccolm_db_per_km,
     francois_garrison_db_per_km,
     thorp_db_per_km,

@@ -6,7 +6,7 @@ from oracles import image_source
 from refusals import refused
 
 from pymantaray.acoustics import Medium, find_eigenrays, find_tails, received_loss_db, transmission_loss
-from pymantaray.acoustics.caustics import fold_between, fold_pairs, waves_of
+from pymantaray.acoustics.levels.caustics import fold_between, fold_pairs, waves_of
 from pymantaray.errors import AcousticsError
 
 SPEED, HZ = 1480.0, 3000.0

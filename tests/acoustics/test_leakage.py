@@ -8,8 +8,8 @@ from scipy.integrate import quad
 from scipy.special import ai_zeros, airy, fresnel, hankel1e
 
 from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, trace_fan
-from pymantaray.acoustics.creeping import creep_along_surface
-from pymantaray.acoustics.leakage import airy_spreading_db, knife_edge_db
+from pymantaray.acoustics.levels.creeping import creep_along_surface
+from pymantaray.acoustics.levels.leakage import airy_spreading_db, knife_edge_db
 from pymantaray.errors import AcousticsError
 
 HZ = 1000.0

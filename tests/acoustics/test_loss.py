@@ -22,8 +22,8 @@ from pymantaray.acoustics import (
     trace_paths,
     transmission_loss,
 )
-from pymantaray.acoustics.absorption import francois_garrison_db_per_km
-from pymantaray.acoustics.loss import find_bounces
+from pymantaray.acoustics.levels.absorption import francois_garrison_db_per_km
+from pymantaray.acoustics.levels.loss import find_bounces
 from pymantaray.acoustics.reflection import (
     bed_reflection,
     bubble_loss_db,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Medium, find_eigenrays, trace_paths
-from pymantaray.acoustics.loss import geometric_loss_db
+from pymantaray.acoustics.levels.loss import geometric_loss_db
 
 SPEED, BED, DEPTH = 1500.0, 200.0, 10.0
 TINY = (0.0, 5e-324, 1e-320, 1e-200, 1e-160, 1e-150, 1e-30, 1e-9, 9e-7, 1.1e-6, 1e-5)  # m

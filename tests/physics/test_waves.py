@@ -19,7 +19,7 @@ from waves_beside_rays import (
 )
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.acoustics.creeping import creep_along_surface
+from pymantaray.acoustics.levels.creeping import creep_along_surface
 from pymantaray.records import RayStatus
 
 pytestmark = pytest.mark.slow

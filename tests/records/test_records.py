@@ -10,10 +10,10 @@ from factories import make_arrivals
 from oracles import cf_errors
 from refusals import refused
 
-import pymantaray.acoustics.loss
+import pymantaray.acoustics.levels.loss
 import pymantaray.apps.bellhop.output
 import pymantaray.sensing  # noqa: F401  whose records are among the kinds
-from pymantaray.acoustics.caustics import waves_of
+from pymantaray.acoustics.levels.caustics import waves_of
 from pymantaray.errors import AcousticsError, RecordError
 from pymantaray.estimation import FactorGraph
 from pymantaray.geometry import LocalFrame

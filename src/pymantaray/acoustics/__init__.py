@@ -5,18 +5,22 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.acoustics.absorption import Absorption as Absorption
-    from pymantaray.acoustics.caustics import Tails as Tails
-    from pymantaray.acoustics.caustics import find_tails as find_tails
     from pymantaray.acoustics.currents import Currents as Currents
     from pymantaray.acoustics.currents import current_delays as current_delays
     from pymantaray.acoustics.eigenrays import find_eigenrays as find_eigenrays
-    from pymantaray.acoustics.interference import Coherent as Coherent
-    from pymantaray.acoustics.interference import received_loss_db as received_loss_db
-    from pymantaray.acoustics.leakage import Leakage as Leakage
-    from pymantaray.acoustics.leakage import Leaks as Leaks
-    from pymantaray.acoustics.leakage import find_leaks as find_leaks
-    from pymantaray.acoustics.loss import transmission_loss as transmission_loss
+    from pymantaray.acoustics.levels.absorption import Absorption as Absorption
+    from pymantaray.acoustics.levels.caustics import Tails as Tails
+    from pymantaray.acoustics.levels.caustics import find_tails as find_tails
+    from pymantaray.acoustics.levels.interference import Coherent as Coherent
+    from pymantaray.acoustics.levels.interference import received_loss_db as received_loss_db
+    from pymantaray.acoustics.levels.leakage import Leakage as Leakage
+    from pymantaray.acoustics.levels.leakage import Leaks as Leaks
+    from pymantaray.acoustics.levels.leakage import find_leaks as find_leaks
+    from pymantaray.acoustics.levels.loss import transmission_loss as transmission_loss
+    from pymantaray.acoustics.levels.sonar import Sonar as Sonar
+    from pymantaray.acoustics.levels.sonar import WenzNoise as WenzNoise
+    from pymantaray.acoustics.levels.sonar import link_loss_db as link_loss_db
+    from pymantaray.acoustics.levels.sonar import probability_of_excess as probability_of_excess
     from pymantaray.acoustics.medium import Medium as Medium
     from pymantaray.acoustics.paths import path_integrals as path_integrals
     from pymantaray.acoustics.paths import quadrature as quadrature
@@ -37,10 +41,6 @@ if TYPE_CHECKING:
     from pymantaray.acoustics.selection import ArrivalRule as ArrivalRule
     from pymantaray.acoustics.selection import choose_arrivals as choose_arrivals
     from pymantaray.acoustics.selection import select as select
-    from pymantaray.acoustics.sonar import Sonar as Sonar
-    from pymantaray.acoustics.sonar import WenzNoise as WenzNoise
-    from pymantaray.acoustics.sonar import link_loss_db as link_loss_db
-    from pymantaray.acoustics.sonar import probability_of_excess as probability_of_excess
     from pymantaray.geometry.boundary import BoundarySurface as BoundarySurface
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.levels.rough import Ends, realized, with_rough_rays
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.near_ends import of_one_instrument, separated, with_direct_rays, with_echoes
-from pymantaray.acoustics.rough import Ends, realized, with_rough_rays
 from pymantaray.acoustics.solving import as_positions, solve_on_cuda, solve_on_processor
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError

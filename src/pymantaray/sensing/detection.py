@@ -16,7 +16,7 @@ from pymantaray.acoustics import (
     received_loss_db,
     transmission_loss,
 )
-from pymantaray.acoustics.loss import Losses, loss_under_rough_surface
+from pymantaray.acoustics.levels.loss import Losses, loss_under_rough_surface
 from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.geometry.boundary import Reflection

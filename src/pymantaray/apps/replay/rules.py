@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import link_loss_db
+from pymantaray.acoustics.levels.sonar import Sonar
 from pymantaray.acoustics.selection import NEAR_DB, first_rows
-from pymantaray.acoustics.sonar import Sonar
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.sensing import Receptions

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics.creeping import creep_along_surface
 from pymantaray.acoustics.eigenrays import find_eigenrays
+from pymantaray.acoustics.levels.creeping import creep_along_surface
+from pymantaray.acoustics.levels.sonar import link_loss_db
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.selection import choose_arrivals
-from pymantaray.acoustics.sonar import link_loss_db
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
 from pymantaray.quantities.checks import check_fields, check_number

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.acoustics.absorption import Absorption
+from pymantaray.acoustics.levels.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.near_ends import NEAR, nearly_coincident
 from pymantaray.acoustics.paths import quadrature, trace_paths

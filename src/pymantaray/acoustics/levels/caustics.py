@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.acoustics.eigenrays import find_eigenrays
-from pymantaray.acoustics.loss import TransmissionLoss, transmission_loss
+from pymantaray.acoustics.levels.loss import TransmissionLoss, transmission_loss
 from pymantaray.acoustics.medium import Medium
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError

@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from pymantaray.acoustics.caustics import Tails, Waves, fold_between, fold_pairs, waves_of
-from pymantaray.acoustics.loss import TransmissionLoss
+from pymantaray.acoustics.levels.caustics import Tails, Waves, fold_between, fold_pairs, waves_of
+from pymantaray.acoustics.levels.loss import TransmissionLoss
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import AcousticsError
 from pymantaray.quantities.checks import check_number

@@ -1,0 +1,1 @@
+"""Levels: loss, absorption, sonar equation, interference, leakage, caustics, rough boundaries."""
