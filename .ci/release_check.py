@@ -20,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 DIST = ROOT / "dist"
 VERSIONS = {
-    "src/pymantaray/__init__.py": r'^__version__ = "(.+)"$',
+    "src/pymantaray/version.py": r'^__version__ = "(.+)"$',
     "CITATION.cff": r"^version: (.+)$",
     "README.md": r"^  version = \{(.+)\},$",
     "conda/recipe.yaml": r'^  version: "(.+)"$',

@@ -6,7 +6,7 @@ Run with ``python benchmarks/bench_kinematics.py``. The ocean and the fleet are 
 import statistics
 import time
 
-from pymantaray.apps.study import load_study
+from pymantaray.config import load_study
 from pymantaray.fleet import simulate
 from pymantaray.ocean import open_ocean, to_local
 

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import numpy as np
 import two_minima
 
+from pymantaray.apps.graphs import certify, open_graph, solve_graph
 from pymantaray.apps.graphs.external import GraphResult
-from pymantaray.estimation import certify, open_graph, solve_graph
 
 SAME = 1e-4  # relative; smaller differences of the cost are of one minimum
 

@@ -20,11 +20,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import numpy as np
 from factories import TINY
 
-from pymantaray.apps.study import parse_study
 from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import Run, run_in_memory
+from pymantaray.config import parse_study
 from pymantaray.estimation import GraphSolution, solve_conditions
 from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
 

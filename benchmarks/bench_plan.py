@@ -24,9 +24,10 @@ from scipy.stats.qmc import LatinHypercube
 from pymantaray.apps.plan import DeploymentPlan, PlanResults, PlanSection, search_designs
 from pymantaray.apps.plan.ensemble import pareto_front
 from pymantaray.apps.plan.evaluate import DesignEvaluator
-from pymantaray.apps.study import load_study, open_run
+from pymantaray.apps.study import open_run
 from pymantaray.apps.sweep import Sweep, run_sweep
 from pymantaray.apps.sweep.plan import SweepPlan
+from pymantaray.config import load_study
 from pymantaray.records import VehicleStatus
 
 RECEIVERS = [

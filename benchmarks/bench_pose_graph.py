@@ -19,8 +19,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import gtsam
 import numpy as np
 
+from pymantaray.apps.graphs import open_graph, to_gtsam
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
-from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, open_graph, to_gtsam, write_pyfg
+from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, write_pyfg
 from pymantaray.estimation.graph.graph import KINDS
 from pymantaray.estimation.solvers.starts import anchor_loose_parts, chordal, dead_reckon_graph
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp

@@ -30,7 +30,7 @@ from bench_links import GRID, TARGETS
 
 from pymantaray.apps.service import RangingService
 from pymantaray.apps.service.server import MAX_BYTES
-from pymantaray.apps.study import SoundConfig
+from pymantaray.config import SoundConfig
 from pymantaray.config.parse import parse
 
 STILL = {"ocean": {"source": "synthetic:beaufort"}}

@@ -25,8 +25,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import plain_gtsam
 
-from pymantaray.apps.study import load_study, run_study
+from pymantaray.apps.study import run_study
 from pymantaray.apps.study.realization import RealizationSolver
+from pymantaray.config import load_study
 from pymantaray.estimation import GraphSolver, SolveOptions, build_graph, solve_conditions
 from pymantaray.estimation.graph.graph import GraphValues
 from pymantaray.geometry.se3 import quaternion_from_matrix, se3_exp, so3_log

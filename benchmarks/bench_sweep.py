@@ -17,8 +17,8 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
-from pymantaray.apps.study import load_study, parse_study
 from pymantaray.apps.sweep import Sweep, open_sweep, run_sweep, tasks
+from pymantaray.config import load_study, parse_study
 from pymantaray.jobs import dask_pool
 from pymantaray.jobs.pool import TaskFunction
 

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.online import CellStatus, TravelTimeTable, build_table, save_table
+from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, save_table
 from pymantaray.apps.table.cells import HAS_RANGE
 from pymantaray.apps.table.file import c_header
 from pymantaray.apps.table.samples import Radial

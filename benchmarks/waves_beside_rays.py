@@ -18,8 +18,16 @@ import pandas as pd
 from bench_links import arctic, fram
 from scipy.interpolate import CubicHermiteSpline
 
-from pymantaray.acoustics import Leakage, Medium, find_eigenrays, find_leaks, trace_fan, transmission_loss
-from pymantaray.records import Arrivals, RayPaths
+from pymantaray.acoustics import (
+    Leakage,
+    Medium,
+    RayPaths,
+    find_eigenrays,
+    find_leaks,
+    trace_fan,
+    transmission_loss,
+)
+from pymantaray.records import Arrivals
 
 FIGURES = Path(__file__).parent.parent / "docs" / "figures"
 PADE_TERMS = 6

@@ -63,7 +63,8 @@ class Material:
     def __init__(self, folder: Path) -> None:
         from factories import TINY
 
-        from pymantaray.apps.study import parse_study, run_study
+        from pymantaray.apps.study import run_study
+        from pymantaray.config import parse_study
         from pymantaray.ocean import open_ocean
         from pymantaray.records.writing import write_netcdf
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+pytest_plugins = ["command_fixtures"]
+
 # the same examples each time, however slow the machine is and whatever was found before
 settings.register_profile(
     "tests",
@@ -80,6 +82,7 @@ def tiny_run_folder(once) -> Path:
     """Run folder of the study `factories.TINY`, without report; not to be written to."""
     from factories import TINY
 
-    from pymantaray.apps.study import parse_study, run_study
+    from pymantaray.apps.study import run_study
+    from pymantaray.config import parse_study
 
     return once("tiny", lambda folder: run_study(parse_study(TINY, "tiny"), folder, workers=1))

@@ -158,7 +158,8 @@ def _gulf_stream(folder: Path) -> None:
 
 def _run(folder: Path) -> None:
     """The latest run: the preset quick with one realization."""
-    from pymantaray.apps.study import load_study, run_study
+    from pymantaray.apps.study import run_study
+    from pymantaray.config import load_study
 
     run_study(load_study("quick", realizations=1), folder / "runs" / "quick", workers=1)
     (folder / "runs" / "latest").symlink_to("quick")
@@ -185,7 +186,7 @@ def _graph(folder: Path) -> None:
 
 
 def _study(folder: Path) -> None:
-    from pymantaray.apps.study import preset_text
+    from pymantaray.config import preset_text
 
     (folder / "my_study.toml").write_text(preset_text("quick"))
 

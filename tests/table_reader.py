@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pymantaray.apps.online import TableRanges
+from pymantaray.apps.table import TableRanges
 from pymantaray.apps.table.file import c_header
 
 COMPILER = shutil.which("gcc") or shutil.which("cc")

@@ -15,8 +15,8 @@ from pages import DOCS, blocks_of
 from pydantic import BaseModel, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 
 from pymantaray.apps.plan.definition import PlanFile
-from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.sweep.definition import KEYS
+from pymantaray.config import StudyConfig
 from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
 from pymantaray.ocean.fetch.catalogue import Catalogue
@@ -226,7 +226,7 @@ def test_every_key_that_may_have_no_value_takes_the_word_none(model):
 
 
 def test_every_key_that_is_a_duration_takes_text(quick_tree):
-    from pymantaray.apps.study import parse_study
+    from pymantaray.config import parse_study
 
     quick_tree["mission"] |= {"duration_h": "1 d", "sampling_period_s": "200 s"}
     quick_tree["ocean"]["internal_tide"] = {"amplitude": 10.0, "period_h": "745.2 min"}
@@ -238,7 +238,7 @@ def test_every_key_that_is_a_duration_takes_text(quick_tree):
 def quick_tree():
     import tomllib
 
-    from pymantaray.apps.study import preset_text
+    from pymantaray.config import preset_text
 
     return tomllib.loads(preset_text("quick"))
 

@@ -11,9 +11,10 @@ from refusals import refused
 from pymantaray.acoustics import read_profile
 from pymantaray.apps.graphs.external import open_graph
 from pymantaray.apps.locate import read_survey
-from pymantaray.apps.online import OnlineEstimator, open_table
-from pymantaray.apps.study import load_study
+from pymantaray.apps.online import OnlineEstimator
 from pymantaray.apps.sweep import load_sweep
+from pymantaray.apps.table import open_table
+from pymantaray.config import load_study
 from pymantaray.errors import MantaRayError, RecordError
 from pymantaray.exchange import read_trajectories
 from pymantaray.ocean import open_ocean, open_sea_floor

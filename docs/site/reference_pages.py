@@ -48,10 +48,10 @@ def column_unit(name: str, unit: str) -> str:
 
 def configuration() -> dict[str, str]:
     """Page of all keys of all configurations."""
-    from pymantaray.ocean.fetch.catalogue import Catalogue
     from pymantaray.apps.plan.definition import PlanFile
-    from pymantaray.apps.study import StudyConfig
     from pymantaray.apps.sweep.definition import KEYS
+    from pymantaray.config import StudyConfig
+    from pymantaray.ocean.fetch.catalogue import Catalogue
 
     sweep = table(("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()])
     parts = [

@@ -9,7 +9,7 @@ and below, T loses less than half as many ranges as at the surface. Position err
 from matplotlib import pyplot as plt
 
 from pymantaray.apps.plan import DeploymentPlan, PlanSection, search_designs
-from pymantaray.apps.study import load_study
+from pymantaray.config import load_study
 
 receiver = {"name": "T", "north": 0.0, "east": 0.0, "depth": 1.0, "sigma": 2.0}
 water = {"ocean.source": "synthetic:fram", "ocean.centre_lat": 78.0, "ocean.centre_lon": 0.0}

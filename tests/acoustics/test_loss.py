@@ -17,6 +17,7 @@ from pymantaray.acoustics import (
     GrainSizeBottom,
     IceCover,
     Medium,
+    RayPaths,
     SeaSurface,
     find_eigenrays,
     trace_paths,
@@ -31,7 +32,6 @@ from pymantaray.acoustics.reflection import (
     wave_height_rms,
 )
 from pymantaray.errors import AcousticsError
-from pymantaray.records import RayPaths
 
 C, DEPTH, FREQUENCY = 1500.0, 200.0, 12e3
 SOURCE, RECEIVER = np.array([100.0, -50.0, 60.0]), np.array([-500.0, 750.0, 140.0])  # 1000 m apart

@@ -10,9 +10,9 @@ from refusals import refused
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from pymantaray.apps.study import load_study, parse_study
 from pymantaray.cli.main import app as mantaray_app
 from pymantaray.cli.options import OceanCommand, parse_duration, parse_place, quantity
+from pymantaray.config import load_study, parse_study
 from pymantaray.errors import MantaRayError
 
 app = typer.Typer()

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 import typer
+from pymantaray.cli.doctor import EXIT_FAULTS
 
 from pymantaray.apps.ocean.command import EXIT_WRONG
 from pymantaray.apps.sweep.command import EXIT_POINTS_FAILED
-from pymantaray.cli.doctor import EXIT_FAULTS
 from pymantaray.cli.main import app
 from pymantaray.cli.output import EXIT_KNOWN_ERROR
 from pymantaray.cli.printing import LOG, log_to_stderr, printer

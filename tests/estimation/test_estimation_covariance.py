@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from factories import without
 
+from pymantaray.apps.graphs import to_gtsam
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     LOSSES,
@@ -18,7 +19,6 @@ from pymantaray.estimation import (
     effective_degrees_of_freedom,
     fixed_epochs,
     rmse_standard_error,
-    to_gtsam,
 )
 from pymantaray.estimation.solvers.covariance import dead_reckoning_covariances
 from pymantaray.estimation.solvers.starts import dead_reckon

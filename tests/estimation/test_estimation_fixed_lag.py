@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray.apps.graphs import to_gtsam
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import (
-    LOSSES,
-    GraphSolver,
-    IncrementalOptions,
-    Method,
-    SolveOptions,
-    build_graph,
-    to_gtsam,
-)
+from pymantaray.estimation import LOSSES, GraphSolver, IncrementalOptions, Method, SolveOptions, build_graph
 from pymantaray.evaluation.consistency import nees
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus

@@ -7,6 +7,7 @@ import pytest
 from factories import without
 from two_minima import drone
 
+from pymantaray.apps.graphs import open_graph, solve_graph
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     LOSSES,
@@ -16,9 +17,7 @@ from pymantaray.estimation import (
     Method,
     SolveOptions,
     build_graph,
-    open_graph,
     solve_conditions,
-    solve_graph,
 )
 from pymantaray.estimation.filters.incremental import solve_incrementally
 from pymantaray.records import SolveStatus

@@ -7,15 +7,8 @@ import numpy as np
 import pytest
 from factories import make_fleet, values_at
 
-from pymantaray.estimation import (
-    LOSSES,
-    FactorGraph,
-    GraphSolver,
-    GraphValues,
-    SolveOptions,
-    build_graph,
-    to_gtsam,
-)
+from pymantaray.apps.graphs import to_gtsam
+from pymantaray.estimation import LOSSES, FactorGraph, GraphSolver, GraphValues, SolveOptions, build_graph
 from pymantaray.estimation._kernels.cholesky import BATCH_ROWS
 from pymantaray.estimation.graph.graph import KINDS
 from pymantaray.estimation.solvers.normal_equations import SIZE, NormalEquations, Structure

@@ -8,19 +8,10 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray.apps.graphs import open_graph, solve_graph, to_gtsam
 from pymantaray.apps.graphs.g2o import load_g2o, write_g2o
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import (
-    FactorGraph,
-    GraphSolver,
-    GraphValues,
-    SolveOptions,
-    open_graph,
-    read_pyfg,
-    solve_graph,
-    to_gtsam,
-    write_pyfg,
-)
+from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, SolveOptions, read_pyfg, write_pyfg
 from pymantaray.estimation.graph.graph import KINDS, check_graph, check_values
 from pymantaray.estimation.graph.pyfg import GraphFile
 from pymantaray.estimation.solve import METHODS

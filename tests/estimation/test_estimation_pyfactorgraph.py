@@ -8,8 +8,9 @@ import pytest
 from factories import make_fleet
 from refusals import refused
 
+from pymantaray.apps.graphs import open_graph, solve_graph
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import GraphSolver, build_graph, open_graph, read_pyfg, solve_graph, write_pyfg
+from pymantaray.estimation import GraphSolver, build_graph, read_pyfg, write_pyfg
 from pymantaray.estimation.graph.pyfactorgraph import depths_as_ranges
 
 

@@ -6,8 +6,9 @@ import signal
 import numpy as np
 import pytest
 
+from pymantaray.apps.graphs import solve_graph
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import build_graph, read_pyfg, solve_graph, write_pyfg
+from pymantaray.estimation import build_graph, read_pyfg, write_pyfg
 from pymantaray.estimation.graph.pyfg import load_pyfg
 
 LIMIT_S = 20.0  # of the processor for a whole read and solve; a healthy one takes milliseconds

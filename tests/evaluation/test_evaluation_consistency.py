@@ -8,7 +8,8 @@ import pytest
 from refusals import refused
 from scipy import stats
 
-from pymantaray.apps.study import load_study, parse_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import load_study, parse_study
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation import coverage_table
 from pymantaray.evaluation.consistency import (

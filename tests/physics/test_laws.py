@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from oracles import field_of, sheet_under
 from scipy.integrate import RK45
 
-from pymantaray.acoustics import Medium, find_eigenrays, path_integrals, trace_paths
+from pymantaray.acoustics import Medium, RayPaths, find_eigenrays, path_integrals, trace_paths
 from pymantaray.acoustics._kernels import step
-from pymantaray.records import Arrivals, RayPaths
+from pymantaray.records import Arrivals
 
 Array = NDArray[np.float64]
 SURFACE, BED = 1, 2  # boundary flags of a path

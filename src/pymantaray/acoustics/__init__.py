@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pymantaray.acoustics.profiles import read_profiles as read_profiles
     from pymantaray.acoustics.profiles import smooth_profile as smooth_profile
     from pymantaray.acoustics.profiles import thin_profile as thin_profile
+    from pymantaray.acoustics.ray_paths import RayPaths as RayPaths
     from pymantaray.acoustics.reflection import FluidBottom as FluidBottom
     from pymantaray.acoustics.reflection import GrainSizeBottom as GrainSizeBottom
     from pymantaray.acoustics.reflection import IceCover as IceCover

@@ -16,7 +16,6 @@ from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, as_boundary
 from pymantaray.geometry.sphere import Earth, EarthSphere
 from pymantaray.quantities.checks import checked_array
-from pymantaray.records.plotter import plotter
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,7 +84,9 @@ class Medium:
         -------
         matplotlib.axes.Axes
         """
-        return plotter("medium")(self, ax)
+        from pymantaray.acoustics.plots import plot_medium
+
+        return plot_medium(self, ax)
 
     @classmethod
     def from_grid(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics import RayPaths
 from pymantaray.acoustics.eigenrays import find_eigenrays, solved_backwards
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.near_ends import separated
@@ -18,7 +19,7 @@ from pymantaray.acoustics.solving import as_positions, in_blocks
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.quantities.checks import distinct_digits
-from pymantaray.records import Arrivals, RayPaths, RayStatus
+from pymantaray.records import Arrivals, RayStatus
 
 if TYPE_CHECKING:
     import xarray as xr

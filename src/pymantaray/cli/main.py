@@ -2,17 +2,14 @@
 
 import errno
 import os
-import pkgutil
 import re
 import resource
 import sys
-from importlib import import_module
 from typing import Annotated, Any, NoReturn
 
 import typer
 
-import pymantaray
-from pymantaray import cli
+from pymantaray.apps import commands
 from pymantaray.cli.arguments import in_options
 from pymantaray.cli.options import Commands
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
@@ -20,6 +17,7 @@ from pymantaray.cli.stopping import answered_stops
 from pymantaray.errors import MantaRayError
 from pymantaray.messages import printable, without_secrets
 from pymantaray.user_files import shown
+from pymantaray.version import __version__
 
 _UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
 
@@ -34,14 +32,15 @@ app = Commands(
 
 
 def _add_commands() -> None:
-    """Add the commands of this folder: a module has a group of commands, ``app``, or a function of its own name."""
-    names = [module.name for module in pkgutil.iter_modules(cli.__path__)]
-    for name in sorted(name for name in names if name != "main" and "_" not in name):
-        module = import_module(f"{cli.__name__}.{name}")
-        if hasattr(module, "app"):
-            app.add_typer(module.app, name=name)
-        elif hasattr(module, name):
-            app.command(name)(getattr(module, name))
+    """Add the commands of all applications, in the order of their names; a name of two words is that of a group and its command."""
+    groups = {"": app}
+    for name, command in sorted(commands().items()):
+        group, _, own = name.rpartition(" ")
+        if isinstance(command, Commands):
+            groups[group].add_typer(command, name=own)
+            groups[name] = command
+        else:
+            groups[group].command(own)(command)
 
 
 _add_commands()
@@ -49,7 +48,7 @@ _add_commands()
 
 def _print_version(asked: bool) -> None:
     if asked:
-        typer.echo(f"mantaray {pymantaray.__version__}")
+        typer.echo(f"mantaray {__version__}")
         raise typer.Exit
 
 

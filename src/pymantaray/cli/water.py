@@ -73,14 +73,17 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
         raise WaterError(
             f"{OF_THE_SOURCE[fixed[0]]} does not apply to --run; remove it, or use --ocean or --profile"
         )
-    from pymantaray.apps.study import open_run
+    from pymantaray.config import load_study
+    from pymantaray.jobs.run_folder import CONFIG, OCEAN, checked_manifest
+    from pymantaray.records import read_netcdf
     from pymantaray.water.ocean import open_start
     from pymantaray.water.water import open_local
 
-    run = open_run(folder)
-    keys.setdefault("interpolation", default or run.config.acoustics.interpolation)
-    geographic = open_start(run.config.ocean) if keys.get("detection") else None
-    water = open_local(run.ocean, geographic=geographic, **keys)
+    checked_manifest(folder)
+    config = load_study(folder.resolve() / CONFIG)
+    keys.setdefault("interpolation", default or config.acoustics.interpolation)
+    geographic = open_start(config.ocean) if keys.get("detection") else None
+    water = open_local(read_netcdf(folder.resolve() / OCEAN), geographic=geographic, **keys)
     return replace(water, record={"run": str(folder), **water.record})
 
 

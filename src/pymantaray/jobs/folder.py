@@ -7,6 +7,7 @@ stages.
 
 import datetime as dt
 import fcntl
+import json
 import os
 import secrets
 import shutil
@@ -14,8 +15,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from pymantaray.errors import JobError
+from pymantaray.records import whole_file
 
 MANIFEST = "manifest.json"
 RUNS = Path("runs")
@@ -217,3 +220,11 @@ def _point_latest_at(run: Path) -> None:
     with suppress(OSError):  # the disk may not support links
         temporary.symlink_to(run.name)
         temporary.replace(link)
+
+
+def write_json(content: dict[str, Any], path: Path) -> None:
+    """Write a dictionary as indented JSON, with numpy scalars as numbers."""
+    with whole_file(path) as temporary:
+        temporary.write_text(
+            json.dumps(content, indent=2, default=lambda x: x.item()) + "\n", encoding="utf-8"
+        )

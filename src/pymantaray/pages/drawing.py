@@ -1,9 +1,12 @@
-"""Drawn figures."""
+"""Figures of a page, before and after they are drawn."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from pymantaray.apps.study.store import FIGURES
+from matplotlib.figure import Figure
+
+from pymantaray.pages.folder import FIGURES
 
 
 class Picture(NamedTuple):
@@ -17,3 +20,18 @@ class Picture(NamedTuple):
     legend: Sequence[tuple[str, str, str]] = ()
     paper: str = ""
     folder: str = f"{FIGURES}/"
+
+
+@dataclass(frozen=True)
+class FigureSpec:
+    """A figure of a report: file name without suffix, caption, function that draws it, and counterpart in the paper."""
+
+    name: str
+    caption: str
+    draw: Callable[[], Figure]
+    paper: str = ""
+
+
+def with_source(caption: str, *, synthetic: bool) -> str:
+    """Caption with a remark if the ocean is synthetic."""
+    return f"{caption} Synthetic ocean." if synthetic else caption

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 PAGE = "index.html"
-PARTS = ("tables", "figures", PAGE)
+TABLES, FIGURES = "tables", "figures"
+PARTS = (TABLES, FIGURES, PAGE)
 FIGURE_KINDS = ("png", "pdf", "svg")
 FORMATS = (*FIGURE_KINDS, "tex")
 """Formats for a paper, of figures and of tables."""

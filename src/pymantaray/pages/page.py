@@ -13,9 +13,8 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from plotly.offline import get_plotlyjs
 
-from pymantaray.apps.study.store import FIGURES, TABLES
 from pymantaray.pages.drawing import Picture
-from pymantaray.pages.folder import PAGE
+from pymantaray.pages.folder import FIGURES, PAGE, TABLES
 from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
 
@@ -84,7 +83,7 @@ class Page:
 @cache
 def page_template() -> Template:
     """Compiled template of all pages."""
-    loader = PackageLoader("pymantaray.report", "templates")
+    loader = PackageLoader("pymantaray.pages", "templates")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

@@ -70,7 +70,7 @@ _SIGNS = dict(zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶
 _FITS = 28  # characters of a name on a figure
 _FITS_ABOVE = 16  # beside a legend of `HEADER_LINE` entries
 
-with as_file(files("pymantaray.report") / "mantaray.mplstyle") as _file:
+with as_file(files("pymantaray.pages") / "mantaray.mplstyle") as _file:
     _STYLE: Any = ["default", mpl.rc_params_from_file(_file, use_default_template=False)]
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -314,3 +314,10 @@ def write_figures(
         if progress is not None:
             progress("figures", i + 1, len(draw))
     return written
+
+
+def axes_or_new(axes: Axes | None) -> Axes:
+    """Axes to draw on, by default those of a new figure."""
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(layout="constrained")[1] if axes is None else axes

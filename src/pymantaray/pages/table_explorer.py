@@ -1,28 +1,33 @@
 """Interactive plot of any number of a table over any of its fields, on pages of sweeps, comparisons and replays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from pymantaray.apps.study.explore import as_json
-from pymantaray.apps.study.settings import key_heading
 from pymantaray.pages import style
 from pymantaray.pages.page import Explorer
+from pymantaray.pages.script_data import as_json
 from pymantaray.records.result_table import heading
 
 _ROWS = 20_000  # rows in the plot, at equal spacing in the table
 
 
 def table_explorer(
-    table: pd.DataFrame, up: Sequence[str], across: Sequence[str], each: Sequence[str], *, lines: bool = True
+    table: pd.DataFrame,
+    up: Sequence[str],
+    across: Sequence[str],
+    each: Sequence[str],
+    *,
+    labels: Callable[[str], str] = heading,
+    lines: bool = True,
 ) -> Explorer | None:
     """
     Interactive plot of a table; None if the table has no numbers for it.
 
     ``up`` are columns for the vertical axis, ``across`` columns for the horizontal axis, and ``each`` columns that can divide the
-    rows into series; the first of ``each`` is the initial choice.
+    rows into series; the first of ``each`` is the initial choice. ``labels`` gives the heading of a column.
     """
     up = [name for name in up if pd.to_numeric(table[name], errors="coerce").notna().any()]
     if not len(table) or not up or not across:
@@ -33,7 +38,7 @@ def table_explorer(
     content = as_json(
         {
             "columns": {name: _values(table[name], number=name in up) for name in names},
-            "labels": {name: key_heading(name) if "." in name else heading(name) for name in names},
+            "labels": {name: labels(name) for name in names},
             "up": up,
             "across": list(across),
             "each": list(each),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import (
     Currents,
     Medium,
+    RayPaths,
     choose_arrivals,
     current_delays,
     find_eigenrays,
@@ -17,7 +18,7 @@ from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.paths import quadrature
 from pymantaray.arrays import Array
 from pymantaray.estimation import Prediction, RangeEndpoints
-from pymantaray.records import Arrivals, RayPaths
+from pymantaray.records import Arrivals
 
 
 class Pairs(NamedTuple):

@@ -7,7 +7,6 @@ from pymantaray.lazy import lazy_exports
 if TYPE_CHECKING:
     from pymantaray.records.arrivals import Arrivals as Arrivals
     from pymantaray.records.arrivals import FirstArrivals as FirstArrivals
-    from pymantaray.records.arrivals import RayPaths as RayPaths
     from pymantaray.records.base import DatedRecord as DatedRecord
     from pymantaray.records.estimate import Estimates as Estimates
     from pymantaray.records.estimate import PoseCovariances as PoseCovariances

@@ -10,6 +10,7 @@ from pymantaray.acoustics import (
     Absorption,
     Coherent,
     Medium,
+    RayPaths,
     Sonar,
     Tails,
     find_tails,
@@ -20,7 +21,7 @@ from pymantaray.acoustics.levels.loss import Losses, loss_under_rough_surface
 from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.geometry.boundary import Reflection
-from pymantaray.records import Arrivals, Measurements, RayPaths, RayStatus
+from pymantaray.records import Arrivals, Measurements, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing.schedule import chances

@@ -13,7 +13,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.atlas import AtlasLinks
 from pymantaray.apps.atlas.column import SPLINE, column_errors, medium_at
 from pymantaray.apps.atlas.links import CONVENTIONS
-from pymantaray.apps.study import parse_study
+from pymantaray.config import parse_study
 from pymantaray.errors import AtlasError
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean import open_ocean

@@ -6,9 +6,9 @@ import xarray as xr
 from matplotlib.collections import QuadMesh
 from refusals import refused
 
+from pymantaray.apps.atlas import write_atlas_plots
 from pymantaray.apps.atlas.figures import error_maps, error_series, safety_maps, share_maps, worst_error
 from pymantaray.errors import ReportError
-from pymantaray.report import write_atlas_plots
 
 CONVENTIONS = ["transmitter", "receiver", "mean", "chord", "nominal"]
 

@@ -13,9 +13,9 @@ from scipy.interpolate import RegularGridInterpolator
 from trilinear_fan import first_direct_time
 
 from pymantaray import load_study, run_study
+from pymantaray.apps.export import export_authors
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.authors import export_authors
 from pymantaray.config.load import import_study
 from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
 from pymantaray.ocean.environment import read_arrays

@@ -7,9 +7,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from two_minima import FILES, drone, ring
 
+from pymantaray.apps.graphs import certify, open_graph, solve_graph
 from pymantaray.apps.graphs.chordal_problem import ChordalProblem
 from pymantaray.apps.graphs.staircase import descend, least_eigenpair, relax, rounded
-from pymantaray.estimation import build_graph, certify, open_graph, solve_graph
+from pymantaray.estimation import build_graph
 
 
 def planar_ranges(seed=1, *, loops=True):

@@ -8,19 +8,11 @@ import pytest
 from factories import values_at, without
 from refusals import refused
 
+from pymantaray.apps.graphs import open_graph, solve_graph
 from pymantaray.apps.graphs.diagnose import diagnose
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import (
-    FactorGraph,
-    GraphSolver,
-    GraphValues,
-    SolveOptions,
-    build_graph,
-    open_graph,
-    solve_graph,
-    write_pyfg,
-)
+from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, SolveOptions, build_graph, write_pyfg
 from pymantaray.estimation.graph.graph import KINDS
 from pymantaray.estimation.graph.pyfg import GraphFile
 from pymantaray.evaluation import graph_errors

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray.apps.graphs import open_graph, solve_graph
 from pymantaray.apps.graphs.g2o import LEFT_OUT, load_g2o, write_g2o
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import build_graph, open_graph, solve_graph
+from pymantaray.estimation import build_graph
 from pymantaray.geometry.se3 import matrix_from_quaternion
 
 HAND = """\

@@ -9,10 +9,11 @@ from refusals import refused
 from scipy.optimize import least_squares
 from two_minima import FILES, drone, ring
 
+from pymantaray.apps.graphs import open_graph, solve_graph, to_gtsam
 from pymantaray.apps.graphs.external import anchor_graph
 from pymantaray.apps.graphs.minima import random_start
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import FactorGraph, GraphValues, open_graph, solve_graph, to_gtsam
+from pymantaray.estimation import FactorGraph, GraphValues
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.solvers.solution import SolveOptions
 from pymantaray.estimation.solvers.trilateration import trilaterate

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.apps.study import load_study, preset_text
 from pymantaray.apps.study.assemble import fleet_plan
+from pymantaray.config import load_study, preset_text
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
     cast_ocean,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.apps.online import TravelTimeTable, build_table
+from pymantaray.apps.table import TravelTimeTable, build_table
 from pymantaray.water import Water, open_water
 
 SOURCE, RECEIVER, RANGE = (5.0, 105.0, 5.0), (0.0, 400.0, 20.0), (50.0, 4050.0, 100.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import find_eigenrays
-from pymantaray.apps.online import build_table, save_table
+from pymantaray.apps.table import build_table, save_table
 from pymantaray.apps.table.file import c_header
 from pymantaray.records import RayStatus
 from pymantaray.water import open_water

@@ -9,7 +9,8 @@ from pymantaray.apps.plan import DeploymentPlan, search_designs
 from pymantaray.apps.plan.definition import PlanSection
 from pymantaray.apps.plan.ensemble import mean_score, pareto_front, worst_score
 from pymantaray.apps.plan.evaluate import DesignEvaluator, Scores, error_quantile
-from pymantaray.apps.study import load_study, parse_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import load_study, parse_study
 from pymantaray.records import RayStatus, VehicleStatus
 
 MARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}

@@ -10,7 +10,7 @@ from pymantaray.apps.plan import DeploymentPlan
 from pymantaray.apps.plan.definition import PlanSection
 from pymantaray.apps.plan.evaluate import DesignEvaluator
 from pymantaray.apps.plan.waters import Missions
-from pymantaray.apps.study import parse_study
+from pymantaray.config import parse_study
 
 MARKS = [
     {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0},

@@ -12,8 +12,8 @@ from refusals import refused
 from pymantaray.apps.plan import load_plan, search_designs
 from pymantaray.apps.plan.evaluate import Scores
 from pymantaray.apps.plan.results import PlanResults, difference
-from pymantaray.apps.study import load_study
 from pymantaray.cli.main import main
+from pymantaray.config import load_study
 from pymantaray.errors import PlanError, StudyError, WriteError
 
 LANDMARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
@@ -175,7 +175,7 @@ def test_a_command_with_a_bad_output_computes_nothing(tmp_path, capsys):
 
 
 def test_the_page_has_the_front_the_map_and_the_sentences(tmp_path):
-    from pymantaray.report import write_plan_page
+    from pymantaray.apps.plan import write_plan_page
 
     free = {"landmarks.T.depth": [5.0, 300.0]}
     results = search_designs(load_plan(write(tmp_path, free=free, lost_of="T")), workers=1)

@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.acoustics import Medium, find_eigenrays, thin_profile, trace_paths
+from pymantaray.acoustics import Medium, RayPaths, find_eigenrays, thin_profile, trace_paths
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed
-from pymantaray.records import Arrivals, FirstArrivals, RayPaths, RayStatus
+from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
 CASTS = Path(__file__).parents[3] / "shared" / "data" / "casts"
 LINKS = """# positions of 12 May

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.replay import Events, correct_events, replay_events, smooth_positions
+from pymantaray.apps.replay import Events, correct_events, replay_events, smooth_positions, write_replay
 from pymantaray.apps.replay.baselines import BY_DEPTHS, CONSTANT, baseline_table
 from pymantaray.apps.replay.clocks import (
     clock_errors,
@@ -21,7 +21,6 @@ from pymantaray.apps.replay.clocks import (
 from pymantaray.apps.replay.consistency import node_table
 from pymantaray.apps.replay.positions import _smooth
 from pymantaray.errors import ReplayError
-from pymantaray.report import write_replay
 from pymantaray.water import Water
 
 PLACES = {

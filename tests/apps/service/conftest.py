@@ -8,8 +8,8 @@ from factories import TINY
 
 from pymantaray.acoustics import Medium, Sonar
 from pymantaray.apps.service import RangingService, make_server
-from pymantaray.apps.study import parse_study
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
+from pymantaray.config import parse_study
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
 from pymantaray.water.ocean import build_medium
 from pymantaray.water.water import mission_ocean

@@ -13,7 +13,7 @@ from pymantaray.acoustics import Currents, Medium, Sonar, find_eigenrays
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics._kernels.paths import trace_arrivals
 from pymantaray.apps.service import RangingService
-from pymantaray.apps.study import load_sound
+from pymantaray.config import load_sound
 from pymantaray.errors import AcousticsError, MantaRayError, ServiceError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local

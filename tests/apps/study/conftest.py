@@ -5,10 +5,11 @@ import copy
 import pytest
 from factories import TINY
 
-from pymantaray.apps.study import open_run, parse_study, run_study
+from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import run_in_memory
+from pymantaray.config import parse_study
 
 
 def changed(tree, sections):

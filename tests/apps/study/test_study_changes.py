@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from refusals import refused
 
-from pymantaray.apps.study import load_sound, load_study, parse_study, preset_text
-from pymantaray.config import load
+from pymantaray.config import load, load_sound, load_study, parse_study, preset_text
 from pymantaray.config.keys import merged, parse_changes, with_key
 from pymantaray.errors import StudyError
 

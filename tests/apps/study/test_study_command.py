@@ -10,11 +10,11 @@ from factories import names_in
 
 import pymantaray
 from pymantaray.apps.study import command as study_commands
-from pymantaray.apps.study import load_study, open_run, preset_text, run_study
+from pymantaray.apps.study import open_run, run_study
 from pymantaray.cli.main import main
 from pymantaray.cli.output import Watch
 from pymantaray.cli.printing import Printer
-from pymantaray.config import load
+from pymantaray.config import load, load_study, preset_text
 from pymantaray.config.common import Section
 from pymantaray.errors import StudyError
 from pymantaray.evaluation import ALL_LINKS, error_table

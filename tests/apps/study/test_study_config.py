@@ -11,7 +11,8 @@ import tomli_w
 from factories import TINY
 from refusals import refused
 
-from pymantaray.apps.study import (
+from pymantaray.config import (
+    checks,
     list_presets,
     load_sound,
     load_study,
@@ -19,7 +20,6 @@ from pymantaray.apps.study import (
     preset_text,
     study_toml,
 )
-from pymantaray.config import checks
 from pymantaray.config.fleet import FloatSection, FloatVehicle, StationVehicle
 from pymantaray.config.mission import MissionSection, keys_of_schedule
 from pymantaray.config.sections import StudyConfig

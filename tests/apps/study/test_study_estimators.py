@@ -10,11 +10,12 @@ import xarray as xr
 from oracles import nonlinear_vector_factors
 from refusals import refused
 
-from pymantaray.apps.study import parse_study, preset_text, run_study, study_toml
+from pymantaray.apps.study import run_study
 from pymantaray.apps.study.beliefs import Beliefs
 from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.realization import RealizationSolver
 from pymantaray.apps.study.store import Run
+from pymantaray.config import parse_study, preset_text, study_toml
 from pymantaray.config.estimators import (
     CastBelief,
     ConditionSection,

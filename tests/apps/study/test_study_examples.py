@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pymantaray.apps.study import load_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import load_study
 from pymantaray.records import RayStatus, SolveStatus
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -7,7 +7,7 @@ from factories import TINY
 from refusals import refused
 
 from pymantaray import LocalFrame
-from pymantaray.apps.study import parse_study, study_toml
+from pymantaray.config import parse_study, study_toml
 from pymantaray.errors import StudyError
 
 FRAME = LocalFrame(74.5, -140.0)

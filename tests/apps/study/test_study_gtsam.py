@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 
-from pymantaray.apps.study import load_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import load_study
 
 
 def test_a_study_by_gtsam_has_the_same_tables(tmp_path):

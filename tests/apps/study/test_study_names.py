@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from pymantaray.apps.study import write_report
 from pymantaray.cli.main import main
 from pymantaray.estimation import read_pyfg
-from pymantaray.report import write_report
 
 NAMES = [f"glider-of_the-northern_fleet-{i:02d}" for i in range(30)]
 

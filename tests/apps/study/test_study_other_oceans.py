@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from pymantaray.apps.study import load_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import load_study
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import cast_ocean, crop_around, open_ocean, read_cast, sound_speed_profile_spread
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf

@@ -8,8 +8,8 @@ import pytest
 import xarray as xr
 
 from pymantaray import citation, load_study, run_study
-from pymantaray.apps.study import list_presets
 from pymantaray.apps.study.references import Citations
+from pymantaray.config import list_presets
 from pymantaray.errors import OceanError
 
 CAST = "depth,sound_speed\n0,1440\n500,1450\n1000,1460\n"

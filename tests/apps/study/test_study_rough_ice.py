@@ -6,8 +6,8 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import BoundarySurface, Medium, find_eigenrays
+from pymantaray.apps.ranges import measure
 from pymantaray.apps.service import RangingService
-from pymantaray.apps.study import measure
 from pymantaray.errors import StudyError
 from pymantaray.geometry.roughness import Roughness
 

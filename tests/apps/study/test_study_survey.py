@@ -5,8 +5,9 @@ import tomllib
 import numpy as np
 import pytest
 
-from pymantaray.apps.study import load_study, parse_study, preset_text, run_study
+from pymantaray.apps.study import run_study
 from pymantaray.apps.study.mission import simulate_fleet
+from pymantaray.config import load_study, parse_study, preset_text
 from pymantaray.estimation import CONDITIONS
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus

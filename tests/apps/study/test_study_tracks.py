@@ -22,8 +22,8 @@ from pymantaray import (
     run_study,
 )
 from pymantaray.apps.export.run_files import export_run
-from pymantaray.apps.study import parse_study
 from pymantaray.apps.study.tracks import with_tracks
+from pymantaray.config import parse_study
 from pymantaray.errors import ExchangeError, MantaRayError, StudyError
 from pymantaray.exchange.centre import centre_beside
 from pymantaray.ocean import open_ocean

@@ -10,8 +10,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.apps.service.messages import PingRequest
-from pymantaray.apps.study import load_study
-from pymantaray.config import checks
+from pymantaray.config import checks, load_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.quantities.units import quantity_of

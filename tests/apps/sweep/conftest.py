@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 from factories import TINY, pool_here
 
-from pymantaray.apps.study import parse_study
 from pymantaray.apps.sweep import Sweep, stages
+from pymantaray.config import parse_study
 from pymantaray.water.water import mission_ocean
 
 

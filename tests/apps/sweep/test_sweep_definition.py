@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from pymantaray.apps.study import load_study, parse_study, study_toml
 from pymantaray.apps.sweep import Sweep, load_sweep
 from pymantaray.apps.sweep.definition import parse_sweep
 from pymantaray.apps.sweep.keys import task_keys
 from pymantaray.apps.sweep.plan import SweepPlan
+from pymantaray.config import load_study, parse_study, study_toml
 from pymantaray.config.keys import with_key
 from pymantaray.errors import SweepError
 

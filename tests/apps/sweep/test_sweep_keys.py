@@ -15,7 +15,6 @@ import xarray as xr
 from factories import TINY
 
 import pymantaray
-from pymantaray.apps.study import parse_study
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import (
     FLEET,
@@ -28,6 +27,7 @@ from pymantaray.apps.sweep.keys import (
     task_keys,
 )
 from pymantaray.apps.sweep.stages import _PACK, _RECORDS, _UNPACK
+from pymantaray.config import parse_study
 from pymantaray.installation import code_version
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.water.ocean import build_medium

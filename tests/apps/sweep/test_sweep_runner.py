@@ -9,12 +9,13 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.apps.study import open_run, parse_study, run_study
+from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.sweep import Sweep, run_sweep, stages, tasks
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue
 from pymantaray.apps.sweep.points import stage_name
 from pymantaray.apps.sweep.tasks import SweepTask, run_task
+from pymantaray.config import parse_study
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
 from pymantaray.jobs.pool import Pool

@@ -8,7 +8,7 @@ import pytest
 from pages import DOCS, blocks_of
 from table_reader import COMPILER, STRICT, bits_of, compiled, read
 
-from pymantaray.apps.online import CellStatus, TravelTimeTable, save_table
+from pymantaray.apps.table import CellStatus, TravelTimeTable, save_table
 from pymantaray.apps.table.file import c_header
 
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")

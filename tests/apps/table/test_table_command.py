@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pymantaray.apps.online import open_table
+from pymantaray.apps.table import open_table
 from pymantaray.cli.main import main
 
 PROFILE = "depth_m,sound_speed\n0,1480\n50,1478\n100,1475\n300,1472\n"

@@ -5,7 +5,7 @@ import pytest
 from table_reader import COMPILER, bits_of, compiled, read
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.apps.online import CellStatus, TravelTimeTable, build_table, save_table
+from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, save_table
 from pymantaray.errors import OnlineError
 from pymantaray.water import Water
 

@@ -8,7 +8,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.acoustics import choose_arrivals, find_eigenrays
-from pymantaray.apps.online import CellStatus, TravelTimeTable, build_table, open_table, save_table
+from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, open_table, save_table
 from pymantaray.apps.table.build import Box, build_tree
 from pymantaray.apps.table.samples import NO_ARRIVAL, Samples
 from pymantaray.errors import OnlineError

@@ -12,6 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics import RayPaths
 from pymantaray.acoustics.levels.absorption import Absorption
 from pymantaray.acoustics.medium import Medium
 from pymantaray.acoustics.near_ends import NEAR, nearly_coincident
@@ -20,7 +21,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface, Reflection
 from pymantaray.quantities.checks import check_number
-from pymantaray.records import Arrivals, RayPaths
+from pymantaray.records import Arrivals
 from pymantaray.records.base import Column, Record, column
 
 _SURFACE, _BOTTOM = 1, 2  # codes of RayPaths.boundary

@@ -215,9 +215,8 @@ def plot(
     quiet: Quiet = False,
 ) -> None:
     """Draw maps of safe distances, errors and lost paths, time series of the error, and an interactive page."""
-    from pymantaray.apps.atlas import open_atlas
+    from pymantaray.apps.atlas import open_atlas, write_atlas_page, write_atlas_plots
     from pymantaray.cli.output import progress_bars
-    from pymantaray.report import write_atlas_page, write_atlas_plots
 
     with open_atlas(file) as dataset, progress_bars(quiet=quiet) as progress:
         paths = write_atlas_plots(
@@ -239,3 +238,6 @@ def _safety(table: "pd.DataFrame") -> "ResultTable":
 
     caption = "Maximum error of a location, and percentage of locations below each threshold"
     return ResultTable("safety", table, caption)
+
+
+COMMANDS = {"atlas": app}

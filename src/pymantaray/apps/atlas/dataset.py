@@ -9,7 +9,6 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-import pymantaray
 from pymantaray.apps.atlas.column import EDGE, LAND, WATER
 from pymantaray.apps.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.apps.atlas.plan import Atlas
@@ -17,6 +16,7 @@ from pymantaray.errors import AtlasError
 from pymantaray.records import NETCDF_LOCK, RayStatus, whole_file
 from pymantaray.records.writing import check_room
 from pymantaray.user_files import check_regular
+from pymantaray.version import __version__
 
 FORMAT = "pymantaray atlas 1"
 LocatedBlock = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
@@ -150,7 +150,7 @@ def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
         "atlas_key": atlas.key,
         "title": f"Bias of straight-line ranging: {title}",
         "ocean": title,
-        "source": f"pymantaray {pymantaray.__version__}: eigenrays",
+        "source": f"pymantaray {__version__}: eigenrays",
         "ocean_files": ", ".join(Path(name).name for name in atlas.checksums),
         "synthetic": int(synthetic),
         "nominal_sound_speed": links.nominal_sound_speed,

@@ -8,9 +8,9 @@ import xarray as xr
 from matplotlib.image import imread
 
 from pymantaray.apps.atlas.figures import CONVENTION_COLOURS, CONVENTION_WORDS
-from pymantaray.apps.study.explore import as_json
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Explorer, Page
+from pymantaray.pages.script_data import as_json
 from pymantaray.records.digits import counted
 
 _MAX_NUMBERS = 500_000  # numbers on the page

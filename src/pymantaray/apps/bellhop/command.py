@@ -177,3 +177,6 @@ def _summarize(out: Printer, table: "pd.DataFrame") -> None:
     out.line(
         "CPU per link [ms]: {cpu_ms:.3f} MantaRay, {bellhop_cpu_ms:.0f} Bellhop (median)".format(**cpu), **cpu
     )
+
+
+COMMANDS = {"rays compare-bellhop": compare_bellhop, "rays write-bellhop": write_bellhop}

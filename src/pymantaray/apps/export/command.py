@@ -35,7 +35,7 @@ def export(
     if str(run) == AUTHORS and words:
         if len(words) != 2 or to is not None or out is not None:
             raise _UsageError("Usage: mantaray export authors STUDY FOLDER", context)
-        from pymantaray.authors import export_authors
+        from pymantaray.apps.export import export_authors
 
         typer.echo(str(export_authors(words[0], words[1])))
         return
@@ -43,6 +43,9 @@ def export(
         raise _UsageError(f"Got unexpected extra argument ({words[0]})", context)
     if to is None or out is None:
         raise _UsageError(f"Missing option '--{'to' if to is None else 'out'}'.", context)
-    from pymantaray.apps.study import export_run
+    from pymantaray.apps.export import export_run
 
     typer.echo(str(export_run(run, to, out, realization=realization)))
+
+
+COMMANDS = {"export": export}

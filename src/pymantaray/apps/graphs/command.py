@@ -14,7 +14,7 @@ from pymantaray.cli.output import EXIT_UNUSABLE
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
-    from pymantaray.estimation import GraphResult
+    from pymantaray.apps.graphs import GraphResult
     from pymantaray.estimation.graph.pyfg import GraphFile
 
 app = Commands(help="Show, solve and convert factor graphs from files.")
@@ -69,7 +69,7 @@ class GraphReadOptions:
 
     def open(self, file: Path) -> "GraphFile":
         """Open a graph's file."""
-        from pymantaray.estimation import open_graph
+        from pymantaray.apps.graphs import open_graph
 
         return open_graph(file, **asdict(self) | {"leave_out": self.leave_out or []})
 
@@ -124,8 +124,8 @@ class GraphSolveOptions:
         self, file: Path, content: "GraphFile", report: Callable[[int, float], None] | None
     ) -> "GraphResult":
         """Solve the graph of a file."""
+        from pymantaray.apps.graphs import solve_graph
         from pymantaray.apps.graphs.external import is_pose_graph, with_certificate
-        from pymantaray.estimation import solve_graph
 
         options = asdict(self) | {"truth": not is_pose_graph(file) if self.truth is None else self.truth}
         certificate = options.pop("certificate")
@@ -422,3 +422,6 @@ def _print_result(
     brief = [name for name in brief if name in table]  # a robust loss has no standard errors
     caption = "Position error by vehicle, no alignment"
     out.table(ResultTable("trajectory_error", table, caption, brief=brief, words={"n": "poses"}))
+
+
+COMMANDS = {"graph": app}

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from pymantaray.apps.locate.options import LocateOptions as LocateOptions
     from pymantaray.apps.locate.options import PlanOptions as PlanOptions
     from pymantaray.apps.locate.options import SpeedPrior as SpeedPrior
+    from pymantaray.apps.locate.page import write_location_page as write_location_page
+    from pymantaray.apps.locate.page import write_plan_figure as write_plan_figure
     from pymantaray.apps.locate.plan import Pattern as Pattern
     from pymantaray.apps.locate.plan import SurveyPlan as SurveyPlan
     from pymantaray.apps.locate.plan import plan_survey as plan_survey

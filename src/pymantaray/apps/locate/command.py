@@ -142,10 +142,10 @@ def survey(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
 ) -> None:
     """Estimate node positions and their uncertainty from measured travel times."""
-    import pymantaray
     from pymantaray.apps.locate import locate, read_survey
     from pymantaray.apps.locate.write import check_names_to_write
     from pymantaray.cli.output import progress_bars
+    from pymantaray.version import __version__
 
     measured = read_survey(file, values.read_options())
     if folder.out is not None:
@@ -163,9 +163,9 @@ def survey(
     notes += located.notes
     page = None
     if folder.out is not None:
-        from pymantaray.report import write_location_page
+        from pymantaray.apps.locate import write_location_page
 
-        made_by = {"mantaray": pymantaray.__version__, "survey": str(file), "water": record}
+        made_by = {"mantaray": __version__, "survey": str(file), "water": record}
         page = write_location_page(
             located, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
         )
@@ -262,7 +262,7 @@ def plan(
     shapes: Any = tuple(planned.pattern) if planned.pattern else SHAPES
     result = plan_survey(water, survey, radii, shapes=shapes, pings=planned.pings)
     if out is not None:
-        from pymantaray.report import write_plan_figure
+        from pymantaray.apps.locate import write_plan_figure
 
         write_plan_figure(result, out)
     with printing.printer() as printed:
@@ -391,3 +391,6 @@ def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
         verdict = "passed" if test.passed else "FAILED"
         out.line(f"{test.name}: chi-square {test.chi_square:.1f} of {test.degrees:.0f}, {verdict}")
     out.add(**values)
+
+
+COMMANDS = {"locate": app}

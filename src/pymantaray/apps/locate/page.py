@@ -10,12 +10,11 @@ from matplotlib.figure import Figure
 
 from pymantaray.apps.locate import Location, SurveyPlan
 from pymantaray.apps.locate.write import write_location
-from pymantaray.apps.study.figures.register import FigureSpec
-from pymantaray.apps.study.report import write_page
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
-from pymantaray.pages.drawing import Picture
+from pymantaray.pages.drawing import FigureSpec, Picture
 from pymantaray.pages.page import Card, Page, origin_table
+from pymantaray.pages.writing import write_page
 from pymantaray.records import whole_file
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pymantaray.apps.ocean import fetch_command as ocean_fetch
+from pymantaray.apps.ocean import fetch_command
 from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import quantities, quantity, with_options
 from pymantaray.cli.options import (
@@ -51,7 +51,6 @@ _MAKING = (
 )  # first words of lines in a history
 
 app = Commands(help="Fetch, make, check, show and plot oceans.")
-app.add_typer(ocean_fetch.app, name="fetch")
 
 Files = Annotated[
     list[str],
@@ -130,9 +129,9 @@ def check(
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
-        from pymantaray.apps.study import load_study
         from pymantaray.apps.study.assemble import fleet_findings, fleet_plan
         from pymantaray.apps.study.tracks import with_tracks
+        from pymantaray.config import load_study
         from pymantaray.config.options import dotted_keys
 
         # these files replace the study's ocean, as in `study run --ocean`
@@ -337,7 +336,7 @@ def plot(
     quiet: Quiet = False,
 ) -> None:
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
-    from pymantaray.report import write_ocean_plots
+    from pymantaray.apps.ocean import write_ocean_plots
 
     section = _configured(files, water).ocean
     ocean, floor = _domain(section)
@@ -624,3 +623,6 @@ def _write(ocean: "xr.Dataset", out: Path) -> None:
     typer.echo(
         f"{out}: {size} levels, latitudes, longitudes to {ocean['depth'].values[wet][-1]:g} m; {making[-1]}"
     )
+
+
+COMMANDS = {"ocean": app, "ocean fetch": fetch_command.app}

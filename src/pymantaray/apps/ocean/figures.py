@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from pymantaray.apps.study.figures.ocean import UPPER_DEPTH, sound_speed_profiles
 from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
 from pymantaray.geometry.longitude import whole_turns, wrapped
@@ -22,6 +21,7 @@ from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 from pymantaray.pages import style
+from pymantaray.pages.water import UPPER_DEPTH, sound_speed_profiles
 
 _LEVEL = 100.0  # m; of the map unless another is asked for
 LAND = "#d9d2c7"

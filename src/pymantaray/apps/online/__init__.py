@@ -1,4 +1,4 @@
-"""Use on board: travel-time tables, and an estimator that is fed as measurements arrive."""
+"""Estimator for use on board, which is fed as measurements arrive."""
 
 from typing import TYPE_CHECKING
 
@@ -10,11 +10,5 @@ if TYPE_CHECKING:
     from pymantaray.apps.online.vehicle import OnlineEstimator as OnlineEstimator
     from pymantaray.apps.online.vehicle import PoseEstimate as PoseEstimate
     from pymantaray.apps.online.vehicle import StartPose as StartPose
-    from pymantaray.apps.table.cells import CellStatus as CellStatus
-    from pymantaray.apps.table.file import open_table as open_table
-    from pymantaray.apps.table.file import save_table as save_table
-    from pymantaray.apps.table.make import build_table as build_table
-    from pymantaray.apps.table.table import TableRanges as TableRanges
-    from pymantaray.apps.table.table import TravelTimeTable as TravelTimeTable
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

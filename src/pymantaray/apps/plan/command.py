@@ -53,7 +53,7 @@ class PlanFiles:
                 temporary.write_text(results.table.to_csv(), encoding="utf-8")
             written["csv"] = self.table
         if self.page is not None:
-            from pymantaray.report import write_plan_page
+            from pymantaray.apps.plan import write_plan_page
 
             written["page"] = write_plan_page(results, self.page)
         return written
@@ -83,3 +83,6 @@ def plan(
             printed.line(sentence)
         printed.add(best=dict(results.designs[results.best]), sentences=results.sentences)
         printed.paths(**written)
+
+
+COMMANDS = {"plan": plan}

@@ -11,8 +11,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveInt
 
-from pymantaray.apps.study import StudyConfig, load_study
 from pymantaray.apps.sweep import Sweep
+from pymantaray.config import StudyConfig, load_study
 from pymantaray.config.common import Hours, Section
 from pymantaray.config.estimators import PerturbedBelief
 from pymantaray.config.load import PLAN, plan_tree

@@ -11,14 +11,14 @@ import pandas as pd
 from pymantaray.apps.plan import PlanResults, figures
 from pymantaray.apps.plan.detail import DesignDetail, detail_of
 from pymantaray.apps.plan.ensemble import mean_score
-from pymantaray.apps.study.figures.register import FigureSpec, with_source
 from pymantaray.apps.study.page import SYNTHETIC_NOTE
-from pymantaray.apps.study.report import write_page
+from pymantaray.config.headings import key_heading
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
-from pymantaray.pages.drawing import Picture
+from pymantaray.pages.drawing import FigureSpec, Picture, with_source
 from pymantaray.pages.page import Card, Page, origin_table
 from pymantaray.pages.table_explorer import table_explorer
+from pymantaray.pages.writing import write_page
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 
@@ -165,7 +165,12 @@ def _explorer(results: PlanResults) -> Any:
         ["front", *few] if len(results.plan.keys) == 1 else [*few[1:], *few[:1], "front"]
     )  # not the key across
     return table_explorer(
-        frame, numbers, across, each, lines=len(results.plan.keys) == 1 and not results.plan.ranges
+        frame,
+        numbers,
+        across,
+        each,
+        lines=len(results.plan.keys) == 1 and not results.plan.ranges,
+        labels=key_heading,
     )
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pymantaray.apps.plan.definition import DeploymentPlan, Design, FreeRange
 from pymantaray.apps.plan.ensemble import COLUMNS, WORST, loss_of, mean_score, pareto_front, worst_score
 from pymantaray.apps.plan.evaluate import Scores
-from pymantaray.apps.study import StudyConfig, load_study
 from pymantaray.arrays import Array
+from pymantaray.config import StudyConfig, load_study
 from pymantaray.config.common import NONE
 from pymantaray.config.load import BASE, preset_names
 from pymantaray.records import whole_file

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 from pymantaray.acoustics import Medium
 from pymantaray.apps.plan.definition import DeploymentPlan, Design
 from pymantaray.apps.plan.solved_links import SolvedLinks
-from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.study.mission import assemble_mission, range_fleet, simulate_fleet
 from pymantaray.apps.study.runner import refuse_too_large
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, task_keys
+from pymantaray.config import StudyConfig
 from pymantaray.geometry import stream
 from pymantaray.ocean import perturb_ocean
 from pymantaray.records import Trajectories

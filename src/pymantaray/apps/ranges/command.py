@@ -119,3 +119,6 @@ def ranges(
         for note in () if printing.quiet else read_fleet(config.fleet).notes:
             typer.echo(note, err=True)
         run_and_report(config, folder.out, printed, workers=1, formats=folder.formats, quiet=printing.quiet)
+
+
+COMMANDS = {"ranges": ranges}

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.apps.bellhop.command import compare_bellhop, write_bellhop
 from pymantaray.apps.rays.plot_command import plot
 from pymantaray.cli.groups import quantity, with_options
 from pymantaray.cli.options import (
@@ -39,8 +38,6 @@ if TYPE_CHECKING:
 
 app = Commands(help="Compute travel times and rays between positions.")
 app.command("plot")(plot)
-app.command("compare-bellhop")(compare_bellhop)
-app.command("write-bellhop")(write_bellhop)
 
 _MIN_LINKS_FOR_BAR = 4096  # fewer links have no progress bar
 
@@ -259,10 +256,10 @@ def _begin(command: str, task: TaskOptions, *, receivers: bool = True) -> Job:
     """Read and check all input of a command before its computation."""
     import numpy as np
 
-    import pymantaray
     from pymantaray.apps.rays.tables import read_links, sidecar
     from pymantaray.cli.output import check_output
     from pymantaray.cli.water import load_water, search_record
+    from pymantaray.version import __version__
 
     check_output(
         task.out,
@@ -276,10 +273,13 @@ def _begin(command: str, task: TaskOptions, *, receivers: bool = True) -> Job:
     start, *others = content.places(water.frame)
     end = others[0] if others else np.full_like(start, np.nan)
     record = {
-        "mantaray": pymantaray.__version__,
+        "mantaray": __version__,
         "command": command,
         "links": str(task.links),
         "medium": water.record,
         "search": {**search_record(water), "tolerance": task.search.tolerance},
     }
     return Job(task, water, content.table, start, end, record)
+
+
+COMMANDS = {"rays": app}

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import xarray as xr
 
-from pymantaray.apps.study.figures.ocean import rays_of_links
 from pymantaray.errors import ReportError
 from pymantaray.pages.style import rendered
+from pymantaray.pages.water import rays_of_links
 from pymantaray.records import whole_file
 
 

@@ -68,10 +68,10 @@ def plot(
 ) -> None:
     """Draw the rays of one or several links over sound speed and sea bed."""
     from pymantaray.acoustics import ray_picture
+    from pymantaray.apps.rays import write_ray_plot
     from pymantaray.cli.output import check_output
     from pymantaray.cli.water import load_water, water_notes
     from pymantaray.pages.style import ocean_header
-    from pymantaray.report import write_ray_plot
 
     inputs = [*source.files, *water.files, *([ends.links] if ends.links else [])]
     check_output(out, (".png", ".pdf"), inputs=inputs, force=force)

@@ -10,11 +10,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Medium, choose_arrivals
+from pymantaray.acoustics import Medium, RayPaths, choose_arrivals
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
-from pymantaray.records import Arrivals, RayPaths, RayStatus, whole_file, write_netcdf
+from pymantaray.records import Arrivals, RayStatus, whole_file, write_netcdf
 from pymantaray.records.csv_text import csv_text
 from pymantaray.records.text_table import TextTable, read_text_table
 

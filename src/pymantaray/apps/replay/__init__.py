@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from pymantaray.apps.replay.events import Events as Events
     from pymantaray.apps.replay.events import read_events as read_events
     from pymantaray.apps.replay.options import PredictionOptions as PredictionOptions
+    from pymantaray.apps.replay.page import write_replay as write_replay
     from pymantaray.apps.replay.positions import smooth_positions as smooth_positions
     from pymantaray.apps.replay.rules import DEFAULT_RULE as DEFAULT_RULE
     from pymantaray.apps.replay.rules import DetectionRule as DetectionRule

@@ -102,13 +102,12 @@ def replay(
     changes: Set = None,
 ) -> None:
     """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
-    import pymantaray
-    from pymantaray.apps.replay import DetectionRule, read_events, replay_events
+    from pymantaray.apps.replay import DetectionRule, read_events, replay_events, write_replay
     from pymantaray.apps.replay import smooth_positions as smooth
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import load_waters, search_record, water_notes
     from pymantaray.config.load import sound_sections
-    from pymantaray.report import write_replay
+    from pymantaray.version import __version__
 
     window_s = parse_duration("--window", comparing.window, positive=False)
     measured, kind = read_events(events, comparing.nodes), DetectionRule.parse(comparing.rule)
@@ -132,7 +131,7 @@ def replay(
         result = replace(
             result, notes=(*notes, *result.notes), clock_drift=comparing.clock_drift, positions=smoothed
         )
-        record: dict[str, Any] = {"mantaray": pymantaray.__version__, "events": str(events), "water": sources}
+        record: dict[str, Any] = {"mantaray": __version__, "events": str(events), "water": sources}
         record |= {
             "search": search_record(waters[0]),
             "prediction": asdict(prediction),
@@ -175,3 +174,6 @@ def _print_result(out: Printer, result: "Replay") -> None:
             f"candidates change in {switching['rate']:.3f} of {switching['steps']} steps of {switching['step_s']:.0f} s,"
             f" {switching['independent_rate']:.3f} if independent: correlation time {switching['correlation_s']:.0f} s"
         )
+
+
+COMMANDS = {"replay": replay}

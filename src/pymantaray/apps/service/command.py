@@ -89,3 +89,6 @@ def _run(server: Any) -> int:
     finally:
         server.close()
     return stopped_by[0]
+
+
+COMMANDS = {"serve": serve}

@@ -11,12 +11,12 @@ from ipaddress import ip_address
 from typing import Any
 from urllib.parse import urlsplit
 
-import pymantaray
 from pymantaray.apps.service.facts import facts as facts_of
 from pymantaray.apps.service.messages import answer_body, error_body, schema
 from pymantaray.apps.service.ranging_service import RangingService
 from pymantaray.errors import MantaRayError, ServiceError
 from pymantaray.jobs.processes import WorkerEndedError
+from pymantaray.version import __version__
 
 MAX_BYTES = 4 * 2**20  # of a request's body
 _READ_BYTES = 4 * MAX_BYTES  # of a body that is read to its end before it is refused
@@ -42,7 +42,7 @@ def application(
     ping. Errors are JSON, ``{"error": "one line"}``, with a status of 400 and above. Requests that a browser sends for a page
     of another site are refused; on loopback also those by a name that is not this machine's.
     """
-    facts = json.dumps({"mantaray": pymantaray.__version__, **facts_of(service.water)}).encode()
+    facts = json.dumps({"mantaray": __version__, **facts_of(service.water)}).encode()
     schemas = json.dumps(schema()).encode()
 
     def respond(environ: Environment) -> tuple[HTTPStatus, bytes]:

@@ -32,7 +32,8 @@ from pymantaray.pages.folder import PAGE
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pymantaray.apps.study import Run, StudyConfig
+    from pymantaray.apps.study import Run
+    from pymantaray.config import StudyConfig
 
 app = Commands(cls=RunGroup, help="Run, show and compare studies.")
 
@@ -60,7 +61,7 @@ NameOrFile = Annotated[
 @app.command("list")
 def list_command(as_json: Json = False) -> None:
     """List the presets."""
-    from pymantaray.apps.study import list_presets
+    from pymantaray.config import list_presets
 
     presets = list_presets()
     width = max(map(len, presets))
@@ -73,8 +74,8 @@ def list_command(as_json: Json = False) -> None:
 @app.command()
 def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
     """Print all keys of a preset or a file with their descriptions; keys at their defaults are commented out."""
-    from pymantaray.apps.study import load_study
     from pymantaray.apps.study.tracks import with_tracks
+    from pymantaray.config import load_study
     from pymantaray.config.text import commented_toml
 
     config = with_tracks(load_study(study, **changes_of(changes)))
@@ -89,7 +90,7 @@ def init(
     changes: Set = None,
 ) -> None:
     """Write a preset with all its keys to a file for editing."""
-    from pymantaray.apps.study import starter_text
+    from pymantaray.config import starter_text
 
     _write_new(file, starter_text(name, **changes_of(changes)))
     typer.echo(f"{file}: written from preset {name}; edit it, then: mantaray study run {file}")
@@ -139,7 +140,8 @@ def cite(
     changes: Set = None,
 ) -> None:
     """List the publications that a study relies on."""
-    from pymantaray.apps.study import citation, load_study
+    from pymantaray.apps.study import citation
+    from pymantaray.config import load_study
 
     references = citation(load_study(study, **changes_of(changes)))
     typer.echo(references.bibtex if bibtex else references, nl=not bibtex)
@@ -177,7 +179,7 @@ def run(
     changes: Set = None,
 ) -> None:
     """Run a study, and write data, tables and figures to one folder."""
-    from pymantaray.apps.study import load_study
+    from pymantaray.config import load_study
     from pymantaray.config.options import dotted_keys
 
     keys = dotted_keys(water.keys | arrivals.keys) | changes_of(changes)
@@ -254,7 +256,7 @@ def report(
     quiet: Quiet = False,
 ) -> None:
     """Regenerate tables, figures and page of a run, or complete those of an interrupted run."""
-    from pymantaray.report import write_report
+    from pymantaray.apps.study import write_report
 
     with progress_bars(quiet=quiet) as progress:
         page = write_report(folder, formats=format_names(formats), progress=progress)
@@ -299,7 +301,7 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Compare runs: differences of their configurations, tables, figures and a page in one folder."""
-    from pymantaray.report import write_comparison
+    from pymantaray.apps.study import write_comparison
 
     with progress_bars(quiet=quiet) as progress:
         page = write_comparison(runs, out, formats=format_names(formats), progress=progress)
@@ -419,3 +421,6 @@ def _warnings(run: "Run") -> list[str]:
         meaning = "" if words is None else f" ({words.meaning}; {words.advice})"
         lines.append(f"condition {condition}: {count} {status}, realizations {listed}{meaning}")
     return lines
+
+
+COMMANDS = {"study": app}

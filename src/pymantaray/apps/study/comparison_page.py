@@ -11,23 +11,24 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pymantaray.apps.study.comparison_figures import quantiles_by_run
-from pymantaray.apps.study.figures.ocean import sound_speed_profiles
 from pymantaray.apps.study.figures.ranging import range_error_histogram
-from pymantaray.apps.study.figures.register import FigureSpec, RunResults, run_figure_specs, with_source
+from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.figures.trajectory import ApePanel, pooled_ape
 from pymantaray.apps.study.page import SYNTHETIC_NOTE
-from pymantaray.apps.study.report import write_page
-from pymantaray.apps.study.store import TABLES as TABLES_FOLDER
 from pymantaray.apps.study.store import open_run
 from pymantaray.apps.study.tables import TABLES
 from pymantaray.arrays import Array
+from pymantaray.config.headings import key_heading
 from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages.drawing import Picture
+from pymantaray.pages.drawing import FigureSpec, Picture, with_source
+from pymantaray.pages.folder import TABLES as TABLES_FOLDER
 from pymantaray.pages.page import Explorer, Page, entries
 from pymantaray.pages.style import condition_label, shortened
 from pymantaray.pages.table_explorer import table_explorer
+from pymantaray.pages.water import sound_speed_profiles
+from pymantaray.pages.writing import write_page
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
 
@@ -396,5 +397,9 @@ def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Expl
     groups = [key for key in keys.columns if keys[key].nunique() < len(runs)]
     table = pd.concat(frames, ignore_index=True)
     return table_explorer(
-        table, list(_STATISTICS["ate_pooled"]), ["run", *keys.columns], ["condition", "run", *groups]
+        table,
+        list(_STATISTICS["ate_pooled"]),
+        ["run", *keys.columns],
+        ["condition", "run", *groups],
+        labels=key_heading,
     )

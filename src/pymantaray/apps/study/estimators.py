@@ -3,6 +3,7 @@
 from typing import Literal
 
 from pymantaray.apps.study.beliefs import Beliefs
+from pymantaray.apps.study.range_models import build_range_model
 from pymantaray.apps.study.store import Run
 from pymantaray.apps.study.true_unknowns import true_amplitudes, true_clocks
 from pymantaray.config.estimators import (
@@ -15,7 +16,6 @@ from pymantaray.config.estimators import (
 from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeModel
 from pymantaray.estimation.ranges.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
-from pymantaray.range_models import build_range_model
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty

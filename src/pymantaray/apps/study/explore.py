@@ -1,7 +1,5 @@
 """Data of the interactive figures of a run's page, as JSON for its script: the fleet, the links of each ping, and rays."""
 
-import json
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,13 +9,14 @@ from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import ray_picture
-from pymantaray.apps.study.figures.ocean import RAY_KINDS
 from pymantaray.apps.study.figures.register import RunResults, range_ends
 from pymantaray.apps.study.mission import medium_of_run
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
 from pymantaray.geometry.boundary import BoundarySurface
+from pymantaray.pages.script_data import as_json
 from pymantaray.pages.style import SOUND_SPEED, condition_label, condition_looks, vehicle_colours
+from pymantaray.pages.water import RAY_KINDS
 from pymantaray.records import RayStatus
 
 WORST_LINKS, ALL_LINKS_LIMIT = 50, 700
@@ -36,7 +35,6 @@ _KINDS = [
     for (name, look), dash in zip(RAY_KINDS, ("solid", "dash", "dashdot", "dot"), strict=True)
 ]
 _QUANTILES = np.linspace(0.0, 1.0, 101)
-_WHOLE, _NOT_FINITE = re.compile(r"\.0(?![0-9])"), re.compile("NaN|-?Infinity")
 
 
 def explorer(results: RunResults, rays: str) -> str:
@@ -271,23 +269,3 @@ def _within(axis: Array, reach: float) -> tuple[float, float]:
 
 def _rounded(values: Any, digits: int) -> Array:
     return np.round(np.asarray(values, dtype=float), digits)
-
-
-def as_json(content: Any) -> str:
-    """JSON that is safe inside a script of a page; numbers that are not finite become null."""
-    return _json(content).replace("<", "\\u003c")
-
-
-def _json(value: Any) -> str:
-    """JSON of nested values and arrays; whole numbers have no decimals."""
-    if isinstance(value, dict):
-        return f"{{{','.join(f'{_json(key)}:{_json(item)}' for key, item in value.items())}}}"
-    if isinstance(value, list | tuple):
-        return f"[{','.join(map(_json, value))}]"
-    if not isinstance(value, np.ndarray | np.generic | float):
-        return json.dumps(value)
-    array = np.asarray(value)
-    if array.dtype.kind != "f":
-        return json.dumps(array.tolist(), separators=(",", ":"))
-    text = json.dumps((array + 0.0).tolist(), separators=(",", ":"))  # without negative zeros
-    return _NOT_FINITE.sub("null", _WHOLE.sub("", text))

@@ -12,16 +12,14 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import pymantaray
 from pymantaray.apps.study.references import Citations
 from pymantaray.apps.study.tracks import centre_note, read_fleet
 from pymantaray.config.sections import StudyConfig
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
+from pymantaray.jobs.run_folder import FORMAT
 from pymantaray.messages import without_secrets
-
-FORMAT = 4
-"""Format of run folders."""
+from pymantaray.version import __version__
 
 
 class Stopwatch:
@@ -74,7 +72,7 @@ def describe_run(
             "generator": "PCG64, one stream a realization, vehicle and sensor, by name",
         },
         "versions": {
-            "pymantaray": pymantaray.__version__,
+            "pymantaray": __version__,
             "git_commit": git_commit(),
             **versions(),
         },

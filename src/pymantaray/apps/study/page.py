@@ -12,8 +12,8 @@ from pymantaray.apps.study.explore import explorer
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.apps.study.mission import earth_note
 from pymantaray.apps.study.references import MANTARAY
-from pymantaray.apps.study.store import CONFIG
 from pymantaray.evaluation import ALL_LINKS
+from pymantaray.jobs.run_folder import CONFIG
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Card, Explorer, Page, origin_table
 from pymantaray.pages.style import clock, condition_label

@@ -2,28 +2,19 @@
 
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.axes import Axes
 
 from pymantaray.apps.study.figures.fleet import draw_plan
-from pymantaray.apps.study.figures.ocean import RAY_KINDS, draw_profile
 from pymantaray.apps.study.figures.ranging import draw_range_errors
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.apps.study.figures.trajectory import draw_error_distribution
 from pymantaray.apps.study.figures.vehicles import draw_vehicle_errors
 from pymantaray.pages import style
+from pymantaray.pages.style import axes_or_new
+from pymantaray.pages.water import draw_profile
 
 if TYPE_CHECKING:
-    from pymantaray.acoustics import Medium
     from pymantaray.apps.study.store import Run
-    from pymantaray.records import RayPaths
-
-_KM = 1e3  # m
-
-
-def _axes(ax: Axes | None) -> Axes:
-    return plt.subplots(layout="constrained")[1] if ax is None else ax
 
 
 class RunPlots:
@@ -58,7 +49,7 @@ class RunPlots:
         -------
         matplotlib.axes.Axes
         """
-        axes = _axes(ax)
+        axes = axes_or_new(ax)
         draw_range_errors(axes, self._results.ranges.total, log=log)
         axes.legend()
         return axes
@@ -80,7 +71,7 @@ class RunPlots:
         -------
         matplotlib.axes.Axes
         """
-        axes = _axes(ax)
+        axes = axes_or_new(ax)
         draw_error_distribution(axes, self._results.errors, condition, log=log)
         return axes
 
@@ -97,7 +88,7 @@ class RunPlots:
         -------
         matplotlib.axes.Axes
         """
-        axes = _axes(ax)
+        axes = axes_or_new(ax)
         draw_vehicle_errors(axes, self._results.tables["ate_per_vehicle"].frame)
         axes.legend()
         return axes
@@ -115,7 +106,7 @@ class RunPlots:
         -------
         matplotlib.axes.Axes
         """
-        axes, run = _axes(ax), self._results.run
+        axes, run = axes_or_new(ax), self._results.run
         draw_plan(axes, run.truth, run.measurements, style.vehicle_colours(len(run.truth.name)))
         return axes
 
@@ -132,72 +123,9 @@ class RunPlots:
         -------
         matplotlib.axes.Axes
         """
-        axes = _axes(ax)
+        axes = axes_or_new(ax)
         deepest = draw_profile(axes, self._results.run.profile, self._results.region, style.BLUE)
         axes.set_ylim(deepest or 1.0, 0.0)
         axes.set_xlabel("Sound speed [m/s]")
         axes.set_ylabel("Depth [m]")
         return axes
-
-
-def medium(medium: "Medium", ax: Axes | None = None) -> Axes:
-    """
-    Plot the sound speed in the columns of a medium against depth: mean, and range from minimum to maximum shaded.
-
-    Parameters
-    ----------
-    medium : Medium
-        Medium.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default new ones.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-    """
-    axes = _axes(ax)
-    speed = medium.sound_speed.reshape(-1, medium.depth.size)
-    axes.fill_betweenx(
-        medium.depth, speed.min(axis=0), speed.max(axis=0), color=style.BLUE, alpha=0.22, linewidth=0.0
-    )
-    axes.plot(speed.mean(axis=0), medium.depth, color=style.BLUE)
-    bed = float(medium.bed.depth.min()), float(medium.bed.depth.max())
-    axes.axhspan(*bed, color=style.BED, alpha=0.5, linewidth=0.0)
-    axes.axhline(bed[0], color=style.SHORE, linewidth=0.8)
-    axes.set_ylim(1.03 * bed[1], 0.0)
-    axes.set_xlabel("Sound speed [m/s]")
-    axes.set_ylabel("Depth [m]")
-    return axes
-
-
-def rays(paths: "RayPaths", ax: Axes | None = None) -> Axes:
-    """
-    Plot the depth of rays over the horizontal distance from their first node, with line styles by reflection.
-
-    Parameters
-    ----------
-    paths : RayPaths
-        Rays.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; by default new ones.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-    """
-    axes, used = _axes(ax), set[int]()
-    starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
-    for rows in np.split(np.arange(paths.arrival.size), starts[1:]):
-        place, boundary = paths.position[rows], paths.boundary[rows]
-        kind = int((boundary == 1).any()) + 2 * int((boundary == 2).any())
-        name, look = RAY_KINDS[kind]
-        label = name if kind not in used else "_"
-        used.add(kind)
-        step = np.linalg.norm(np.diff(place[:, :2], axis=0), axis=1)
-        axes.plot(np.append(0.0, np.cumsum(step)) / _KM, place[:, 2], label=label, **look)
-    axes.yaxis.set_inverted(True)
-    axes.set_xlabel("Horizontal range [km]")
-    axes.set_ylabel("Depth [m]")
-    if used:
-        axes.legend()
-    return axes

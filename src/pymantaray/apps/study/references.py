@@ -11,13 +11,13 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-import pymantaray
 from pymantaray.acoustics.reflection import sediment_source
 from pymantaray.config.estimators import ConditionSection, FileBelief, NumericsBelief
 from pymantaray.config.sections import AcousticsSection, DetectionSection, StudyConfig
 from pymantaray.ocean import holds_casts
 from pymantaray.ocean.equations import EQUATIONS
 from pymantaray.ocean.files import open_file
+from pymantaray.version import __version__
 
 _SYNTHETIC = {
     "synthetic:beaufort": "steele2004 shimada2005 timmermans2014 timmermans2003 timmermans2008 zhao2014 zhao2015",
@@ -89,7 +89,7 @@ MANTARAY = Reference(
         "type": "software",
         "author": "{The MantaRay developers}",
         "title": "MantaRay: effects of refraction on acoustic ranges between underwater vehicles",
-        "version": pymantaray.__version__,
+        "version": __version__,
         "year": "2026",
         "url": _address(),
     },

@@ -9,7 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pymantaray.apps.study import store
 from pymantaray.apps.study.graphs import write_graphs
 from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run
 from pymantaray.apps.study.mission import Mission, simulate_mission
@@ -20,13 +19,14 @@ from pymantaray.apps.study.realization import (
     start_solver,
 )
 from pymantaray.apps.study.references import citation
-from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize, write_json
+from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize
 from pymantaray.apps.study.tracks import mission_size, with_tracks
 from pymantaray.config.sections import StudyConfig
 from pymantaray.config.text import study_toml
 from pymantaray.errors import StudyError
+from pymantaray.jobs import run_folder
 from pymantaray.jobs.checkpoint import Checkpoint
-from pymantaray.jobs.folder import MANIFEST, staged_folder
+from pymantaray.jobs.folder import MANIFEST, staged_folder, write_json
 from pymantaray.jobs.keys import digest
 from pymantaray.jobs.pool import Pool, ProcessPool, run_tasks
 from pymantaray.jobs.progress import Progress
@@ -161,7 +161,7 @@ def _solve(
 ) -> None:
     """Solve the unsolved realizations, and write the graphs of the first into a folder."""
     count = run.config.study.realizations
-    graphs = folder / store.PYFG
+    graphs = folder / run_folder.PYFG
     graphs.mkdir()
 
     def ended(number: int, one: RealizationResult) -> None:
@@ -198,10 +198,10 @@ def _from_batch(solved: Mapping[int, RealizationResult]) -> dict[str, list[float
 
 def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) -> Estimates:
     results = collect_results(run, solved)
-    results.estimates.save(folder / store.ESTIMATES)
-    results.covariances.save(folder / store.COVARIANCES)
+    results.estimates.save(folder / run_folder.ESTIMATES)
+    results.covariances.save(folder / run_folder.COVARIANCES)
     if results.unknowns is not None:
-        results.unknowns.save(folder / store.UNKNOWNS)
+        results.unknowns.save(folder / run_folder.UNKNOWNS)
     return results.estimates
 
 
@@ -240,25 +240,25 @@ def _refuse_missing_files(config: StudyConfig) -> None:
 
 
 def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
-    with whole_file(folder / store.CONFIG) as file:
+    with whole_file(folder / run_folder.CONFIG) as file:
         file.write_text(study_toml(config), encoding="utf-8")
-    write_netcdf(mission.ocean.local, folder / store.OCEAN)
-    write_netcdf(mission.ocean.profile, folder / store.PROFILE)
-    with whole_file(folder / store.REGION) as file:
+    write_netcdf(mission.ocean.local, folder / run_folder.OCEAN)
+    write_netcdf(mission.ocean.profile, folder / run_folder.PROFILE)
+    with whole_file(folder / run_folder.REGION) as file:
         mission.ocean.region.to_csv(file)
-    mission.truth.save(folder / store.TRUTH)
-    mission.links.save(folder / store.LINKS)
-    mission.arrivals.save(folder / store.ARRIVALS)
-    mission.measurements.save(folder / store.MEASUREMENTS)
-    mission.ranging_truth.save(folder / store.RANGING_TRUTH)
+    mission.truth.save(folder / run_folder.TRUTH)
+    mission.links.save(folder / run_folder.LINKS)
+    mission.arrivals.save(folder / run_folder.ARRIVALS)
+    mission.measurements.save(folder / run_folder.MEASUREMENTS)
+    mission.ranging_truth.save(folder / run_folder.RANGING_TRUTH)
     if mission.hearing is not None:
-        mission.hearing.save(folder / store.HEARING)
+        mission.hearing.save(folder / run_folder.HEARING)
     if mission.draws is not None:
-        mission.draws.save(folder / store.RANGING_DRAWS)
+        mission.draws.save(folder / run_folder.RANGING_DRAWS)
     if mission.candidates is not None:
-        mission.candidates.save(folder / store.CANDIDATES)
+        mission.candidates.save(folder / run_folder.CANDIDATES)
     if mission.picture is not None:
-        write_netcdf(mission.picture, folder / store.RAY_PICTURE)
+        write_netcdf(mission.picture, folder / run_folder.RAY_PICTURE)
 
 
 def _silent(_stage: str, _done: int, _total: int) -> None:

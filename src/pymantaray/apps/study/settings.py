@@ -42,12 +42,3 @@ def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows, columns=["key", "value", "unit", "meaning"])
-
-
-def key_heading(key: str) -> str:
-    """Key of a configuration, followed by the unit of its description in brackets if it has one."""
-    section, _, name = key.partition(".")
-    model = StudyConfig.model_fields[section].annotation if section in StudyConfig.model_fields else None
-    field = getattr(model, "model_fields", {}).get(name)
-    unit = _LAST_UNIT.search(field.description or "") if field else None
-    return f"{key} [{unit[1]}]" if unit else key

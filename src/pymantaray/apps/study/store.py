@@ -1,6 +1,5 @@
 """Run on disk: the content of each file, and its reader."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,14 +12,32 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.apps.study.data_frames import error_frame, pose_frame, range_frame
-from pymantaray.apps.study.manifest import FORMAT
 from pymantaray.apps.study.tables import SUMMARY, RunTables
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import DegreesOfFreedom, error_bound
-from pymantaray.jobs.folder import MANIFEST
+from pymantaray.jobs.run_folder import (
+    ARRIVALS,
+    CANDIDATES,
+    CONFIG,
+    COVARIANCES,
+    ESTIMATES,
+    HEARING,
+    LINKS,
+    MEASUREMENTS,
+    OCEAN,
+    PROFILE,
+    RANGING_DRAWS,
+    RANGING_TRUTH,
+    RAY_PICTURE,
+    REGION,
+    TRUTH,
+    UNKNOWNS,
+    checked_manifest,
+    read_manifest,
+)
 from pymantaray.ocean.ice import with_ice_draw
 from pymantaray.records import (
     Arrivals,
@@ -33,26 +50,14 @@ from pymantaray.records import (
     SolveStatus,
     Trajectories,
     read_netcdf,
-    whole_file,
 )
 from pymantaray.records.notebook import notebook_html
-from pymantaray.records.plotter import plotter
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, RangingDraws, draw_picks, perturb
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.mission import Mission
-
-
-CONFIG = "config.toml"
-OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
-TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
-MEASUREMENTS, RANGING_TRUTH = "measurements.nc", "ranging_truth.nc"
-HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
-COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
-CANDIDATES, RAY_PICTURE, RANGING_DRAWS = "candidates.nc", "ray_picture.nc", "ranging_draws.nc"
-PYFG, TABLES, FIGURES = "pyfg", "tables", "figures"
 
 
 _T = TypeVar("_T")
@@ -83,7 +88,9 @@ class Run:
     @property
     def plot(self) -> Any:
         """Plots of the run, see `pymantaray.apps.study.plots.RunPlots`: ``run.plot.range_error()`` returns matplotlib axes."""
-        return plotter("RunPlots")(self)
+        from pymantaray.apps.study.plots import RunPlots
+
+        return RunPlots(self)
 
     @property
     def summary(self) -> list[ResultTable]:
@@ -105,11 +112,7 @@ class Run:
     @cached_property
     def manifest(self) -> dict[str, Any]:
         """Versions, seeds, checksums, timings, memory, platform and the summary of outcomes."""
-        try:
-            content: dict[str, Any] = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise StudyError(f"{self.path / MANIFEST}: not a readable manifest: {error}") from None
-        return content
+        return read_manifest(self.path)
 
     @cached_property
     def config(self) -> StudyConfig:
@@ -456,21 +459,9 @@ def open_run(path: str | Path) -> Run:
         ...
     pymantaray.errors.StudyError: nowhere: not a run folder: it has no manifest.json
     """
-    folder = Path(path)
-    if not (folder / MANIFEST).is_file():
-        raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
-    run = Run(folder.resolve())
-    if (number := run.manifest.get("format")) != FORMAT:
-        raise StudyError(f"{folder}: run format {number!r}; this version reads format {FORMAT}")
+    run = Run(Path(path).resolve())
+    vars(run)["manifest"] = checked_manifest(path)
     return run
-
-
-def write_json(content: dict[str, Any], path: Path) -> None:
-    """Write a dictionary as indented JSON, with numpy scalars as numbers."""
-    with whole_file(path) as temporary:
-        temporary.write_text(
-            json.dumps(content, indent=2, default=lambda x: x.item()) + "\n", encoding="utf-8"
-        )
 
 
 def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:

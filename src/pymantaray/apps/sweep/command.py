@@ -183,7 +183,7 @@ def collect(
                 temporary.write_text(csv_text(results.table()), encoding="utf-8")
         typer.echo(str(path))
     if page:
-        from pymantaray.report import write_sweep_page
+        from pymantaray.apps.sweep import write_sweep_page
 
         fields = [name for axis in results.sweep.axes for name in axis.coordinates()]
         typer.echo(str(write_sweep_page(results.table(), fields, folder, title=results.sweep.name)))
@@ -205,3 +205,6 @@ def _print_status(out: Printer, place: str, status: "Status") -> None:
             "failed: %d more reasons; mantaray sweep collect lists all",
             len(status.failures) - _MAX_REASONS,
         )
+
+
+COMMANDS = {"sweep": app}

@@ -6,11 +6,11 @@ from pathlib import Path
 from statistics import fmean
 from typing import NamedTuple
 
-from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.study.tracks import mission_size
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.apps.sweep.plan import SweepPlan
+from pymantaray.config import StudyConfig
 from pymantaray.errors import SweepError
 
 _OCEAN_SECONDS, _MEDIUM_SECONDS = 1.2, 0.2

@@ -4,7 +4,7 @@ import fnmatch
 from collections.abc import Mapping
 from typing import Any
 
-from pymantaray.apps.study import StudyConfig
+from pymantaray.config import StudyConfig
 from pymantaray.jobs.keys import digest
 
 OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"

@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 
 from pymantaray.apps.sweep.results import point_table
+from pymantaray.config.headings import key_heading
 from pymantaray.pages.page import Page
 from pymantaray.pages.table_explorer import table_explorer
 
@@ -48,7 +49,11 @@ def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | P
     states = table.groupby("point")["status"].first().value_counts()
     failures = table.loc[table["status"] == "failed"].groupby("error")["point"].nunique()
     explorer = table_explorer(
-        table, numbers, several, [*(["condition"] if "condition" in table else []), *several]
+        table,
+        numbers,
+        several,
+        [*(["condition"] if "condition" in table else []), *several],
+        labels=key_heading,
     )
     page = Page(
         title=f"Sweep over {title}",

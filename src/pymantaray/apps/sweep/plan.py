@@ -8,10 +8,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
-from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import POINT, STAGES, LatestKeys, task_keys
 from pymantaray.apps.sweep.tasks import SweepTask
+from pymantaray.config import StudyConfig
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import sha256

@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from pymantaray.apps.study.settings import key_heading
 from pymantaray.apps.sweep.definition import Sweep, parse_sweep
 from pymantaray.apps.sweep.keys import POINT
 from pymantaray.apps.sweep.plan import SweepPlan, read_plan
 from pymantaray.apps.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
+from pymantaray.config.headings import key_heading
 from pymantaray.errors import SweepError
 from pymantaray.jobs.store import Store, open_store
 from pymantaray.records.notebook import notebook_html

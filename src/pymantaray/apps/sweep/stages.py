@@ -11,10 +11,10 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.study import StudyConfig
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, stage_config
 from pymantaray.apps.sweep.points import stage_name
+from pymantaray.config import StudyConfig
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories

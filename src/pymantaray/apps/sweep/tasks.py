@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pymantaray.apps.study import Run, StudyConfig, open_run
+from pymantaray.apps.study import Run, open_run
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import assemble_mission, mission_picture, range_draws
 from pymantaray.apps.study.realization import RealizationSolver, collect_results
@@ -15,6 +15,7 @@ from pymantaray.apps.study.store import run_in_memory
 from pymantaray.apps.sweep.keys import POINT, STAGES
 from pymantaray.apps.sweep.points import point_name
 from pymantaray.apps.sweep.stages import Stages
+from pymantaray.config import StudyConfig
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.installation import code_version
 from pymantaray.jobs.folder import MANIFEST

@@ -121,7 +121,7 @@ def table(
 ) -> None:
     """Build a table that maps two depths and a travel time to a horizontal range."""
     files.check([Path(name) for name in ocean])
-    from pymantaray.apps.online import build_table, save_table
+    from pymantaray.apps.table import build_table, save_table
     from pymantaray.apps.table.file import c_header
     from pymantaray.records.writing import whole_file
     from pymantaray.water import open_water
@@ -173,3 +173,6 @@ def _sea_floor(ocean: list[str], keys: dict[str, Any], deepest: float) -> dict[s
         "sea floor at %g m, the deepest level of the profile or of the table; --bathymetry changes it", depth
     )
     return {"bathymetry": depth}
+
+
+COMMANDS = {"table": table}

@@ -1,8 +1,9 @@
 """
 Inputs of a report, and the register of its figures.
 
-A figure is a function in a module ``figures_*.py`` of this folder, and a call of `register` in the same module with its name, its
-place on the page, and a function that draws it from a run's `RunResults`. `find_figures` imports all modules with such names.
+A figure is a function in a module of this folder, and a call of `register` in the same module with its name, its place on the page,
+and a function that draws it from a run's `RunResults`. `find_figures` imports all modules of the folder, and all modules that other
+packages name as entry points of the group ``pymantaray.figures``.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,29 +11,34 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-import pymantaray.report
-from pymantaray.apps.study.store import Run
-from pymantaray.apps.study.tables import RunTables
+from pymantaray.apps.study import figures
 from pymantaray.arrays import Array
+from pymantaray.entry_points import load_entry_points
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
+from pymantaray.pages.drawing import FigureSpec, with_source
 from pymantaray.pages.style import ocean_header, ocean_name
 from pymantaray.records import Measurements, Trajectories
 from pymantaray.records.digits import counted
+
+if TYPE_CHECKING:
+    from pymantaray.apps.study.store import Run
+    from pymantaray.apps.study.tables import RunTables
 
 
 class RunResults:
     """A run with its tables, errors and texts for figures and page, each computed once on first use."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: "Run") -> None:
         self.run = run
 
     @property
-    def tables(self) -> RunTables:
+    def tables(self) -> "RunTables":
         """Tables of the run by name, in the order of the page."""
         return self.run.tables
 
@@ -89,16 +95,6 @@ class RunResults:
 
 
 @dataclass(frozen=True)
-class FigureSpec:
-    """A figure of a report: file name without suffix, caption, function that draws it, and counterpart in the paper."""
-
-    name: str
-    caption: str
-    draw: Callable[[], Figure]
-    paper: str = ""
-
-
-@dataclass(frozen=True)
 class _Entry:
     place: float
     caption: str | Callable[[RunResults], str]
@@ -142,15 +138,10 @@ def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[F
 
 
 def find_figures() -> None:
-    """Import all modules with figures, which registers the figures."""
-    for module in iter_modules(pymantaray.report.__path__):
-        if module.name.startswith("figures_"):
-            import_module(f"pymantaray.report.{module.name}")
-
-
-def with_source(caption: str, *, synthetic: bool) -> str:
-    """Caption with a remark if the ocean is synthetic."""
-    return f"{caption} Synthetic ocean." if synthetic else caption
+    """Import all modules with figures, which registers the figures: those of this folder, and those of other packages."""
+    for module in iter_modules(figures.__path__):
+        import_module(f"{figures.__name__}.{module.name}")
+    load_entry_points("figures")
 
 
 def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, Array]:

@@ -13,18 +13,13 @@ from campaigns import make_campaign, survey_of, water
 from factories import TINY
 from PIL import Image
 
-from pymantaray.apps.locate import LocateOptions, locate
-from pymantaray.apps.plan import DeploymentPlan, PlanSection, search_designs
-from pymantaray.apps.study import parse_study
-from pymantaray.report import (
-    write_atlas_page,
-    write_comparison,
-    write_location_page,
-    write_plan_page,
-    write_replay,
-    write_report,
-    write_sweep_page,
-)
+from pymantaray.apps.atlas import write_atlas_page
+from pymantaray.apps.locate import LocateOptions, locate, write_location_page
+from pymantaray.apps.plan import DeploymentPlan, PlanSection, search_designs, write_plan_page
+from pymantaray.apps.replay import write_replay
+from pymantaray.apps.study import write_comparison, write_report
+from pymantaray.apps.sweep import write_sweep_page
+from pymantaray.config import parse_study
 
 pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 
 from pymantaray.apps.study import comparison_page as compare
-from pymantaray.apps.study import load_study, open_run
+from pymantaray.apps.study import open_run, write_comparison
 from pymantaray.apps.study import report as write_module
 from pymantaray.apps.study.comparison_page import by_name, comparison_figure_specs, comparison_tables
 from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.config import load_study
 from pymantaray.errors import JobError, ReportError
-from pymantaray.report import write_comparison
 
 
 @pytest.fixture(scope="module")

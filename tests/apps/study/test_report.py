@@ -16,18 +16,17 @@ import xarray as xr
 from matplotlib.figure import Figure
 from refusals import refused
 
-from pymantaray.apps.study import open_run
+from pymantaray.apps.study import open_run, write_report
 from pymantaray.apps.study import report as write
 from pymantaray.apps.study.explore import _fleet
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.apps.study.page import headlines, run_page
 from pymantaray.apps.study.report_process import ReportProcess
-from pymantaray.apps.study.settings import key_heading
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
+from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
-from pymantaray.report import write_report
 
 FIGURES = {
     "ape_pooled", "consistency", "dropouts", "error_by_vehicle", "error_over_time", "factor_graph", "fleet_layout", "range_error",

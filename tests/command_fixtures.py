@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from pymantaray.apps.study import load_study, study_toml
 from pymantaray.cli.main import main
+from pymantaray.config import load_study, study_toml
 
 
 @pytest.fixture

@@ -13,12 +13,13 @@ import pytest
 import xarray as xr
 from plotly.offline import get_plotlyjs
 
+from pymantaray.apps.atlas import write_atlas_page
 from pymantaray.apps.replay.page import _explorer
 from pymantaray.apps.study.comparison_page import _page, comparison_tables
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.apps.study.page import run_page
+from pymantaray.apps.sweep import write_sweep_page
 from pymantaray.pages.page import Page
-from pymantaray.report import write_atlas_page, write_sweep_page
 
 TEMPLATES = files("pymantaray.report") / "templates"
 SCRIPTS = {

@@ -14,7 +14,10 @@ from matplotlib.patches import StepPatch
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.replay import DetectionRule, Replay
-from pymantaray.apps.study import load_study, open_run, store, study_toml
+from pymantaray.apps.study import open_run
+from pymantaray.config import load_study, study_toml
+from pymantaray.jobs import run_folder as names
+from pymantaray.jobs.folder import write_json
 from pymantaray.records import RayStatus, SolveStatus, write_netcdf
 from pymantaray.sensing import Links
 
@@ -70,23 +73,23 @@ class Made:
             "study": config.study.model_copy(update=study),
             "ocean": config.ocean.model_copy(update={"source": source}),
         }
-        (folder / store.CONFIG).write_text(study_toml(config.model_copy(update=changes)), encoding="utf-8")
+        (folder / names.CONFIG).write_text(study_toml(config.model_copy(update=changes)), encoding="utf-8")
         manifest = {"format": 4, "study": "quick", "versions": {"numpy": "<2>"}, "seconds": {"rays": 1.5}}
-        store.write_json(manifest, folder / "manifest.json")
-        files = (store.TRUTH, store.MEASUREMENTS, store.RANGING_TRUTH, store.ESTIMATES)
+        write_json(manifest, folder / "manifest.json")
+        files = (names.TRUTH, names.MEASUREMENTS, names.RANGING_TRUTH, names.ESTIMATES)
         for name, record in zip(files, self.records(), strict=True):
             record.save(folder / name)
         nobody, nowhere = np.empty(0, dtype=int), np.empty((0, 3))
-        Links(sample=nobody, first=nobody, second=nobody).save(folder / store.LINKS)
+        Links(sample=nobody, first=nobody, second=nobody).save(folder / names.LINKS)
         water = Medium.from_profile([0.0, 4000.0], [1440.0, 1508.0], bottom_depth=4000.0)
-        find_eigenrays(water, nowhere, nowhere).save(folder / store.ARRIVALS)
+        find_eigenrays(water, nowhere, nowhere).save(folder / names.ARRIVALS)
         attrs = {"title": self.title, "source": "test", "synthetic": self.synthetic}
-        write_netcdf(make_water().assign_attrs(attrs | {"time": "2014-07-15T12:00:00"}), folder / store.OCEAN)
-        write_netcdf(make_profile().assign_attrs(attrs), folder / store.PROFILE)
+        write_netcdf(make_water().assign_attrs(attrs | {"time": "2014-07-15T12:00:00"}), folder / names.OCEAN)
+        write_netcdf(make_profile().assign_attrs(attrs), folder / names.PROFILE)
         region = {"centre [deg N]": "74.5", "made up": "yes" if self.synthetic else "no", "source": "test"}
-        pd.Series(region, name=self.title).rename_axis("property").to_csv(folder / store.REGION)
+        pd.Series(region, name=self.title).rename_axis("property").to_csv(folder / names.REGION)
         if self.rays:
-            write_netcdf(make_rays(), folder / store.RAY_PICTURE)
+            write_netcdf(make_rays(), folder / names.RAY_PICTURE)
         return folder
 
 

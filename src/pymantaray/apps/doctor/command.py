@@ -53,3 +53,6 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
         out.line(f"{'FAULT':<{_WIDTH}} {fault}")
     if not state["faults"]:
         out.line("the installation is complete")
+
+
+COMMANDS = {"doctor": doctor}

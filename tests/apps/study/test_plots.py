@@ -6,9 +6,8 @@ import pytest
 from factories import make_arrivals
 from matplotlib.figure import Figure
 
-from pymantaray.acoustics import Medium
+from pymantaray.acoustics import Medium, RayPaths
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-from pymantaray.records import RayPaths
 
 
 @pytest.fixture(autouse=True)

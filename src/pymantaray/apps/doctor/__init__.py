@@ -1,0 +1,1 @@
+"""Report of packages, extras, folders, processors and faults of an installation."""

@@ -1,0 +1,53 @@
+"""Folder of a run: names of its files, and its manifest."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pymantaray.errors import StudyError
+from pymantaray.jobs.folder import MANIFEST
+
+FORMAT = 4
+"""Format of run folders."""
+CONFIG = "config.toml"
+OCEAN, PROFILE, REGION = "ocean.nc", "profile.nc", "region.csv"
+TRUTH, LINKS, ARRIVALS = "truth.nc", "links.nc", "arrivals.nc"
+MEASUREMENTS, RANGING_TRUTH = "measurements.nc", "ranging_truth.nc"
+HEARING, ESTIMATES = "hearing.nc", "estimates.nc"
+COVARIANCES, UNKNOWNS = "covariances.nc", "unknowns.nc"
+CANDIDATES, RAY_PICTURE, RANGING_DRAWS = "candidates.nc", "ray_picture.nc", "ranging_draws.nc"
+PYFG = "pyfg"
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """
+    Read the manifest of a run.
+
+    Raises
+    ------
+    StudyError
+        If it cannot be read.
+    """
+    try:
+        content: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise StudyError(f"{folder / MANIFEST}: not a readable manifest: {error}") from None
+    return content
+
+
+def checked_manifest(folder: str | Path) -> dict[str, Any]:
+    """
+    Read the manifest of a folder that a user names.
+
+    Raises
+    ------
+    StudyError
+        If the folder is not a run of this version's format.
+    """
+    path = Path(folder)
+    if not (path / MANIFEST).is_file():
+        raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
+    manifest = read_manifest(path.resolve())
+    if (number := manifest.get("format")) != FORMAT:
+        raise StudyError(f"{folder}: run format {number!r}; this version reads format {FORMAT}")
+    return manifest
