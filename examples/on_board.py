@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
-from pymantaray.apps.table import build_table
+from pymantaray import Beacon, OnlineEstimator, StartPose, build_table
 from pymantaray.geometry.se3 import so3_exp
 from pymantaray.water import open_water
 

@@ -13,8 +13,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pymantaray import StudyConfig, error_table, load_study, measure, range_error_table, run_study
-from pymantaray.apps.service import RangingService
+from pymantaray import (
+    RangingService,
+    StudyConfig,
+    error_table,
+    load_study,
+    measure,
+    range_error_table,
+    run_study,
+)
 
 CENTRE = {"centre_lat": 74.5, "centre_lon": -140.0}
 OCEAN = {"source": "synthetic:beaufort", **CENTRE}

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import pyplot as plt
 
-from pymantaray.apps.graphs import open_graph, solve_graph
+from pymantaray import open_graph, solve_graph
 
 rng, lines = np.random.default_rng(1), list[str]()
 square = np.array(

@@ -8,7 +8,7 @@ and below, T loses less than half as many ranges as at the surface. Position err
 
 from matplotlib import pyplot as plt
 
-from pymantaray.apps.plan import DeploymentPlan, PlanSection, search_designs
+from pymantaray import DeploymentPlan, PlanSection, search_designs
 from pymantaray.config import load_study
 
 receiver = {"name": "T", "north": 0.0, "east": 0.0, "depth": 1.0, "sigma": 2.0}

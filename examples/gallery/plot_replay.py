@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib import pyplot as plt
 
-from pymantaray.apps.replay import read_events, replay_events
+from pymantaray import read_events, replay_events
 from pymantaray.water import open_waters
 
 with tempfile.TemporaryDirectory() as folder:
