@@ -36,7 +36,8 @@ from tempfile import TemporaryDirectory
 
 from factories import TINY
 
-from pymantaray.apps.study import parse_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import parse_study
 
 with TemporaryDirectory() as folder:
     run_study(parse_study(TINY, "tiny"), f"{folder}/run", workers=1)

@@ -13,7 +13,8 @@ from pymantaray.apps.study import open_run
 
 STATEMENTS = """\
 from factories import TINY
-from pymantaray.apps.study import parse_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import parse_study
 run = run_study(parse_study(TINY, "tiny"), "run", workers=2)
 print(run.estimates.position.shape)
 """
@@ -29,7 +30,8 @@ thread.join()
 # eleven vehicles: the 110 ranges of a ping are enough for a product to be shared by threads
 QUICK = """\
 import sys
-from pymantaray.apps.study import load_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import load_study
 run_study(load_study("quick"), sys.argv[1], workers=1)
 """
 TESTS = str(Path(__file__).parents[1])

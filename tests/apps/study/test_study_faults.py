@@ -20,7 +20,8 @@ FULL = """
 import resource
 from factories import TINY
 from pymantaray.errors import WriteError
-from pymantaray.apps.study import parse_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import parse_study
 def fill(stage, done, total):  # no file can grow beyond this once realizations are solved
     if stage == "realizations" and done == total:
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))

@@ -231,7 +231,8 @@ def test_a_study_whose_folder_nobody_named_leaves_nothing(tiny, at_once, tmp_pat
 RUN = """
 import sys
 from pymantaray.jobs import checkpoint
-from pymantaray.apps.study import load_study, run_study
+from pymantaray.apps.study import run_study
+from pymantaray.config import load_study
 checkpoint._SAVE_INTERVAL = 0.0
 run_study(load_study(sys.argv[1], realizations=30), sys.argv[2], workers=2)
 """
