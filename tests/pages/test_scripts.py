@@ -21,7 +21,7 @@ from pymantaray.apps.study.page import run_page
 from pymantaray.apps.sweep import write_sweep_page
 from pymantaray.pages.page import Page
 
-TEMPLATES = files("pymantaray.report") / "templates"
+TEMPLATES = files("pymantaray.pages") / "templates"
 SCRIPTS = {
     "run": "run.js", "comparison": "table.js", "sweep": "table.js", "replay": "table.js", "atlas": "atlas.js",
 }  # fmt: skip
