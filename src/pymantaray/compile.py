@@ -89,7 +89,8 @@ def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], *
     finally:
         function.__qualname__ = name
     if not PLAIN:
-        folder, stem = Path(compiled.stats.cache_path), f"{Path(function.__code__.co_filename).stem}.{name}"
+        folder = Path(compiled.stats.cache_path)
+        stem = f"{Path(function.__code__.co_filename).stem}.{name}"
         _discard_stale(folder, stem, digest)
         _ignore_failed_saves(compiled._cache)
         _discard_damaged(compiled._cache, folder, f"{stem}-{digest}")
@@ -136,8 +137,11 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
 
     After half a minute, a waiting process compiles in memory.
     """
-    load, compile_types, locks = compiled._cache.load_overload, compiled.compile, list[TextIO]()
-    save, in_memory = compiled._cache.save_overload, list[bool]()
+    load = compiled._cache.load_overload
+    compile_types = compiled.compile
+    locks = list[TextIO]()
+    save = compiled._cache.save_overload
+    in_memory = list[bool]()
 
     def load_or_wait(signature: Any, context: Any) -> Any:
         code = load(signature, context)
@@ -162,7 +166,8 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
                 with locks.pop() as lock, suppress(OSError):
                     fcntl.flock(lock, fcntl.LOCK_UN)  # a process that was forked meanwhile has the file, too
 
-    compiled._cache.load_overload, compiled.compile = load_or_wait, compile_and_unlock
+    compiled._cache.load_overload = load_or_wait
+    compiled.compile = compile_and_unlock
     compiled._cache.save_overload = save_unless_in_memory
 
 

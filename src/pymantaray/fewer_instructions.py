@@ -26,7 +26,9 @@ _numba_make_array = arrayobj.make_array
 
 def variables_without_memory(blocks: dict[int, Any]) -> set[str]:
     """Variables with a single assignment that precedes all their uses."""
-    assignments, first, uses = Counter[str](), dict[str, int](), set[tuple[str, int]]()
+    assignments = Counter[str]()
+    first = dict[str, int]()
+    uses = set[tuple[str, int]]()
     for offset, block in blocks.items():
         here = set[str]()
         for inst in block.body:
@@ -62,7 +64,8 @@ def extract_value(builder: Any, aggregate: Any, index: Any, name: str = "") -> A
         elif len(inserted) > len(indices):
             break  # only a part of the field was inserted here
         else:
-            aggregate, indices = aggregate.value, indices[n:]
+            aggregate = aggregate.value
+            indices = indices[n:]
             if not indices:
                 return aggregate
     extracted = kinds.ExtractValue(builder.block, aggregate, indices, name=name)
@@ -106,11 +109,14 @@ def make_array(kind: Any) -> Any:
             if value is None or at_start or type(kind) is not types.Array:
                 super().__init__(context, builder, value, ref)
                 return
-            self._context, self._builder, self._array = context, builder, value
+            self._context = context
+            self._builder = builder
+            self._array = value
             self._datamodel = context.data_model_manager[self._fe_type]
             self._be_type = self._get_be_type(self._datamodel)
             before = builder.block.instructions[: builder._anchor]
-            self._block, self._previous = builder.block, before[-1] if before else None
+            self._block = builder.block
+            self._previous = before[-1] if before else None
 
         def __getattr__(self, name: str) -> Any:
             if name not in ("_value", "_outer_ref"):
@@ -136,7 +142,8 @@ def make_array(kind: Any) -> Any:
         def _store(self) -> None:
             """Store the array in memory where this object was made, which precedes all its uses."""
             builder = self._builder
-            block, following = builder.block, builder.block.instructions[builder._anchor :][:1]
+            block = builder.block
+            following = builder.block.instructions[builder._anchor :][:1]
             memory = cgutils.alloca_once(builder, self._be_type)
             if self._previous is None:
                 builder.position_at_start(self._block)

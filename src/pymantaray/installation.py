@@ -39,7 +39,8 @@ def code_version() -> str:
 
     A checkout and its wheel have the same version. The hash excludes `cli` and `report`, which do not affect results.
     """
-    root, content = Path(__file__).parent, hashlib.sha256()
+    root = Path(__file__).parent
+    content = hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
         name = file.relative_to(root).as_posix()
         if not name.startswith(("cli/", "report/")):
@@ -122,7 +123,8 @@ def gpu() -> tuple[str | None, str]:
 
 def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Required packages and extras according to the metadata of the installed package."""
-    packages, extras = [], dict[str, list[str]]()
+    packages = []
+    extras = dict[str, list[str]]()
     for line in requires("pymantaray") or ():
         requirement = Requirement(line)
         there = _version(requirement.name)

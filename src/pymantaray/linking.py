@@ -91,7 +91,8 @@ class EntryLibrary(Library):
 
     def finalize(self) -> None:
         """Load shared kernels, add the code of all other kernels, then optimize and compile."""
-        waiting, all_libraries = list(self._linking_libraries), dict[Any, None]()
+        waiting = list(self._linking_libraries)
+        all_libraries = dict[Any, None]()
         while waiting:
             library = waiting.pop()
             if library not in all_libraries:
@@ -302,7 +303,8 @@ class ArrayByDataAndShape(ArrayModel):  # type: ignore[misc]
         """Build the array from its data and shape."""
         data, *shape = value
         itemsize = cgutils.intp_t(self._fe_type.dtype.bitwidth // 8)
-        nitems, strides = shape[-1], [itemsize]
+        nitems = shape[-1]
+        strides = [itemsize]
         for n in shape[-2::-1]:
             strides.insert(0, builder.mul(itemsize, nitems))
             nitems = builder.mul(n, nitems)
@@ -338,7 +340,8 @@ class ModelsOfArguments:
 def _arrays_by_data_and_shape() -> Iterator[None]:
     """Pass two to four numbers per array of a workspace instead of seven to eleven; saves a tenth of the time."""
     context: Any = BaseContext
-    pack, packers = context.get_arg_packer, dict[Any, Any]()
+    pack = context.get_arg_packer
+    packers = dict[Any, Any]()
 
     def packer(_context: Any, args: Any) -> Any:
         kinds = tuple(args)

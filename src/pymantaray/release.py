@@ -15,8 +15,11 @@ def release_module(module: Any) -> None:
     """Empty a module of LLVM's language whose text was read."""
     for function in module.functions:
         for block in function.blocks:
-            block.instructions, block.terminator = [], None
-        function.blocks, function.args, function.return_value = [], (), None
+            block.instructions = []
+            block.terminator = None
+        function.blocks = []
+        function.args = ()
+        function.return_value = None
     module.globals.clear()
 
 

@@ -76,7 +76,8 @@ class QuickPassManager(PassManager):  # type: ignore[misc]
 
 def _operators() -> Callable[..., Any]:
     """Numba's choice of an operator's implementation, stored by types."""
-    resolve, signatures = functions.BaseFunction.get_call_type, dict[Any, Any]()
+    resolve = functions.BaseFunction.get_call_type
+    signatures = dict[Any, Any]()
 
     def get_call_type(operator: Any, context: Any, args: Any, kws: Any) -> Any:
         if kws:
@@ -92,7 +93,8 @@ def _operators() -> Callable[..., Any]:
 
 def _attributes() -> Callable[..., Any]:
     """Numba's types of attributes, stored by the owner's type and the name."""
-    resolve, known = TypingContext.resolve_getattr, dict[Any, Any]()
+    resolve = TypingContext.resolve_getattr
+    known = dict[Any, Any]()
 
     def resolve_getattr(context: Any, kind: Any, name: str) -> Any:
         key = kind, name
@@ -106,7 +108,8 @@ def _attributes() -> Callable[..., Any]:
 
 def _constants() -> Callable[..., Any]:
     """Numba's types of global values, stored by object."""
-    resolve, known = TypingContext.resolve_value_type, dict[int, Any]()
+    resolve = TypingContext.resolve_value_type
+    known = dict[int, Any]()
 
     def resolve_value_type(context: Any, value: Any) -> Any:
         if id(value) not in known:
@@ -118,7 +121,8 @@ def _constants() -> Callable[..., Any]:
 
 def _implementations() -> Callable[..., Any]:
     """Numba's search of an implementation; it loads all registries again only for the first search without result."""
-    search, missing = BaseContext.get_function, set[Any]()
+    search = BaseContext.get_function
+    missing = set[Any]()
 
     def get_function(context: Any, function: Any, signature: Any, **options: Any) -> Any:
         if not isinstance(function, str):
@@ -140,7 +144,8 @@ def _refresh() -> Callable[..., Any]:
 
     Numba copies a context for each function. All copies share their registries, which are kept by identity.
     """
-    refresh, seen = BaseContext.refresh, dict[int, tuple[Any, int]]()
+    refresh = BaseContext.refresh
+    seen = dict[int, tuple[Any, int]]()
 
     def refresh_if_new(context: Any) -> None:
         own = context._registries
@@ -160,7 +165,8 @@ def _refresh() -> Callable[..., Any]:
 
 def _parameters() -> Callable[..., Any]:
     """Numba's test if a function has a parameter ``loc``, stored by the function's code."""
-    has_loc, known = base._has_loc, dict[Any, bool]()
+    has_loc = base._has_loc
+    known = dict[Any, bool]()
 
     def remembered(function: Any) -> bool:
         code = getattr(inspect.unwrap(function), "__code__", None)
@@ -237,7 +243,8 @@ class _ErrorContext:
     __slots__ = ("text", "values")
 
     def __init__(self, text: str, **values: Any) -> None:
-        self.text, self.values = text, values
+        self.text = text
+        self.values = values
 
     def __enter__(self) -> None:
         pass
@@ -253,7 +260,8 @@ def _propagate(network: Any, inference: Any) -> list[Any]:
 
     A call whose signature is known is typed again only if the types of its arguments changed.
     """
-    caught, variables = [], inference.typevars
+    caught = []
+    variables = inference.typevars
     with inference.warnings.catch_warnings():
         for constraint in network.constraints:
             inputs = None
@@ -292,7 +300,8 @@ def _inputs(constraint: Any, variables: Any) -> list[Any]:
 
 def _single_assignments(states: Any, block: Any, handler: Any) -> list[Any]:
     """As Numba's _run_ssa_block_pass, which is a generator and logs each instruction."""
-    on_assign, on_other = handler.on_assign, handler.on_other
+    on_assign = handler.on_assign
+    on_other = handler.on_other
     return [on_assign(states, x) if isinstance(x, ir.Assign) else on_other(states, x) for x in block.body]
 
 
@@ -321,7 +330,8 @@ def _unique_name(self: Any, name: str, deduplicate: bool = False) -> str:
     if name in used:
         if not deduplicate:
             raise _utils.DuplicatedNameError(name)
-        counts, first = self._basenamemap, name
+        counts = self._basenamemap
+        first = name
         while name in used:
             counts[first] += 1
             name = f"{first}.{counts[first]}"

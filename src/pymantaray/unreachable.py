@@ -27,7 +27,8 @@ class DecideByType(FunctionPass):  # type: ignore[misc]
 
     def run_pass(self, state: Any) -> bool:
         """Replace all comparisons that the types of the arguments decide."""
-        code, changed = state.func_ir, False
+        code = state.func_ir
+        changed = False
         for block in code.blocks.values():
             for one in block.find_insts(ir.Assign):
                 equal = _equal(code, state.args, one.value)

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from pymantaray.acoustics._kernels.layout import Results
 
 # Two rows within all three are one ray: travel time [s], launch and arrival angle [rad]
-_SAME_TIME, _SAME_ANGLE = 1e-7, 1e-4
+_SAME_TIME = 1e-7
+_SAME_ANGLE = 1e-4
 _IDENTITY = [at.TRAVEL_TIME, at.LAUNCH_ANGLE, at.ARRIVAL_ANGLE]
 _WITHOUT_ARRIVAL = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
 # Outcomes of both searches without an arrival, the one that says most last: a ray exists that the other search did not find
@@ -35,7 +36,9 @@ def merged(results: Results, links: NDArray[np.intp], other: Results) -> Results
     """
     starts = np.concatenate([[0], np.cumsum(results.counts)])
     other_starts = np.concatenate([[0], np.cumsum(other.counts)])
-    counts, status, info = results.counts.copy(), results.status.copy(), results.info.copy()
+    counts = results.counts.copy()
+    status = results.status.copy()
+    info = results.info.copy()
     rows = [results.rows[starts[i] : starts[i + 1]] for i in range(len(counts))]
     for k, i in enumerate(links):
         more = _only_in(other.rows[other_starts[k] : other_starts[k + 1]], rows[i])
@@ -43,7 +46,8 @@ def merged(results: Results, links: NDArray[np.intp], other: Results) -> Results
             together = np.concatenate([rows[i], more])
             rows[i] = together[np.argsort(together[:, at.TRAVEL_TIME], kind="stable")]
             counts[i] = len(together)
-            status[i], info[i, at.MARGIN] = RayStatus.OK, 0.0
+            status[i] = RayStatus.OK
+            info[i, at.MARGIN] = 0.0
         elif not counts[i]:
             info[i, at.MARGIN] = np.fmin(info[i, at.MARGIN], other.info[k, at.MARGIN])
             status[i] = max(status[i], other.status[k], key=_KNOWLEDGE.index)
@@ -58,7 +62,8 @@ def _only_in(rows: Array, known: Array) -> Array:
     direct = rows[rows[:, at.SURFACE_BOUNCES] + rows[:, at.BOTTOM_BOUNCES] == 0.0]
     distance = np.abs(direct[:, None, _IDENTITY] - known[None, :, _IDENTITY])
     pairs = np.argwhere((distance < (_SAME_TIME, _SAME_ANGLE, _SAME_ANGLE)).all(axis=2))
-    alone, free = np.ones(len(direct), dtype=bool), np.ones(len(known), dtype=bool)
+    alone = np.ones(len(direct), dtype=bool)
+    free = np.ones(len(known), dtype=bool)
     for i, j in pairs[np.argsort(distance[*pairs.T, 0], kind="stable")]:
         if alone[i] and free[j]:
             alone[i] = free[j] = False

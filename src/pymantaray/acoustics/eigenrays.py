@@ -102,7 +102,8 @@ def find_eigenrays(
     of the sphere, slowness vectors are the gradients by the positions in the frame, and spreading and miss are those of flattened water
     (their difference is below 0.001 dB at 1 km depth).
     """
-    a, b = as_positions("source", source), as_positions("receiver", receiver)
+    a = as_positions("source", source)
+    b = as_positions("receiver", receiver)
     if a.shape != b.shape:
         raise AcousticsError(
             f"source has shape {a.shape}, receiver {b.shape}; they must be equal: repeat a single position for every link"
@@ -205,7 +206,8 @@ def _under_rough_surface(medium: Medium, ends: Ends, *, threads: int | None, **o
 def _arrivals(results: Results) -> Arrivals:
     from pymantaray.acoustics._kernels import layout
 
-    table, info = results.rows, results.info
+    table = results.rows
+    info = results.info
     short = int(np.count_nonzero(info[:, layout.COMPLETE] == 0.0))
     if short:
         warnings.warn(
@@ -213,7 +215,8 @@ def _arrivals(results: Results) -> Arrivals:
             RuntimeWarning,
             stacklevel=3,
         )
-    source, receiver = layout.SOURCE_SLOWNESS, layout.RECEIVER_SLOWNESS
+    source = layout.SOURCE_SLOWNESS
+    receiver = layout.RECEIVER_SLOWNESS
     return Arrivals(
         link=np.repeat(np.arange(len(info)), results.counts),
         travel_time=table[:, layout.TRAVEL_TIME],

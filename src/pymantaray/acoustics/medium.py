@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from pymantaray.ocean.local import LocalGrid
 
 Interpolation = Literal["smooth", "linear"]
-_SLOWEST, _FASTEST = 1000.0, 2500.0  # m/s; other values have a wrong unit
+_SLOWEST = 1000.0  # m/s; other values have a wrong unit
+_FASTEST = 2500.0
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
 _MAX_ADDED_LEVELS = 100  # above the first level
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
@@ -173,7 +174,9 @@ class Medium:
 
     def __repr__(self) -> str:
         """Size, extents and kind in one line."""
-        n, e, d = self.north, self.east, self.depth
+        n = self.north
+        e = self.east
+        d = self.depth
         speeds = f"{self.sound_speed.min():.1f} to {self.sound_speed.max():.1f} m/s"
         bed = f"sea bed {self.bed.depth.min():g} to {self.bed.depth.max():g} m"
         ice = f", ice to {self.surface.depth.max():g} m" if self.has_ice else ""
@@ -452,10 +455,13 @@ class Medium:
     def _domain(self) -> Domain:
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
 
-        radius, depth = 0.0, self.depth
-        bed, surface = self.bed.grid, self.surface.grid
+        radius = 0.0
+        depth = self.depth
+        bed = self.bed.grid
+        surface = self.surface.grid
         if self.earth is not None:
-            radius, depth = self.earth.radius, self.earth.flattened_depth(depth)
+            radius = self.earth.radius
+            depth = self.earth.flattened_depth(depth)
             bed = bed._replace(depth=self.earth.flattened_depth(bed.depth))
             surface = surface._replace(depth=self.earth.flattened_depth(surface.depth))
         steps = [np.diff(axis).min() for axis in (self.north, self.east) if axis.size > 1]

@@ -66,7 +66,9 @@ def with_direct_rays(arrivals: Arrivals, source: Array, receiver: Array, near: M
     chord, margin, status = (
         np.array(values) for values in (arrivals.chord_travel_time, arrivals.shadow_margin, arrivals.status)
     )
-    chord[links], margin[links], status[links] = own["travel_time"], 0.0, RayStatus.OK
+    chord[links] = own["travel_time"]
+    margin[links] = 0.0
+    status[links] = RayStatus.OK
     return replace(arrivals, **columns, chord_travel_time=chord, shadow_margin=margin, status=status)
 
 

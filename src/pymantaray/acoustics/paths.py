@@ -67,7 +67,8 @@ def trace_paths(
     """
     from pymantaray.acoustics._kernels.paths import trace_arrivals
 
-    a, b = as_positions("source", source), as_positions("receiver", receiver)
+    a = as_positions("source", source)
+    b = as_positions("receiver", receiver)
     if not a.shape == b.shape == (arrivals.status.size, 3):
         raise AcousticsError(
             f"source has shape {a.shape}, receiver {b.shape}; the arrivals are of {arrivals.status.size} links"
@@ -178,7 +179,8 @@ def trace_fan(
                 raise AcousticsError(
                     f"fan: {name} {end_at} m is outside the medium, {low} to {high} m; reduce the distance"
                 )
-    top, bed = medium.surface_depth(start)[0], medium.bottom_depth(start)[0]
+    top = medium.surface_depth(start)[0]
+    bed = medium.bottom_depth(start)[0]
     if not top <= start[0, 2] <= bed:
         depth, low, high = distinct_digits(start[0, 2], top, bed)
         raise AcousticsError(f"source: depth {depth} m; the water there reaches from {low} to {high} m")
@@ -186,8 +188,10 @@ def trace_fan(
         start[:, 2] = medium.earth.flattened_depth(start[:, 2])
     domain, (work, nodes) = medium.domain(), _room(medium)
     counts = np.zeros(angles.size, dtype=np.int64)
-    bounces, fan = (max_surface_bounces, max_bottom_bounces), (start[0], unit, float(distance))
-    done, table = 0, [nodes[:0]]
+    bounces = (max_surface_bounces, max_bottom_bounces)
+    fan = (start[0], unit, float(distance))
+    done = 0
+    table = [nodes[:0]]
     while done < angles.size:
         traced = trace_launches(domain, fan, angles[done:], bounces, tolerance, work, (nodes, counts[done:]))
         table.append(nodes[: counts[done : done + traced].sum()].copy())
@@ -245,10 +249,12 @@ def quadrature(paths: RayPaths) -> Quadrature:
         (n,), the arc length of each point [m].
     """
     first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
-    a, b = first, first + 1
+    a = first
+    b = first + 1
     h = (paths.travel_time[b] - paths.travel_time[a])[:, None, None]
     t = _GAUSS_NODES[None, :, None]
-    x0, x1 = paths.position[a, None], paths.position[b, None]
+    x0 = paths.position[a, None]
+    x1 = paths.position[b, None]
     v0, v1 = (
         p / np.sum(p * p, axis=-1, keepdims=True) for p in (paths.slowness[a, None], paths.slowness[b, None])
     )
@@ -281,7 +287,8 @@ def resample(paths: RayPaths, n_points: int) -> Array:
             continue
         times = np.linspace(paths.travel_time[nodes[0]], paths.travel_time[nodes[-1]], n_points)
         k = np.clip(np.searchsorted(paths.travel_time[nodes], times, side="right") - 1, 0, nodes.size - 2)
-        a, b = nodes[k], nodes[k] + 1  # the next node, before a reflection
+        a = nodes[k]  # the next node, before a reflection
+        b = nodes[k] + 1
         h = (paths.travel_time[b] - paths.travel_time[a])[:, None]
         t = (times - paths.travel_time[a])[:, None] / h
         v0, v1 = (p / np.sum(p * p, axis=-1, keepdims=True) for p in (paths.slowness[a], paths.slowness[b]))
@@ -378,7 +385,8 @@ def ray_picture(
     """
     import xarray as xr
 
-    a, b = as_positions("source", source)[0], as_positions("receiver", receiver)[0]
+    a = as_positions("source", source)[0]
+    b = as_positions("receiver", receiver)[0]
     step = b - a
     horizontal = math.hypot(step[0], step[1])
     unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
@@ -407,7 +415,8 @@ def ray_picture(
     )
     arrives = np.arange(len(paths)) < arrivals.link.size
     spreading = np.full(len(paths), np.nan)
-    last[arrives], spreading[arrives] = arrivals.travel_time, arrivals.spreading_db
+    last[arrives] = arrivals.travel_time
+    spreading[arrives] = arrivals.spreading_db
 
     variables = {
         **_section(medium, a, unit, horizontal, n_range, n_depth),
@@ -441,9 +450,11 @@ def _section(
     domain, (work, _) = medium.domain(), _room(medium)
     line = start, (unit[0], unit[1]), horizontal
     ranges = np.linspace(0.0, max(horizontal, 1.0), n_range)
-    floor, ice = np.empty(n_range), np.empty(n_range)
+    floor = np.empty(n_range)
+    ice = np.empty(n_range)
     section_grid(domain, line, ranges, np.zeros(1), work, (np.empty((n_range, 1)), floor, ice))
-    depths, c = np.linspace(0.0, 1.03 * floor.max(), n_depth), np.empty((n_range, n_depth))
+    depths = np.linspace(0.0, 1.03 * floor.max(), n_depth)
+    c = np.empty((n_range, n_depth))
     section_grid(domain, line, ranges, depths, work, (c, floor, ice))
     if medium.earth is not None:
         depths, floor, ice = (medium.earth.true_depth(x) for x in (depths, floor, ice))

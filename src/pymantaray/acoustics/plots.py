@@ -61,10 +61,12 @@ def plot_rays(paths: "RayPaths", ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
     """
-    axes, used = axes_or_new(ax), set[int]()
+    axes = axes_or_new(ax)
+    used = set[int]()
     starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     for rows in np.split(np.arange(paths.arrival.size), starts[1:]):
-        place, boundary = paths.position[rows], paths.boundary[rows]
+        place = paths.position[rows]
+        boundary = paths.boundary[rows]
         kind = int((boundary == 1).any()) + 2 * int((boundary == 2).any())
         name, look = RAY_KINDS[kind]
         label = name if kind not in used else "_"

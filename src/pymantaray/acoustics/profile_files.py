@@ -34,15 +34,18 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
     lat, lon = _profile_position(path, profile)
     if np.isnat(profile.time):
         raise AcousticsError(f"{path}: the time of {profile.name} is unknown; the format needs one")
-    depth, speed = np.round(profile.depth, 2), np.round(profile.sound_speed, 2)
+    depth = np.round(profile.depth, 2)
+    speed = np.round(profile.sound_speed, 2)
     if np.any(np.diff(depth) <= 0.0):
         raise AcousticsError(
             f"{path}: {profile.name} has levels that differ by less than 1 cm; thin it first"
         )
     if depth[0] > 0.0:
-        depth, speed = np.append(0.0, depth), np.append(speed[0], speed)
+        depth = np.append(0.0, depth)
+        speed = np.append(speed[0], speed)
     if depth[-1] < _DEEPEST:
-        depth, speed = np.append(depth, _DEEPEST), np.append(speed, speed[-1])
+        depth = np.append(depth, _DEEPEST)
+        speed = np.append(speed, speed[-1])
     if depth.size > _MAX_LEVELS:
         raise AcousticsError(
             f"{path}: {depth.size} levels; echo sounders accept at most {_MAX_LEVELS}; thin it first with `thin_profile`"

@@ -174,7 +174,8 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
 
     if table.instrument:
         return _raw_profile(table, name, position, repair)
-    has_speed, has_water = table.has("sound_speed"), table.has("temperature", "salinity")
+    has_speed = table.has("sound_speed")
+    has_water = table.has("temperature", "salinity")
     vertical = "depth" if table.has("depth") else "pressure"
     there = {"depth": table.has(vertical), "sound_speed": has_speed or has_water}
     if not all(there.values()):
@@ -227,7 +228,8 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
 
 def _of_cast(cast: Cast) -> Profile:
     """Profile of a cast with computed sound speed."""
-    place, water = (cast.lat, cast.lon), (cast.temperature, cast.salinity)
+    place = (cast.lat, cast.lon)
+    water = (cast.temperature, cast.salinity)
     return Profile(cast.depth, cast.sound_speed(), place, cast.name, cast.time, water, cast.notes, place)
 
 
@@ -346,20 +348,24 @@ def smooth_profile(
     """
     cast = _checked(depth, sound_speed)
     z, c = up_to_surface(*cast)
-    gap, extent = float(np.diff(z).max()), float(z[-1] - z[0])
+    gap = float(np.diff(z).max())
+    extent = float(z[-1] - z[0])
     if not gap <= length <= 0.5 * extent:
         own, least, most = distinct_digits(length, gap, 0.5 * extent)
         raise AcousticsError(
             f"length: {own} m; the cast allows {least} m, its widest gap, to {most} m, half its depth"
         )
     levels = np.linspace(z[0], z[-1], math.ceil(extent / (0.5 * length)) + 1)
-    share, sigma = np.gradient(z), length / _FWHM
+    share = np.gradient(z)
+    sigma = length / _FWHM
     smoothed = np.empty(levels.size)
     for i, level in enumerate(levels):
         part = slice(*np.searchsorted(z, [level - _CUT_OFF * sigma, level + _CUT_OFF * sigma]))
         x = (z[part] - level) / sigma
         w = share[part] * np.exp(-0.5 * x * x)
-        s0, s1, s2 = w.sum(), (w * x).sum(), (w * x * x).sum()
+        s0 = w.sum()
+        s1 = (w * x).sum()
+        s2 = (w * x * x).sum()
         smoothed[i] = (w * (s2 - s1 * x) * c[part]).sum() / (s0 * s2 - s1 * s1)
     return _record(*cast, levels, smoothed, "smoothed", length, interpolation)
 
@@ -423,7 +429,8 @@ def _fewest_chords(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
     while came_from[n - 1] < 0:
         reached: list[int] = []
         for i in front:
-            dz, dc = z[i + 1 :] - z[i], c[i + 1 :] - c[i]
+            dz = z[i + 1 :] - z[i]
+            dc = c[i + 1 :] - c[i]
             slope = dc / dz
             lowest = np.maximum.accumulate((dc - tolerance) / dz)
             highest = np.minimum.accumulate((dc + tolerance) / dz)

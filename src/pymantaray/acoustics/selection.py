@@ -111,7 +111,8 @@ def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
     strong = ~_too_weak(arrivals, cutoff_db)
     if strong.all():
         return arrivals
-    rows, status = arrivals.at({"arrival": strong}), arrivals.status
+    rows = arrivals.at({"arrival": strong})
+    status = arrivals.status
     weak = (status == RayStatus.OK) & (np.bincount(rows.link, minlength=status.size) == 0)
     return replace(rows, status=np.where(weak, np.int8(RayStatus.WEAK), status))
 

@@ -115,7 +115,8 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     the library need no annotation: `Fields` selects them, and type, default, unit and help come from the dataclass and its
     docstring.
     """
-    signature, by_name = inspect.signature(command), inspect.Parameter.KEYWORD_ONLY
+    signature = inspect.signature(command)
+    by_name = inspect.Parameter.KEYWORD_ONLY
     groups = {p.name: group for p in signature.parameters.values() if (group := _group(p.annotation))}
     parameters: list[inspect.Parameter] = []
     for p in signature.parameters.values():
@@ -176,10 +177,8 @@ def _descriptions(kind: type) -> dict[str, tuple[str, str]]:
 
 def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option:
     """Option of a field with a type, default, description and unit."""
-    name, metavar = (
-        flag.partition("/")[0].removeprefix("--").replace("-", "_"),
-        _METAVARS.get(unit, unit.upper()),
-    )
+    name = flag.partition("/")[0].removeprefix("--").replace("-", "_")
+    metavar = _METAVARS.get(unit, unit.upper())
     if unit == "s":
         text = f"{text} Seconds, or text such as '10 min' or '13 ms'."
     settings: dict[str, Any] = {"help": text, "metavar": metavar or None}
@@ -187,16 +186,20 @@ def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option
     convert: Callable[[Any], Any] | None = None
     if "/" in flag:  # two flags for two values
         first, second = (word.removeprefix("--") for word in flag.split("/"))
-        kind, convert = bool, {True: first, False: second, None: None}.__getitem__
+        kind = bool
+        convert = {True: first, False: second, None: None}.__getitem__
     elif get_origin(kind) is tuple:
         inner, *others = get_args(kind)
         if others != [...]:
             settings["metavar"] = " ".join([metavar] * (1 + len(others)))
         elif inner is float:
-            kind, default = str, ",".join(f"{value:g}" for value in default)
+            kind = str
+            default = ",".join(f"{value:g}" for value in default)
             settings |= {"parser": quantities(unit), "metavar": f"{metavar},..."}
         else:
-            kind, default, convert = list[_kind(inner)], None, _as_tuple  # type: ignore[misc]
+            kind = list[_kind(inner)]  # type: ignore[misc]
+            default = None
+            convert = _as_tuple
     elif kind is float and has_units(unit):
         settings["parser"] = quantity(unit)
         if unit == "s" and default is not None and default % 60.0 == 0.0 < default:

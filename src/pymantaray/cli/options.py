@@ -147,7 +147,8 @@ def _has_option(command: Callable[..., None], name: str) -> bool:
 
 def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
     """Add ``--verbose``, and ``--quiet`` unless the command has it, and set the log level accordingly."""
-    signature, by_name = inspect.signature(command), inspect.Parameter.KEYWORD_ONLY
+    signature = inspect.signature(command)
+    by_name = inspect.Parameter.KEYWORD_ONLY
     own = "quiet" in signature.parameters
     added = [] if own else [inspect.Parameter("quiet", by_name, default=False, annotation=NoWarnings)]
     added.append(inspect.Parameter("verbose", by_name, default=0, annotation=Verbose))

@@ -42,7 +42,8 @@ class _Stream(io.TextIOBase):
     def __init__(self, stream: TextIO, *, fails: bool) -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="mantaray")
-        self._stream, self._fails = stream, fails
+        self._stream = stream
+        self._fails = fails
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
@@ -122,7 +123,8 @@ class Watch:
     """State of a command: finished parts and remaining time of each stage, the next stages, and the peak memory."""
 
     def __init__(self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic) -> None:
-        self.stages, self._clock = stages, clock
+        self.stages = stages
+        self._clock = clock
         self._present = ""
         self._begun: dict[str, tuple[float, int]] = {}  # time of the first report, and finished parts
         self._latest: dict[
@@ -224,7 +226,8 @@ def _bars(watch: Watch) -> Iterator[Report]:
 @contextmanager
 def _lines(watch: Watch, stream: TextIO) -> Iterator[Report]:
     """Print lines at regular intervals, and log the end of each stage."""
-    over, start = threading.Event(), time.perf_counter()
+    over = threading.Event()
+    start = time.perf_counter()
 
     def print_line() -> None:
         while not over.wait(_LINE_INTERVAL):

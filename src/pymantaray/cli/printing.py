@@ -32,7 +32,8 @@ class Printer:
     """
 
     def __init__(self, *, quiet: bool, to: Form = "text") -> None:
-        self._to, self._quiet = to, quiet or to != "text"
+        self._to = to
+        self._quiet = quiet or to != "text"
         self.values: dict[str, Any] | None = {} if to == "json" else None
 
     def line(self, text: str = "", **values: Any) -> None:

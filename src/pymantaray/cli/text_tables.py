@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from pymantaray.records.result_table import Head, ResultTable
 
 _NAME = 30  # characters of a row's name, or of a word, that a table shows in one line
-_GAP, _EDGE = 3, 2  # characters between columns, and at both ends of a line
+_GAP = 3  # characters between columns, and at both ends of a line
+_EDGE = 2
 _BREAK = re.compile(r"(?<=\s)|(?<=[._])(?=[A-Za-z])")  # in a heading
 
 
@@ -29,7 +30,8 @@ def print_table(table: "ResultTable") -> None:
         for k, (head, cells) in enumerate(zip(table.heads, columns, strict=True))
     ]
     for number, block in enumerate(_blocks(least, room)):
-        heads, part = [table.heads[k] for k in block], [columns[k] for k in block]
+        heads = [table.heads[k] for k in block]
+        part = [columns[k] for k in block]
         widths = _widths([head.text for head in heads], [least[k] for k in block], room)
         console.print(_rich_table(heads, part, widths, "" if number else table.caption))
 

@@ -107,7 +107,8 @@ def water_notes(water: "Water") -> list[str]:
 
     medium, _ = water.at_start
     named = " ".join(water.record.get("ocean") or [water.record.get("run", "")])
-    low, high = f"{medium.bed.depth.min():.0f}", f"{medium.bed.depth.max():.0f}"
+    low = f"{medium.bed.depth.min():.0f}"
+    high = f"{medium.bed.depth.max():.0f}"
     depths = low if low == high else f"{low} to {high}"
     domain = (
         f"{named}: {np.ptp(medium.north) / 1e3:.4g} km (north) by {np.ptp(medium.east) / 1e3:.4g} km (east) around"

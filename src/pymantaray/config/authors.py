@@ -286,7 +286,8 @@ def _fraction(value: float) -> Fraction:
 
 def _sampling_period(simulation: Simulation, label: str) -> float:
     """Longest period of samples that contains poses, pings and the end. [s]"""
-    timing, sensors = simulation.timing, simulation.sensors
+    timing = simulation.timing
+    sensors = simulation.sensors
     step = _fraction(timing.physics_dt)
     if timing.ping_interval_min > 60.0 * timing.end_time_hours:
         raise StudyError(
@@ -322,7 +323,9 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
 
 def _notes(simulation: Simulation, period: float) -> Iterator[str]:
     """Values that the program treats wrongly, and differences."""
-    sensors, acoustics, robots = simulation.sensors, simulation.acoustics, simulation.robots
+    sensors = simulation.sensors
+    acoustics = simulation.acoustics
+    robots = simulation.robots
     if acoustics.tof_mode == "two_way":
         yield "acoustics.tof_mode is two_way: the program gives twice the distance; here the range is the distance"
     if len(robots) > _LANDMARK_LETTER:
@@ -373,7 +376,8 @@ def _water_notes(
     arrays = read_environment(environment)
     local = ocean_in_metres(arrays, environment.name)
     bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
-    north, east = arrays["north"].values, arrays["east"].values
+    north = arrays["north"].values
+    east = arrays["east"].values
 
     def fault(position: tuple[float, float, float]) -> str | None:
         x, y, z = position
@@ -421,12 +425,10 @@ def _study(
     path: Path,
 ) -> Tree:
     """Nested dictionaries of a study."""
-    timing, acoustics, sensors, pfg = (
-        simulation.timing,
-        simulation.acoustics,
-        simulation.sensors,
-        simulation.pfg,
-    )
+    timing = simulation.timing
+    acoustics = simulation.acoustics
+    sensors = simulation.sensors
+    pfg = simulation.pfg
     # edges between poses of the study have a part of the variance of an edge of the program
     per_edge = math.sqrt(period * sensors.gt_freq_hz) / period
     reflections = {"arrival": REFLECTED[1]} | dict.fromkeys(
@@ -498,7 +500,8 @@ def _vehicle(robot: ConstantVelocity | CurrentDrift, name: str, timing: Timing) 
     if isinstance(robot, ConstantVelocity):
         v_east, v_north, v_down = robot.velocity
         return {"kind": "twist", **placed, "twist": [0.0, 0.0, 0.0, v_north, v_east, v_down]}
-    step, duration = timing.physics_dt, 3600.0 * timing.end_time_hours
+    step = timing.physics_dt
+    duration = 3600.0 * timing.end_time_hours
     extra = float_steps(robot, timing)
 
     def hours(seconds: float, more: int | None) -> float:

@@ -82,7 +82,9 @@ def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
 
 
 def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
-    kind, location, context = finding["type"], finding["loc"], finding.get("ctx", {})
+    kind = finding["type"]
+    location = finding["loc"]
+    context = finding.get("ctx", {})
     model, where, options = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
     if kind == "extra_forbidden":
         key = str(location[-1])

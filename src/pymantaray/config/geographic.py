@@ -18,7 +18,8 @@ def with_local_places(tree: Any) -> Any:
     Trees that are not studies are returned unchanged for later checks.
     """
     try:
-        fleet, keys = tree.get("fleet", {}), ("landmarks", "conditions")
+        fleet = tree.get("fleet", {})
+        keys = ("landmarks", "conditions")
         lists = {key: tree[key] for key in keys if isinstance(tree.get(key), list | tuple)}
         vehicles = fleet.get("vehicles", ())
         entries = [*vehicles, *(entry for entries in lists.values() for entry in entries)]
@@ -58,7 +59,8 @@ def _local(entry: dict[str, Any], frame: LocalFrame) -> dict[str, Any]:
         return {**entry, "range_model": {**entry["range_model"], "belief": inner}}
     if "lat" not in entry and "lon" not in entry:
         return entry
-    who, out = f"{entry.get('name', 'a vehicle')}", dict(entry)
+    who = f"{entry.get('name', 'a vehicle')}"
+    out = dict(entry)
     if "lat" not in entry or "lon" not in entry or "north" in entry or "east" in entry:
         raise ValueError(
             f"{who}: found {', '.join(_keys(entry))}; give either lat and lon, or north and east"
@@ -87,7 +89,8 @@ def _degrees(value: Any) -> Any:
 
 
 def _north_east(who: str, lat: Any, lon: Any, frame: LocalFrame) -> tuple[float, float]:
-    lat, lon = _degrees(lat), _degrees(lon)
+    lat = _degrees(lat)
+    lon = _degrees(lon)
     if not all(isinstance(value, int | float) for value in (lat, lon)) or abs(lat) > 90.0:
         raise ValueError(
             f"{who}: found lat {lat!r}, lon {lon!r}; allowed: numbers, lat from -90 to 90 degrees"

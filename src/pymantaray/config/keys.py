@@ -46,7 +46,8 @@ def merged(base: Any, over: Any, key: str = "") -> Any:
         return {**base, **{k: merged(base.get(k), v, f"{key}.{k}" if key else k) for k, v in over.items()}}
     entries = list(base)
     for name, value in over.items():
-        place, where = _find_entry(entries, [name]), f"{key}.{name}"
+        place = _find_entry(entries, [name])
+        where = f"{key}.{name}"
         if place is not None:
             entries = _put(entries, [name], merged(entries[place[0]], value, where), where)
         elif isinstance(value, Mapping):
@@ -123,7 +124,8 @@ def _put(node: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     """Node with a value at the key with these parts."""
     if not parts:
         return value
-    first, rest = parts[0], parts[1:]
+    first = parts[0]
+    rest = parts[1:]
     if isinstance(node, list | tuple):
         place = _find_entry(node, parts)
         if place is None:

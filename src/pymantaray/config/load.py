@@ -136,7 +136,8 @@ def load_study(
     >>> load_study("quick", **{"noise.range_sigma": 2.0}).noise.range_sigma
     2.0
     """
-    name, words = str(name_or_file), []
+    name = str(name_or_file)
+    words = []
     tree = _tree(name_or_file)
     if realizations is not None:
         tree = with_key(tree, "study.realizations", realizations)
@@ -228,7 +229,8 @@ def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     StudyError
         As for `load_study`.
     """
-    tree, label = _tree(name_or_file), str(name_or_file)
+    tree = _tree(name_or_file)
+    label = str(name_or_file)
     if "fleet" in tree:
         return parse_study(changed(tree, changes), label)
     others = StudyConfig.model_fields.keys() - SoundConfig.model_fields.keys()
@@ -257,7 +259,8 @@ def plan_tree(file: Path) -> Tree | None:
 
 def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
     """Tree of a preset or a file, merged into that of its base; its texts have the folder of their file."""
-    path, name = Path(name_or_file), str(name_or_file)
+    path = Path(name_or_file)
+    name = str(name_or_file)
     if path.suffix == SIMULATION:
         return _simulation(path)
     is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
@@ -296,7 +299,8 @@ def _parsed(text: str, label: str, folder: Path) -> Tree:
 
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
     """Tree merged into that of its base; file names are relative to a folder, and ``chain`` has the files on the way to this base."""
-    base, rest = tree[BASE], {key: value for key, value in tree.items() if key != BASE}
+    base = tree[BASE]
+    rest = {key: value for key, value in tree.items() if key != BASE}
     if not isinstance(base, str) or not (base in preset_names() or base.endswith(STUDY_FILES)):
         hint = "".join(
             f"did you mean {name}? " for name in difflib.get_close_matches(str(base), preset_names(), n=1)

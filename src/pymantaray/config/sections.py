@@ -489,7 +489,9 @@ class SoundConfig(Section):
         from pymantaray.acoustics.reflection import bed_reflection
         from pymantaray.sensing import Detector, ReceptionOptions
 
-        search, detection, detector = self.acoustics, self.detection, None
+        search = self.acoustics
+        detection = self.detection
+        detector = None
         if detection is not None:
             detector = Detector(
                 sonar=detection.build_sonar(),
@@ -529,11 +531,10 @@ class SoundConfig(Section):
         StudyError
             If a key is unknown or a value is not allowed; one line per finding.
         """
-        tree, label = (
-            changed(self.model_dump(exclude_none=True, exclude_unset=True), changes),
-            "configuration",
-        )
-        study, words = tree.get("study"), words_of(changes)
+        tree = changed(self.model_dump(exclude_none=True, exclude_unset=True), changes)
+        label = "configuration"
+        study = tree.get("study")
+        words = words_of(changes)
         if isinstance(study, Mapping) and "name" in study and words:
             label = str(study["name"])
             tree = described(tree, label, words)
@@ -545,7 +546,8 @@ class SoundConfig(Section):
 
     @model_validator(mode="after")
     def _mistakes_need_a_rule(self) -> Self:
-        ranging, arrival = self.ranging, self.acoustics.arrival
+        ranging = self.ranging
+        arrival = self.acoustics.arrival
         if ranging.mistaken == "none":
             return self
         if arrival != "direct":
@@ -643,7 +645,8 @@ class StudyConfig(SoundConfig):
         if self.fleet.trajectories:
             return self
         m = self.mission
-        duration, ping = m.duration_h * 3600.0, m.ping_interval_h * 3600.0
+        duration = m.duration_h * 3600.0
+        ping = m.ping_interval_h * 3600.0
         ratios = [
             ("sampling_period_s", m.sampling_period_s, "physics_step_s", m.physics_step_s),
             ("ping_interval_h", ping, "sampling_period_s", m.sampling_period_s),

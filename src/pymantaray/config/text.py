@@ -90,7 +90,8 @@ def _keys(section: BaseModel, *, explain: bool) -> Iterator[str]:
     """Lines of the keys without tables."""
     tree = section.model_dump(exclude_none=True, exclude_unset=True)
     for key, field in type(section).model_fields.items():
-        value, meaning = getattr(section, key), _meaning(field)
+        value = getattr(section, key)
+        meaning = _meaning(field)
         tables = isinstance(value, BaseModel) or (
             isinstance(value, tuple) and bool(models_in(field.annotation))
         )

@@ -171,7 +171,8 @@ class _Fleet:
     """Measurements of one realization and the intermediate results that its estimators share."""
 
     def __init__(self, measurements: Measurements, samples: Indices | None) -> None:
-        self._measurements, self._samples = measurements, samples
+        self._measurements = measurements
+        self._samples = samples
         self._graph: FactorGraph | None = None
         self._without_ranges: GraphSolution | None = None
         self._first: dict[tuple[object, ...], tuple[Estimator, GraphSolution]] = {}
@@ -291,7 +292,8 @@ class _Fleet:
 
     def _by_vehicle(self, solution: GraphSolution) -> GraphSolution:
         shape = self._measurements.depth.shape
-        place, turn = solution.position.reshape(*shape, 3), solution.quaternion.reshape(*shape, 4)
+        place = solution.position.reshape(*shape, 3)
+        turn = solution.quaternion.reshape(*shape, 4)
         return replace(solution, position=place, quaternion=turn)
 
 
@@ -403,8 +405,10 @@ def _fitted(
 
     The part of the cost that is due to ranges is nearly a power of the factor, so the secant is that of logarithms.
     """
-    log_scale, before = 0.0, None
-    low, high = 0.0, np.log(_MAX_SCALE)
+    log_scale = 0.0
+    before = None
+    low = 0.0
+    high = np.log(_MAX_SCALE)
     for _ in range(_MAX_FITS):
         solution = solve(float(np.exp(log_scale)), start)
         if not solution.usable:

@@ -87,7 +87,8 @@ class GraphSolver:
         check_graph(graph)
         check_values(graph, initial)
         method = method or Method()
-        loss, poses = method.loss, np.empty((0, 0), dtype=np.intp)
+        loss = method.loss
+        poses = np.empty((0, 0), dtype=np.intp)
         if covariance_poses is not None:
             poses = check_poses(graph, covariance_poses)
         if method.uses_distances and model_ranges is not None:
@@ -121,7 +122,8 @@ class GraphSolver:
             solution = self._batch_solution(
                 graph, end, model_is_right=model_is_right, model_ranges=model_ranges
             )
-        last, needed = end.optimum.last, covariance_poses is not None and solution.usable
+        last = end.optimum.last
+        needed = covariance_poses is not None and solution.usable
         if needed and last is not None and (covariances_if is None or covariances_if(solution)):
             solution = replace(solution, covariances=group_marginals(end.problem, last, poses, end.groups))
         if last is not None:
@@ -184,7 +186,8 @@ class GraphSolver:
             )
             at = GraphState.of(graph_values(values, graph))
         except RuntimeError:  # a linear system that is indeterminate
-            at, iterations = GraphState.of(initial), 0
+            at = GraphState.of(initial)
+            iterations = 0
         ours = self.solve(graph, initial, method=Method(method.loss), model_is_right=False).values
         problem, groups = self._distances(graph, method.loss, poses)
         # one batch step, not applied, measures the distance from the optimum
@@ -238,7 +241,9 @@ METHODS: Mapping[str, Method] = MappingProxyType(
 
 def _unknowns(unknowns: RangeUnknowns, end: BatchOutcome) -> UnknownsEstimate:
     """Estimate of the unknowns that have names, in their units."""
-    n, optimum, factors = len(unknowns.name), end.optimum, end.problem.factors
+    n = len(unknowns.name)
+    optimum = end.optimum
+    factors = end.problem.factors
     sigma = unknowns.sigma[:n]
     assert optimum.last is not None  # else it is not usable
     shared = np.arange(factors.n_variables, end.problem.structure.row.size)

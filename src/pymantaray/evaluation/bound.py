@@ -90,7 +90,8 @@ def error_bound(
     >>> bound = error_bound(run.truth, run.measurements)  # doctest: +SKIP
     """
     submerged_at_pings(truth, measurements)  # raises if the vehicles differ
-    o, e = measurements, _known(condition)
+    o = measurements
+    e = _known(condition)
     if samples is None:
         samples = ping_samples(measurements)
     if not samples.size:
@@ -207,7 +208,8 @@ def graph_degrees_of_freedom(graph: FactorGraph, values: GraphValues) -> dict[st
     dict of str to float
         For each vehicle's name and ``"(all)"``; NaN if the measurements do not determine some direction.
     """
-    covariance, signs = PoseCovariance(graph, values).positions, _RandomSigns(graph.n_poses)
+    covariance = PoseCovariance(graph, values).positions
+    signs = _RandomSigns(graph.n_poses)
     own = dict(zip(graph.vehicle_name.tolist(), _of_vehicles(covariance, graph, signs), strict=True))
     return {**own, "(all)": _effective(covariance, np.ones((graph.n_poses, 3), dtype=bool), signs)}
 
@@ -216,7 +218,8 @@ class _RandomSigns:
     """Sets of random vectors of signs for all poses, the same for each use; each set is drawn once."""
 
     def __init__(self, n_poses: int) -> None:
-        self._rng, self._shape = stream(0, 0, "evaluation", "degrees of freedom"), (_PROBES, n_poses, 3)
+        self._rng = stream(0, 0, "evaluation", "degrees of freedom")
+        self._shape = (_PROBES, n_poses, 3)
         self._sets: list[NDArray[np.int8]] = []
 
     def __getitem__(self, number: int) -> NDArray[np.int8]:
@@ -240,7 +243,8 @@ def _of_vehicles(
 ) -> list[float]:
     """Degrees of freedom of the positions of all poses of each vehicle."""
     masks = (np.repeat(graph.pose_vehicle == a, 3).reshape(-1, 3) for a in range(graph.vehicle_name.size))
-    part, vectors = connected_parts(graph).part[: graph.n_poses], signs[0].astype(float)
+    part = connected_parts(graph).part[: graph.n_poses]
+    vectors = signs[0].astype(float)
     vehicles_and_parts = np.unique([part, graph.pose_vehicle], axis=1)
     if len(np.unique(part)) == vehicles_and_parts.shape[1]:  # vehicles do not depend on each other
         product = covariance(vectors)
@@ -250,7 +254,8 @@ def _of_vehicles(
 
 def _from_products(products: Iterable[tuple[Array, Array]]) -> float:
     """Degrees of freedom from random vectors and their products with a covariance, in sets."""
-    trace, square = list[float](), list[float]()
+    trace = list[float]()
+    square = list[float]()
     for vectors, product in products:
         trace += [float(np.sum(z * p)) for z, p in zip(vectors, product, strict=True)]
         square += [float(np.sum(p**2)) for p in product]
@@ -312,7 +317,8 @@ def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame
     If a fleet turns about the vertical through its only anchor, ranges and depths do not change. Only odometry or a second anchor
     determines this rotation.
     """
-    samples, submerged = ping_samples(measurements), submerged_at_pings(truth, measurements)
+    samples = ping_samples(measurements)
+    submerged = submerged_at_pings(truth, measurements)
     blind, best = (error_bound(truth, measurements, name) for name in ("no-ranges", "straight"))
     rows = []
     for e, (sample, under) in enumerate(zip(samples, submerged, strict=True)):

@@ -83,7 +83,8 @@ def comparison_table(
     moments = {"mean": errors.mean(axis=(2, 3)), "rmse": (errors**2).mean(axis=(2, 3))}
     rows = []
     for condition, baseline in chosen:
-        a, b = present.index(condition), present.index(baseline)
+        a = present.index(condition)
+        b = present.index(baseline)
         good = ~np.isnan(errors[a]).any(axis=(1, 2)) & ~np.isnan(errors[b]).any(axis=(1, 2))
         n = int(good.sum())
         rng = stream(root_seed, 0, "evaluation", "bootstrap", condition, baseline)

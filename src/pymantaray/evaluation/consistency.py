@@ -29,14 +29,16 @@ class Errors(NamedTuple):
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
     """Normalized estimation error squared; its expectation is the length of the last axis. NaN if error or covariance is not finite."""
-    e, p = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
+    e = np.asarray(error, dtype=float)
+    p = np.asarray(covariance, dtype=float)
     if p.shape != (*e.shape, e.shape[-1]):
         raise EvaluationError(
             f"covariance of shape {p.shape} for errors of {e.shape}; it must have shape {(*e.shape, e.shape[-1])}"
         )
     out = np.full(e.shape[:-1], np.nan)
     good = np.isfinite(e).all(axis=-1) & np.isfinite(p).all(axis=(-2, -1))
-    e, p = e[good], p[good]
+    e = e[good]
+    p = p[good]
     variance = np.diagonal(p, axis1=-2, axis2=-1)
     scale = 1.0 / np.sqrt(np.where(variance > 0.0, variance, 1.0))
     try:
@@ -78,7 +80,8 @@ def epoch_errors(truth: Trajectories, estimates: Estimates, covariances: PoseCov
     def at_epochs(values: Array) -> Array:
         return np.asarray(np.swapaxes(values[..., c.sample, :], -3, -2))
 
-    position, true_position = at_epochs(estimates.position), at_epochs(truth.position)
+    position = at_epochs(estimates.position)
+    true_position = at_epochs(truth.position)
     lost = ~np.isin(estimates.solve_status, USABLE)
     position[lost] = np.nan
     fine = np.asarray(np.isfinite(position).all(axis=-1))
@@ -141,8 +144,10 @@ def consistency_table(
         good = np.isfinite(value) & (dimension > 0)
         freedom = np.sum(np.where(good, dimension, 0), axis=1)
         place = np.nonzero(freedom)  # condition, epoch and, with by_vehicle, vehicle
-        k, total = freedom[place], np.sum(np.where(good, value, 0.0), axis=1)[place]
-        ratio, upper = total / k, special.chdtrc(k, total)
+        k = freedom[place]
+        total = np.sum(np.where(good, value, 0.0), axis=1)[place]
+        ratio = total / k
+        upper = special.chdtrc(k, total)
         low, high = mean_chi_square_bounds(k, confidence)
         columns = {
             "order": place[0],
@@ -240,7 +245,8 @@ def coverage_table(
     joint = np.einsum("creaibi->creiab", c.position_covariance)
     rows = []
     for i, e, axis in np.ndindex(c.condition.size, c.sample.size, 3):
-        block, error = joint[i, :, e, axis], errors.position[i, :, e, :, axis]
+        block = joint[i, :, e, axis]
+        error = errors.position[i, :, e, :, axis]
         good = np.isfinite(block).all(axis=(1, 2)) & np.isfinite(error).all(axis=1)
         if not good.any():
             continue

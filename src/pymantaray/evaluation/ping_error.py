@@ -67,7 +67,8 @@ def ping_error_table(
     EvaluationError
         If the records have different vehicles or times.
     """
-    submerged, samples = submerged_at_pings(truth, measurements), ping_samples(measurements)
+    submerged = submerged_at_pings(truth, measurements)
+    samples = ping_samples(measurements)
 
     def at_pings(values: Array) -> Array:
         """Values of shape (realizations, pings and vehicles)."""

@@ -98,7 +98,8 @@ def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[
     check_same_vehicles(truth, measurements)
     kinds = [_KIND_OF_ROLE.get(r, "vehicle") for r in truth.role.tolist()]
     rank = np.array([_KINDS.index(k) for k in kinds] + [0] * measurements.landmark_name.size, dtype=int)
-    one, other = rank[measurements.range_transmitter], rank[measurements.range_receiver]
+    one = rank[measurements.range_transmitter]
+    other = rank[measurements.range_receiver]
     names = np.array([[f"{a} to {b}" for b in _KINDS] for a in _KINDS])
     return np.asarray(names[np.minimum(one, other), np.maximum(one, other)])
 
@@ -133,7 +134,8 @@ def range_error_table(
     errors = range_errors(ranging_truth).total
     rows = []
     for category, mask in _groups(measurements, truth):
-        e, sigma = errors[mask], measurements.range_sigma[mask]
+        e = errors[mask]
+        sigma = measurements.range_sigma[mask]
         received = ~np.isnan(e)
         beyond = np.abs(e[received]) > 3.0 * sigma[received]
         e = e[received]
@@ -253,7 +255,8 @@ def _shape(e: Array) -> dict[str, float]:
         return {"skewness": np.nan, "excess_kurtosis": np.nan}
     square = (e - e.mean()) ** 2
     variance = square.mean()
-    third, fourth = (square * (e - e.mean())).mean(), (square**2).mean()
+    third = (square * (e - e.mean())).mean()
+    fourth = (square**2).mean()
     return {
         "skewness": float(third / variance**1.5),
         "excess_kurtosis": float(fourth / variance**2.0 - 3.0),

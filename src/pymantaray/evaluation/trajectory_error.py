@@ -42,7 +42,8 @@ def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
     EvaluationError
         If the last two dimensions differ.
     """
-    estimate, truth = np.asarray(estimate_position, dtype=float), np.asarray(truth_position, dtype=float)
+    estimate = np.asarray(estimate_position, dtype=float)
+    truth = np.asarray(truth_position, dtype=float)
     if estimate.ndim < 2 or truth.ndim < 2 or estimate.shape[-2:] != truth.shape[-2:] or truth.shape[-1] != 3:
         raise EvaluationError(
             f"positions of shape {estimate.shape} against {truth.shape}; both need (..., n_times, 3), n_times equal"
@@ -276,7 +277,8 @@ def attitude_table(
         tilt, heading = (np.sqrt(np.mean(t**2)) if t.size else np.nan for t in (turn[..., :2], turn[..., 2]))
         row = {"condition": condition, "tilt_rmse_deg": tilt, "heading_rmse_deg": heading}
         if freedom is not None:
-            own, count = freedom[condition], int(usable[c].sum())
+            own = freedom[condition]
+            count = int(usable[c].sum())
             row["tilt_rmse_standard_error_deg"] = standard_error(tilt, own.tilt, count)
             row["heading_rmse_standard_error_deg"] = standard_error(heading, own.heading, count)
         rows.append(row)

@@ -21,9 +21,12 @@ MAX_POSES = 5_000_000
 """Maximum number over all topics of a bag: 58 h at 24 Hz. They need 4 GB of memory."""
 _MAX_DISK_FRACTION = 0.5  # of the free space in the temporary folder
 _PIECE = 2**20
-_ZSTD, _LZ4, _BZ2 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18", b"BZh"  # first bytes of packed content
+_ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of packed content
+_LZ4 = b"\x04\x22\x4d\x18"
+_BZ2 = b"BZh"
 _MCAP = b"\x89MCAP0\r\n"
-_CHUNK, _CHUNK_INDEX = 0x06, 0x08  # kinds of records of an MCAP file
+_CHUNK = 0x06  # kinds of records of an MCAP file
+_CHUNK_INDEX = 0x08
 
 
 def check_count(count: int) -> None:
@@ -53,7 +56,8 @@ def unpacked_message(raw: bytes | memoryview) -> bytes | memoryview:
 
 def unpacked_file(packed: Path, folder: str) -> Path:
     """Unpack a file into a folder, as far as it fits into half of the free space."""
-    path, room = Path(folder, packed.stem), int(_MAX_DISK_FRACTION * shutil.disk_usage(folder).free)
+    path = Path(folder, packed.stem)
+    room = int(_MAX_DISK_FRACTION * shutil.disk_usage(folder).free)
     with packed.open("rb") as file, _zstd().open(file, "rb") as content, path.open("wb") as out:
         while piece := content.read(_PIECE):
             if out.tell() + len(piece) > room:
@@ -86,7 +90,9 @@ def _mcap_chunks(file: IO[bytes]) -> Iterator[bytes]:
     """Packed content of each chunk of an MCAP file; its index must have these chunks only."""
     starts = set[int]()
     while len(head := file.read(9)) == 9:
-        start, kind, size = file.tell() - 9, head[0], int.from_bytes(head[1:], "little")
+        start = file.tell() - 9
+        kind = head[0]
+        size = int.from_bytes(head[1:], "little")
         if kind == _CHUNK:
             check_size(size)
             starts.add(start)

@@ -124,7 +124,8 @@ class _TrajectoryReader:
 
     def _degrees(self, name: str, axis: str) -> Array:
         """Latitudes or longitudes, from degrees or radians. [degrees]"""
-        values, unit = self._values(name), text(self._data.variables[name], "units")
+        values = self._values(name)
+        unit = text(self._data.variables[name], "units")
         return to_our_unit(values, axis, unit, where=f"{self._path}: {name}") if unit else values
 
     def _down(self, names: dict[str, str], shape: tuple[int, ...]) -> tuple[Array, bool]:
@@ -195,14 +196,16 @@ class _TrajectoryReader:
         """Make one trajectory from positions and angles; drop rows without a time and interpolate gaps."""
         timed = np.isfinite(instants) & (np.abs(instants) < 1e15)
         order = np.flatnonzero(timed)[np.argsort(instants[timed], kind="stable")]
-        seconds, within = instants[order], np.ones(order.size, dtype=bool)
+        seconds = instants[order]
+        within = np.ones(order.size, dtype=bool)
         whole = []
         for values, period in zip(columns, _PERIODS, strict=False):
             column = values[order]
             known = np.isfinite(column) & (np.abs(column) < _FILL)
             if not known.any():
                 return None
-            at, own = seconds[known], column[known]
+            at = seconds[known]
+            own = column[known]
             whole.append(np.interp(seconds, at, own if period is None else np.unwrap(own, period=period)))
             if len(whole) <= 3:  # position, not angles
                 within &= (seconds >= at[0]) & (seconds <= at[-1])

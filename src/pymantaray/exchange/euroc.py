@@ -49,10 +49,13 @@ def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
         stamps.append(stamp)
         poses.append(pose)
     invalid.refuse_most(len(poses), ExchangeError)
-    time, table = np.array(stamps, dtype=np.int64), np.array(poses).reshape(-1, len(columns))
-    place, quaternion = table[:, :3], table[:, 3:]
+    time = np.array(stamps, dtype=np.int64)
+    table = np.array(poses).reshape(-1, len(columns))
+    place = table[:, :3]
+    quaternion = table[:, 3:]
     if enu:
-        place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
+        place = swap_enu(place)
+        quaternion = swap_enu_attitude(quaternion)
     dated = time.size > 0 and time.min() > _FIRST_DATE
     own_time = time.astype("datetime64[ns]") if dated else 1e-9 * time
     return [Poses(path.stem, own_time, place, quaternion, False, str(path))], invalid.notes
@@ -60,7 +63,8 @@ def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
 
 def _stamp_and_pose(cells: list[str], columns: list[int]) -> tuple[int, list[float]]:
     """Time stamp [ns] and finite numbers of a row; a ValueError or IndexError for other rows."""
-    stamp, pose = int(cells[0]), [float(cells[k]) for k in columns]
+    stamp = int(cells[0])
+    pose = [float(cells[k]) for k in columns]
     if abs(stamp) > _LAST_STAMP or not np.isfinite(pose).all():
         raise ValueError(cells[0])
     return stamp, pose

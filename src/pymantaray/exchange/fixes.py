@@ -69,7 +69,8 @@ def _at_fixes(time: NDArray[np.int64], place: Array, fixes: Fixes) -> tuple[Arra
     """North, east [m], latitude and longitude [degrees] at the fixes between the first position and the last."""
     inside = (fixes.time >= time.min()) & (fixes.time <= time.max())
     order = np.argsort(time, kind="stable")
-    at, own = (fixes.time[inside] - time.min()) * 1e-9, (time[order] - time.min()) * 1e-9
+    at = (fixes.time[inside] - time.min()) * 1e-9
+    own = (time[order] - time.min()) * 1e-9
     north, east = (np.interp(at, own, place[order, k]) for k in (0, 1))
     return north, east, fixes.latitude[inside], fixes.longitude[inside]
 

@@ -47,7 +47,8 @@ def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
     if time.size != len(table):
         raise ExchangeError(f"{times}: {time.size} times, but {path.name} has {len(table)} poses")
     check_seconds(time, str(times), ExchangeError)
-    rotation, place = table[:, :, :3], table[:, :, 3]
+    rotation = table[:, :, :3]
+    place = table[:, :, 3]
     with np.errstate(all="ignore"):  # of impossible numbers
         skew = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         wrong = ~((skew <= _MAX_SKEW) & (np.linalg.det(rotation) > 0.0))
@@ -57,5 +58,6 @@ def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
         )
     quaternion = quaternion_from_matrix(rotation)
     if enu:
-        place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
+        place = swap_enu(place)
+        quaternion = swap_enu_attitude(quaternion)
     return [Poses(path.stem, time, place, quaternion, False, str(path))], ()

@@ -51,7 +51,8 @@ def _times(rr: Any, recording: Recording, samples: Any) -> Any:
 
 
 def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
-    truth, m = recording.truth, recording.measurements
+    truth = recording.truth
+    m = recording.measurements
     if m.landmark_name.size:
         yield "map/landmarks", rr.Points3D(swap_enu(recording.landmarks), labels=m.landmark_name.tolist())
     for p in recording.poses:
@@ -64,7 +65,9 @@ def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
 
 def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
     """Entities with their samples and values."""
-    truth, m, received = recording.truth, recording.measurements, recording.received
+    truth = recording.truth
+    m = recording.measurements
+    received = recording.received
     true = dict(zip(truth.name.tolist(), truth.position, strict=True))
     for p in recording.poses:
         xyzw = swap_enu_attitude(p.quaternion)[:, [1, 2, 3, 0]]

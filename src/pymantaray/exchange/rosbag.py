@@ -88,7 +88,8 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     if true:  # an exported run: ignore its estimates
         left = len(rows) - len(true)
         notes = [f"{path}: topics of poses other than /{TRUTH} ignored: {left}"] if left else []
-        names, rows = [topic.split("/")[2] for topic in true], true
+        names = [topic.split("/")[2] for topic in true]
+        rows = true
     else:
         names = _names(list(rows))
         notes = [
@@ -159,7 +160,8 @@ def _with_centres(
 
 
 def _fix_row(message: Any) -> tuple[Any, ...]:
-    stamp, m = message.header.stamp, message
+    stamp = message.header.stamp
+    m = message
     solved = m.status.status >= 0  # -1: no fix
     return (
         stamp.sec * 1_000_000_000 + stamp.nanosec,
@@ -171,7 +173,8 @@ def _fix_row(message: Any) -> tuple[Any, ...]:
 
 def _fixes(rows: list[tuple[Any, ...]]) -> Fixes:
     nanoseconds, latitude, longitude, frames = zip(*rows, strict=True)
-    lat, lon = np.array(latitude, dtype=float), np.array(longitude, dtype=float)
+    lat = np.array(latitude, dtype=float)
+    lon = np.array(longitude, dtype=float)
     known = (np.abs(lat) <= 90.0) & np.isfinite(lon)
     return Fixes(np.array(nanoseconds, dtype=np.int64)[known], lat[known], lon[known], frames[0])
 
@@ -187,7 +190,9 @@ def _names(topics: list[str]) -> list[str]:
 
 def _row(message: Any) -> tuple[Any, ...]:
     pose = getattr(message.pose, "pose", message.pose)
-    p, q, stamp = pose.position, pose.orientation, message.header.stamp
+    p = pose.position
+    q = pose.orientation
+    stamp = message.header.stamp
     return (
         stamp.sec * 1_000_000_000 + stamp.nanosec,
         (p.x, p.y, p.z),
@@ -204,12 +209,14 @@ def _poses(name: str, rows: list[tuple[Any, ...]], path: Path) -> Poses:
             f"{path}: {name} has poses in frames {', '.join(sorted({*frames}))}; all must be in one frame"
         )
     time = np.array(nanoseconds, dtype=np.int64)
-    p, q = np.array(place, dtype=float), np.array(quaternion, dtype=float)
+    p = np.array(place, dtype=float)
+    q = np.array(quaternion, dtype=float)
     if not frames[0].lower().endswith("ned"):
         if children[0].lower().endswith("frd"):
             # rotation by pi about forward, from forward, left, up
             q = q[:, [1, 0, 3, 2]] * [-1.0, 1.0, 1.0, -1.0]
-        p, q = swap_enu(p), swap_enu_attitude(q)
+        p = swap_enu(p)
+        q = swap_enu_attitude(q)
     return Poses(
         name,
         time.astype("datetime64[ns]") if time[0] > _MIN_DATE * 1e9 else time * 1e-9,
@@ -295,7 +302,8 @@ class _Messages:
     """All messages of a recording in order of time."""
 
     def __init__(self, recording: Recording, types: Any) -> None:
-        self._recording, self._types = recording, types
+        self._recording = recording
+        self._types = types
         truth = recording.truth
         start = 0 if np.isnat(truth.start) else int(truth.start.astype("M8[ns]").astype(np.int64))
         self._nanoseconds = [start + round(t * 1e9) for t in truth.time.tolist()]
@@ -303,7 +311,8 @@ class _Messages:
 
     def __iter__(self) -> Iterator[_Message]:
         """Yield static messages, then poses and ranges sample by sample."""
-        m, received = self._recording.measurements, self._recording.received
+        m = self._recording.measurements
+        received = self._recording.received
         tracks = [self._track(p) for p in self._recording.poses]
         yield from self._static(tracks)
         first = np.searchsorted(m.range_sample[received], np.arange(len(self._nanoseconds) + 1))
@@ -320,7 +329,8 @@ class _Messages:
 
     def _track(self, p: VehiclePoses) -> _Track:
         """Poses of a vehicle in ROS's axes, and fixes of its true poses."""
-        names, frame = self._names, self._recording.truth.frame
+        names = self._names
+        frame = self._recording.truth.frame
         poses = zip(swap_enu(p.position), swap_enu_attitude(p.quaternion), strict=True)
         fixes = np.empty((0, 3))
         if p.condition == TRUTH and frame is not None:
@@ -368,8 +378,10 @@ class _Messages:
         )
 
     def _range(self, row: int, k: int) -> _Message:
-        r, m = self._recording, self._recording.measurements
-        transmitter, receiver = int(m.range_transmitter[row]), int(m.range_receiver[row])
+        r = self._recording
+        m = self._recording.measurements
+        transmitter = int(m.range_transmitter[row])
+        receiver = int(m.range_receiver[row])
         ends = [self._names[r.participants[end]] for end in (transmitter, receiver)]
         return self._message(
             f"/ranges/{ends[0]}/{ends[1]}",

@@ -87,7 +87,8 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     there = set(factors)
     unread = [title for title in table.frame.columns if title not in there]
     if conditions is not None and (conditions == TRUTH).any():  # an exported run: ignore its estimates
-        table, unread = TextTable(path, table.frame[conditions == TRUTH], table.comments), []
+        table = TextTable(path, table.frame[conditions == TRUTH], table.comments)
+        unread = []
     place = ["north", "east"]
     if {"lat", "lon"} <= there or ({"lat", "lon"} & there and not {"north", "east"} & there):
         place = ["lat", "lon"]
@@ -104,7 +105,8 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     table = table.readable(invalid, times=["time"], numbers=[*place, "depth", *angles], words=names_of)
     invalid.refuse_most(len(table.frame), ExchangeError)
     place_of = _numbers(table, factors, [*place, "depth"])
-    time, quaternion = _times(table), _attitude(table, factors)
+    time = _times(table)
+    quaternion = _attitude(table, factors)
     if place[0] == "lat" and "convergence" in there:  # attitudes are relative to a frame's north
         quaternion = about_down(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
     if "vehicle" in there:
@@ -112,7 +114,8 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     else:
         _refuse_two_places_at_once(table, time, place_of, unread, geographic=place[0] == "lat")
         names = np.full(time.size, path.stem)
-    poses, centre = [], centre_in_comments(table.comments, path)
+    poses = []
+    centre = centre_in_comments(table.comments, path)
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]
@@ -133,7 +136,8 @@ def _refuse_two_places_at_once(
         step[:, :2] *= _M_PER_DEGREE
     distance = np.linalg.norm(step, axis=1)
     if (distance > _SAME_PLACE).any():
-        row, lines = int(np.argmax(distance > _SAME_PLACE)), table.frame.index
+        row = int(np.argmax(distance > _SAME_PLACE))
+        lines = table.frame.index
         columns = f" (unused columns: {', '.join(unread)})" if unread else ""
         raise ExchangeError(
             f"{table.path}, line {lines[row]}: {distance[row]:,.0f} m from the position of line {lines[earlier[row]]} at the same"
@@ -217,7 +221,8 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
-        about, schema = file.metadata, file.schema_arrow
+        about = file.metadata
+        schema = file.schema_arrow
         packed = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
         size = max(8 * about.num_rows * about.num_columns, packed)
     _check_size(path, size, f"{about.num_rows:,} rows of {about.num_columns} columns need")
@@ -251,7 +256,8 @@ def _check_size(path: Path, size: int, what: str) -> None:
 
 def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
     """Rename known columns, and return the factor of each column to the unit of this package; an unknown unit raises an error."""
-    titles, factors = [], {}
+    titles = []
+    factors = {}
     for title in table.frame.columns:
         key = re.sub(r"[\s_.\[\]()]+", "_", title.lower()).strip("_")
         column, factor = _TITLES.get(key, (title, 1.0))

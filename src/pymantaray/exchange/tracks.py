@@ -84,7 +84,8 @@ class Tracks:
             ("latitude and longitude", [p.geodetic for p in poses]),
         ):
             if len(set(unlike)) > 1:
-                one, other = poses[unlike.index(True)], poses[unlike.index(False)]
+                one = poses[unlike.index(True)]
+                other = poses[unlike.index(False)]
                 raise ExchangeError(
                     f"{one.file}: {one.name} has {kind}, but {other.name} of {other.file} does not; either all or none must"
                 )
@@ -183,7 +184,8 @@ class Tracks:
             positions are linear in time and attitudes rotate at a constant rate (slerp). Before its first and after its last
             pose, a vehicle is ABSENT at that pose. Without attitudes, it is level and heads along its course.
         """
-        times, local = np.asarray(time, dtype=float), self.in_frame(frame)
+        times = np.asarray(time, dtype=float)
+        local = self.in_frame(frame)
         sampled = [_at(p, times) for p in local]
         return Trajectories(
             name=np.array(self.names),
@@ -219,7 +221,8 @@ def same_vehicle_notes(tracks: Tracks) -> list[str]:
     notes = []
     for k, one in enumerate(local):
         for other in local[:k]:
-            first, last = max(one.time[0], other.time[0]), min(one.time[-1], other.time[-1])
+            first = max(one.time[0], other.time[0])
+            last = min(one.time[-1], other.time[-1])
             if last <= first:
                 continue
             times = np.linspace(first, last, _COMPARED_TIMES)
@@ -286,7 +289,8 @@ def level(heading: ArrayLike, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> 
 
 def _metres(place: Array) -> Array:
     """North, east and depth of latitudes and longitudes, to a percent. [m]"""
-    north, east = _M_PER_DEGREE * place[:, 0], _M_PER_DEGREE * np.unwrap(place[:, 1], period=360.0)
+    north = _M_PER_DEGREE * place[:, 0]
+    east = _M_PER_DEGREE * np.unwrap(place[:, 1], period=360.0)
     return np.column_stack([north, east * np.cos(np.radians(place[0, 0])), place[:, 2]])
 
 
@@ -297,13 +301,16 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
     if name != p.name:
         notes.append(f"{who}: renamed to {name}")
     order = np.argsort(p.time, kind="stable")
-    time, place = p.time[order], np.array(p.place[order], dtype=float)
+    time = p.time[order]
+    place = np.array(p.place[order], dtype=float)
     least = np.timedelta64(1, "us") if np.issubdtype(time.dtype, np.datetime64) else SAME_TIME
     first = np.ones(time.size, dtype=bool)
     first[1:] = np.diff(time) > least
     if not first.all():
         notes.append(f"{who}: {np.count_nonzero(~first)} poses at repeated times dropped")
-    order, time, place = order[first], time[first], place[first]
+    order = order[first]
+    time = time[first]
+    place = place[first]
     if time.size < 2:
         raise ExchangeError(f"{who}: {counted(time.size, 'pose')}; a trajectory needs at least two")
     if not np.isfinite(place).all():
@@ -380,7 +387,8 @@ def _at(p: Poses, times: Array) -> tuple[Array, Array, NDArray[np.int8]]:
     right = np.clip(np.searchsorted(p.time, inside), 1, p.time.size - 1)
     nearest = np.where(inside - p.time[right - 1] < p.time[right] - inside, right - 1, right)
     own = np.abs(p.time[nearest] - inside) <= SAME_TIME
-    place[own], attitude[own] = p.place[nearest[own]], quaternion[nearest[own]]
+    place[own] = p.place[nearest[own]]
+    attitude[own] = quaternion[nearest[own]]
     status = np.where(there, VehicleStatus.ACTIVE, VehicleStatus.ABSENT).astype(np.int8)
     return place, attitude, status
 

@@ -120,9 +120,11 @@ def read_tum(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, 
     invalid = InvalidLines()
     table = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw", invalid)
     check_seconds(table[:, 0], f"{path}: time", ExchangeError)
-    place, quaternion = table[:, 1:4], table[:, [7, 4, 5, 6]]
+    place = table[:, 1:4]
+    quaternion = table[:, [7, 4, 5, 6]]
     if enu:
-        place, quaternion = swap_enu(place), swap_enu_attitude(quaternion)
+        place = swap_enu(place)
+        quaternion = swap_enu_attitude(quaternion)
     lines = read_text(path, ExchangeError).splitlines()
     centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
     return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)], invalid.notes

@@ -96,9 +96,13 @@ def _exponential(omega, v, dt):
     t2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     t = math.sqrt(t2)
     if t < _SMALL_ANGLE:
-        half, b, c = 0.5 - t2 / 48.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
+        half = 0.5 - t2 / 48.0
+        b = 0.5 - t2 / 24.0
+        c = 1.0 / 6.0 - t2 / 120.0
     else:
-        half, b, c = math.sin(0.5 * t) / t, (1.0 - math.cos(t)) / t2, (t - math.sin(t)) / (t2 * t)
+        half = math.sin(0.5 * t) / t
+        b = (1.0 - math.cos(t)) / t2
+        c = (t - math.sin(t)) / (t2 * t)
     first = _cross(phi, rho)
     second = _cross(phi, first)
     quaternion = (math.cos(0.5 * t), half * phi[0], half * phi[1], half * phi[2])
@@ -130,7 +134,8 @@ def _compose(water, q, p, quaternion, translation):
     z = q[0] * quaternion[3] + q[1] * quaternion[2] - q[2] * quaternion[1] + q[3] * quaternion[0]
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     turned = (w / norm, x / norm, y / norm, z / norm)
-    north, east = p[0] + moved[0], p[1] + moved[1]
+    north = p[0] + moved[0]
+    east = p[1] + moved[1]
     return turned, (north, east, max(p[2] + moved[2], surface_depth(water, north, east)))
 
 
@@ -152,7 +157,8 @@ def _current(water, north, east, depth, now):
     if water.time.size > 1:
         before = min(max(np.searchsorted(water.time, now, side="right") - 1, 0), water.time.size - 2)
     form_u, form_v = _forms(water, before, i, j, k)
-    u, v = _evaluate(form_u, x, y, z), _evaluate(form_v, x, y, z)
+    u = _evaluate(form_u, x, y, z)
+    v = _evaluate(form_v, x, y, z)
     if water.time.size > 1:
         rate_u, rate_v = _rates(water, before, before + 1, i, j, k)
         since = now - water.time[before]
@@ -164,11 +170,14 @@ def _current(water, north, east, depth, now):
 @kernel
 def _carry(water, p, swum, now, dt):
     """Position after a step in a current that is constant at its value in the middle of the step."""
-    north, east, depth = 0.5 * (p[0] + swum[0]), 0.5 * (p[1] + swum[1]), 0.5 * (p[2] + swum[2])
+    north = 0.5 * (p[0] + swum[0])
+    east = 0.5 * (p[1] + swum[1])
+    depth = 0.5 * (p[2] + swum[2])
     middle = now + 0.5 * dt
     u, v = _current(water, north, east, depth, middle)
     u, v = _current(water, north + 0.5 * dt * u, east + 0.5 * dt * v, depth, middle)
-    north, east = swum[0] + u * dt, swum[1] + v * dt
+    north = swum[0] + u * dt
+    east = swum[1] + v * dt
     return north, east, max(swum[2], surface_depth(water, north, east))
 
 
@@ -187,7 +196,8 @@ def run_twist(water, twist, carried, dt, steps, position, quaternion, status):
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
                 break
-            q, p = next_q, next_p
+            q = next_q
+            p = next_p
         _write(sample, q, p, state, position, quaternion, status)
 
 
@@ -231,7 +241,8 @@ def run_waypoints(water, route, dt, steps, position, quaternion, status):
                     leg += 1
                     if route.loop and leg == points.shape[0]:
                         leg = 0
-            next_q, next_p = q, p
+            next_q = q
+            next_p = p
             if leg < points.shape[0]:
                 omega = _pursue(q, p, points[leg], route.turn_rate, dt)
                 turn, move = _exponential(omega, (route.speed, 0.0, 0.0), dt)
@@ -243,7 +254,8 @@ def run_waypoints(water, route, dt, steps, position, quaternion, status):
             state = place(water, next_p[0], next_p[1], next_p[2])
             if state != ACTIVE:
                 break
-            q, p = next_q, next_p
+            q = next_q
+            p = next_p
         _write(sample, q, p, state, position, quaternion, status)
 
 
@@ -266,7 +278,8 @@ class Cycle(NamedTuple):
 @kernel
 def _shallowest(water, i, j):
     """Smallest depth of the sea bed under a cell of the ocean, that of a grid point. [m]"""
-    bed, shallowest = water.bed, math.inf
+    bed = water.bed
+    shallowest = math.inf
     start, stop = _under(bed.north, water.north[i], water.north[i + 1] - water.north[i])
     left, right = _under(bed.east, water.east[j], water.east[j + 1] - water.east[j])
     for a in range(start, stop):
@@ -335,7 +348,8 @@ def _phase_at(cycle, phase, step, depth, top):
     short = max(aim, top) - depth if down else depth - max(aim, top)
     if holding:
         if step >= until:
-            down, holding = not down, False
+            down = not down
+            holding = False
             aim = cycle.target if down else cycle.surface
     elif short <= TOUCH:
         holding = True

@@ -84,7 +84,8 @@ def simulate(
     This is also second order, and exact in a uniform current. Hold times and delays are rounded to whole steps.
     """
     steps, periods = _counts(duration, physics_step, sampling_period)
-    names, water = unique_names(vehicles), _water(ocean)
+    names = unique_names(vehicles)
+    water = _water(ocean)
     _check_memory(len(vehicles), periods + 1)
     if water.time.size > 1 and not (water.time[0] <= 0.0 and duration <= water.time[-1]):
         raise FleetError(
@@ -150,7 +151,8 @@ def _counts(duration: float, physics_step: float, sampling_period: float) -> tup
         check_number(FleetError, f"simulate: {name}", value, "s", positive=True)
     counts = []
     for name, unit_name in (("sampling_period", "physics_step"), ("duration", "sampling_period")):
-        value, unit = named[name], named[unit_name]
+        value = named[name]
+        unit = named[unit_name]
         count = value / unit
         if not math.isfinite(count) or round(count) < 1 or abs(value - round(count) * unit) > 1e-9 * value:
             raise FleetError(
@@ -198,7 +200,8 @@ def _run(
     elif isinstance(behaviour, Drifting):
         kernel.run_float(water, _drift_cycle(behaviour), step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
-        twist, current = behaviour.twist, behaviour.current
+        twist = behaviour.twist
+        current = behaviour.current
         kernel.run_twist(water, twist, current, step, steps, position, quaternion, status)
     elif isinstance(behaviour, Waypoints):
         route = kernel.Route(

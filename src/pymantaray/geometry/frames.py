@@ -120,7 +120,8 @@ class LocalFrame:
         """
         latitude = np.asarray(latitude_deg, dtype=float)
         step = 1e-4
-        lo, hi = np.clip(latitude - step, -90.0, 90.0), np.clip(latitude + step, -90.0, 90.0)
+        lo = np.clip(latitude - step, -90.0, 90.0)
+        hi = np.clip(latitude + step, -90.0, 90.0)
         n0, e0 = self.to_local(lo, longitude_deg)
         n1, e1 = self.to_local(hi, longitude_deg)
         return np.asarray(np.arctan2(e1 - e0, n1 - n0))

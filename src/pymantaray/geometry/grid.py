@@ -17,7 +17,8 @@ def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callabl
     """
     from scipy.interpolate import RegularGridInterpolator
 
-    points, field = [np.asarray(axis, dtype=float) for axis in axes], np.asarray(values, dtype=float)
+    points = [np.asarray(axis, dtype=float) for axis in axes]
+    field = np.asarray(values, dtype=float)
     varying = [k for k, axis in enumerate(points) if axis.size > 1]
     field = field.squeeze(axis=tuple(set(range(len(points))) - set(varying)))
     if not varying:

@@ -14,10 +14,12 @@ def natural_slopes(points: Array, values: Array) -> Array:
     """
     from scipy.linalg.lapack import dgtsv
 
-    step, n = np.diff(points), points.size
+    step = np.diff(points)
+    n = points.size
     rise = np.diff(values)
     out = np.empty(values.shape)
-    out[..., 0], out[..., -1] = 3.0 * rise[..., 0], 3.0 * rise[..., -1]
+    out[..., 0] = 3.0 * rise[..., 0]
+    out[..., -1] = 3.0 * rise[..., -1]
     rise /= step
     inner = out[..., 1:-1]
     np.multiply(step[1:], rise[..., :-1], out=inner)
@@ -25,7 +27,8 @@ def natural_slopes(points: Array, values: Array) -> Array:
     inner += rise[..., 1:]
     inner *= 3.0
     diagonal = 2.0 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
-    above, below = np.append(step[0], step[:-1]), np.append(step[1:], step[-1])
+    above = np.append(step[0], step[:-1])
+    below = np.append(step[1:], step[-1])
     rows = out.reshape(-1, n).T
     *_, solved, _ = dgtsv(below, diagonal, above, rows, overwrite_b=True)
     return np.asarray(solved.T).reshape(values.shape)

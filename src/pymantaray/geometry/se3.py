@@ -25,21 +25,27 @@ def hat(omega: ArrayLike) -> Array:
     """Skew matrix (..., 3, 3) of a vector: ``hat(a) @ b == cross(a, b)``."""
     w = np.asarray(omega, dtype=float)
     out = np.zeros((*w.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2] = -w[..., 2], w[..., 1]
-    out[..., 1, 0], out[..., 1, 2] = w[..., 2], -w[..., 0]
-    out[..., 2, 0], out[..., 2, 1] = -w[..., 1], w[..., 0]
+    out[..., 0, 1] = -w[..., 2]
+    out[..., 0, 2] = w[..., 1]
+    out[..., 1, 0] = w[..., 2]
+    out[..., 1, 2] = -w[..., 0]
+    out[..., 2, 0] = -w[..., 1]
+    out[..., 2, 1] = w[..., 0]
     return out
 
 
 def _coefficients(theta: Array) -> tuple[Array, Array, Array]:
     """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
-    t2, small = theta * theta, theta < _SMALL_ANGLE
+    t2 = theta * theta
+    small = theta < _SMALL_ANGLE
     near = 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
     if small.all():  # as in most steps of a filter
         return near
     safe = np.where(small, 1.0, theta)
     sine = np.sin(safe)
-    a, b, c = sine / safe, 2.0 * np.sin(safe / 2.0) ** 2 / safe**2, (safe - sine) / safe**3
+    a = sine / safe
+    b = 2.0 * np.sin(safe / 2.0) ** 2 / safe**2
+    c = (safe - sine) / safe**3
     return np.where(small, near[0], a), np.where(small, near[1], b), np.where(small, near[2], c)
 
 
@@ -62,9 +68,14 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     xx = 1 + m[0, 0] - m[1, 1] - m[2, 2]
     yy = 1 - m[0, 0] + m[1, 1] - m[2, 2]
     zz = 1 - m[0, 0] - m[1, 1] + m[2, 2]
-    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
-    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
-    by_x, by_z = xx > ww, zz > yy
+    wx = m[2, 1] - m[1, 2]
+    wy = m[0, 2] - m[2, 0]
+    wz = m[1, 0] - m[0, 1]
+    xy = m[0, 1] + m[1, 0]
+    xz = m[0, 2] + m[2, 0]
+    yz = m[1, 2] + m[2, 1]
+    by_x = xx > ww
+    by_z = zz > yy
     late = np.where(by_z, zz, yy) > np.where(by_x, xx, ww)
 
     def largest(w: Array, x: Array, y: Array, z: Array) -> Array:
@@ -85,11 +96,25 @@ def matrix_from_quaternion(quaternion: ArrayLike) -> Array:
             "quaternion: its length is zero or NaN; it must be a unit quaternion (w, x, y, z)"
         )
     w, x, y, z = (q[..., i] / norm for i in range(4))
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
+    xx = x * x
+    yy = y * y
+    zz = z * z
+    xy = x * y
+    xz = x * z
+    yz = y * z
+    wx = w * x
+    wy = w * y
+    wz = w * z
     out = np.empty((*norm.shape, 3, 3))
-    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
-    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
-    out[..., 2, 0], out[..., 2, 1], out[..., 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
+    out[..., 0, 0] = 1 - 2 * (yy + zz)
+    out[..., 0, 1] = 2 * (xy - wz)
+    out[..., 0, 2] = 2 * (xz + wy)
+    out[..., 1, 0] = 2 * (xy + wz)
+    out[..., 1, 1] = 1 - 2 * (xx + zz)
+    out[..., 1, 2] = 2 * (yz - wx)
+    out[..., 2, 0] = 2 * (xz - wy)
+    out[..., 2, 1] = 2 * (yz + wx)
+    out[..., 2, 2] = 1 - 2 * (xx + yy)
     return out
 
 
@@ -106,7 +131,8 @@ def so3_log(rotation: ArrayLike) -> Array:
 def se3_exp(twist: ArrayLike) -> tuple[Array, Array]:
     """Rotation (..., 3, 3) and translation after unit time under a constant body twist."""
     xi = np.asarray(twist, dtype=float)
-    omega, v = xi[..., :3], xi[..., 3:]
+    omega = xi[..., :3]
+    v = xi[..., 3:]
     a, b, c = _coefficients(lengths(omega))
     k = hat(omega)
     kk = k @ k

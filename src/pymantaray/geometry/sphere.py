@@ -14,7 +14,8 @@ from pymantaray.errors import GeometryError
 
 Earth = Literal["flat", "sphere"]
 """Shape of the Earth for sound: a plane below the local frame, or a sphere."""
-_EQUATOR, _SQUARED_ECCENTRICITY = 6378137.0, 0.0066943799901413165  # m, WGS 84
+_EQUATOR = 6378137.0  # m, WGS 84
+_SQUARED_ECCENTRICITY = 0.0066943799901413165
 _FLAT_LIMIT = 15e3  # m
 # m over m³; of ranges where the sound speed increases with pressure, see `flat_earth_note`
 _FLAT_ERROR = 0.15 / 1e4**3
@@ -209,7 +210,8 @@ class EarthSphere:
             Distance. [m]
         """
         angle = self.surface_distance(source, receiver) / self.radius
-        a, b = self.radius - source[:, 2], self.radius - receiver[:, 2]
+        a = self.radius - source[:, 2]
+        b = self.radius - receiver[:, 2]
         return np.asarray(np.hypot(b - a, 2.0 * np.sqrt(a * b) * np.sin(0.5 * angle)))
 
     def flattened_ends(self, source: Array, receiver: Array) -> tuple[Array, Array]:

@@ -64,7 +64,8 @@ def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Arr
 
 def _eliminated(matrix: Array) -> tuple[list[tuple[int, int, float]], Array]:
     """Steps that make a matrix diagonal without exchange of rows, and the diagonal."""
-    left, n = matrix.copy(), len(matrix)
+    left = matrix.copy()
+    n = len(matrix)
     steps: list[tuple[int, int, float]] = []
 
     def clear(rows: NDArray[np.intp], k: int) -> None:

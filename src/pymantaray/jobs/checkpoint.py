@@ -18,7 +18,8 @@ from pymantaray.records import whole_file
 
 _LOG = logging.getLogger("pymantaray.jobs")
 _SAVE_INTERVAL = 30.0  # shorter jobs save nothing [s]
-_STAGE, _CHECKSUMS = "mission", "mission.json"  # names from earlier versions
+_STAGE = "mission"  # names from earlier versions
+_CHECKSUMS = "mission.json"
 ResultT = TypeVar("ResultT")
 
 
@@ -67,7 +68,8 @@ class Checkpoint:
         """Results of the tasks 0 to count - 1 that an earlier call finished."""
         if self._folder is None:
             return {}
-        store, results = Store(str(self._own)), {}
+        store = Store(str(self._own))
+        results = {}
         for number in range(count):
             result = read_valid(store, f"{number}.nc", parse)
             if result is not None:

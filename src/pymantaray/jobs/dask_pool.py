@@ -70,9 +70,11 @@ class DaskPool(Pool):
         except ImportError:
             raise JobError("scheduler: Dask is not installed; pip install 'pymantaray[dask]'") from None
         self._dask: Any = distributed
-        self._work, self._scheduler = work, client
+        self._work = work
+        self._scheduler = client
         self._client: Any = None
-        self._threads, self._has_workers = 0, True
+        self._threads = 0
+        self._has_workers = True
         self._waiting: dict[str, list[_Issued]] = {}
         """Tasks by kind that are not sent yet."""
         self._sent: dict[Any, list[_Issued]] = {}
@@ -133,14 +135,16 @@ class DaskPool(Pool):
     def _next_batch(self, kind: str) -> list[_Issued]:
         """Tasks to send together; none if no more tasks of this kind should be with the scheduler now."""
         with self._lock:
-            waiting, sent = self._waiting[kind], self._number_sent[kind]
+            waiting = self._waiting[kind]
+            sent = self._number_sent[kind]
             if not self._is_measured(kind):
                 size = 1 if sent < self._first_tasks else 0
             else:
                 typical = statistics.median(self._seconds[kind])
                 share = (sent + len(waiting)) // (_BATCHES_PER_THREAD * max(self._threads, 1))
                 size = max(min(int(_BATCH_SECONDS / max(typical, 1e-6)), _MAX_BATCH, share), 1)
-            batch, self._waiting[kind] = waiting[:size], waiting[size:]
+            batch = waiting[:size]
+            self._waiting[kind] = waiting[size:]
             self._number_sent[kind] += len(batch)
         return batch
 
@@ -174,7 +178,8 @@ class DaskPool(Pool):
             seconds, results = future.result()
         except BaseException as cause:  # noqa: BLE001  raised again in the main thread
             error = cause
-        kind, alone = batch[0].task.kind, batch[0] is self._alone
+        kind = batch[0].task.kind
+        alone = batch[0] is self._alone
         with self._lock:
             self._number_sent[kind] -= len(batch)
             if alone:
@@ -215,7 +220,8 @@ class DaskPool(Pool):
         threads = sum(self._client.nthreads().values())
         if not threads and self._has_workers:
             _LOG.warning("scheduler %s has no workers; waiting for workers", self._address)
-        self._threads, self._has_workers = threads, threads > 0
+        self._threads = threads
+        self._has_workers = threads > 0
         self._first_tasks = min(4 * self._first_tasks, _WINDOW)  # tasks are long, and workers may be many
 
     def reconnect(self) -> None:

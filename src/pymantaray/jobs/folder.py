@@ -214,7 +214,8 @@ def _remove_empty(folders: list[Path]) -> None:
 
 
 def _point_latest_at(run: Path) -> None:
-    link, temporary = run.parent / "latest", run.parent / f".latest.{secrets.token_hex(8)}"
+    link = run.parent / "latest"
+    temporary = run.parent / f".latest.{secrets.token_hex(8)}"
     if link.exists() and not link.is_symlink():
         return
     with suppress(OSError):  # the disk may not support links

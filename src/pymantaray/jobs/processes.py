@@ -68,7 +68,8 @@ class Workers:
     _counting = threading.Lock()
 
     def __init__(self, start: Callable[[], Callable[[Any], Any]], count: int) -> None:
-        self._start, self._count = start, count
+        self._start = start
+        self._count = count
         self._processes: list[subprocess.Popen[bytes]] = []
         self._idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
         self._pool, self._lock, self._over = ThreadPoolExecutor(count), threading.Lock(), False

@@ -14,8 +14,10 @@ class TaskCount:
     """Count of finished and failed tasks, which is reported at the start and after each task."""
 
     def __init__(self, total: int, progress: TaskProgress | None, *, done: int = 0, failed: int = 0) -> None:
-        self._total, self._progress = total, progress
-        self._done, self._failed = done, failed
+        self._total = total
+        self._progress = progress
+        self._done = done
+        self._failed = failed
         self._report()
 
     def add(self, *, failed: bool) -> None:

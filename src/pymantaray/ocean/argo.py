@@ -176,7 +176,8 @@ def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
 
 def _names(data: xr.Dataset, count: int, stem: str) -> list[str]:
     """Float and cycle, as in ``6901234_012``, with a D for a descending profile."""
-    floats, cycles = [stem] * count, [f"{i}" for i in range(count)]
+    floats = [stem] * count
+    cycles = [f"{i}" for i in range(count)]
     if "PLATFORM_NUMBER" in data.variables and len(data.variables["PLATFORM_NUMBER"]) == count:
         letters = _texts(data, "PLATFORM_NUMBER").reshape(count, -1)
         floats = ["".join(row).strip("\0 ") or stem for row in letters]

@@ -59,7 +59,9 @@ def ocean_of(
     own = len(collection.parts) == 1 and _is_own(part)
     if not own:
         steps += _agree_on_wet(values)
-    lat, lon, depth = part.grid.lat, part.grid.lon, part.levels
+    lat = part.grid.lat
+    lon = part.grid.lon
+    depth = part.levels
     kinds = temperature.kind, fields["salinity"][1].kind
     if kinds != (IN_SITU, PRACTICAL):
         column = depth[:, None, None]
@@ -116,7 +118,8 @@ def _zeros(temperature: Array, salinity: Array) -> tuple[NDArray[np.bool_], list
 
 def _in_our_unit(raw: Array, part: "Part", field: cf.Field) -> Array:
     variable = part.data.variables[field.variable]
-    where, unit = f"{file_name(part.data)}: {field.variable}", text(variable, "units")
+    where = f"{file_name(part.data)}: {field.variable}"
+    unit = text(variable, "units")
     practical = field.role == "salinity" and field.kind == PRACTICAL
     if practical and not unit and ("units" in variable.attrs or _is_hycom(part)):
         unit = "1"  # files also write the canonical unit as a number, or omit it
@@ -141,7 +144,8 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     both = np.isfinite(fields["water_temp"]) & np.isfinite(fields["salinity"])
     wet = np.logical_and.accumulate(both, axis=0)
     moving = np.isfinite(fields["water_u"]) & np.isfinite(fields["water_v"])
-    dropped, still = int(np.count_nonzero(some & ~wet)), int(np.count_nonzero(wet & ~moving))
+    dropped = int(np.count_nonzero(some & ~wet))
+    still = int(np.count_nonzero(wet & ~moving))
     count = int(np.count_nonzero(wet))
     if not count:
         return []  # the validation reports this

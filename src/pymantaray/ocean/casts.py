@@ -40,7 +40,9 @@ MadeT = TypeVar("MadeT")
 _DATE = re.compile(r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?")
 _MONTH = re.compile(rf"\b({'|'.join(MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
-_PACKED_FILL, _PACKED_SCALE, _PACKED_OFFSET = -30_000.0, 0.001, 20.0  # HYCOM's, for both tracers
+_PACKED_FILL = -30_000.0  # HYCOM's, for both tracers
+_PACKED_SCALE = 0.001
+_PACKED_OFFSET = 20.0
 _PACKED_ABOVE = 100.0  # upper limit of temperature and salinity
 _TEMPERATURES = {
     "temperature": convert.IN_SITU,

@@ -149,7 +149,8 @@ def _refuse_model_grid(data: xr.Dataset) -> None:
     curved = [str(n) for n, v in data.variables.items() if v.ndim == 2 and _is_latitude(v)]
     terrain = [str(n) for n, v in data.variables.items() if _follows_bed(v)]
     straight = any(v.ndim == 1 and _is_latitude(v) for v in data.variables.values())
-    reasons, remedies = [], []
+    reasons = []
+    remedies = []
     if curved and not straight:
         reasons.append(f"its grid is curvilinear ({curved[0]} has two dimensions)")
         remedies.append(
@@ -207,8 +208,10 @@ def _field(data: xr.Dataset, role: str, named: dict[str, list[str]]) -> Field | 
 
 def _axes(data: xr.Dataset, name: str) -> tuple[str, str, str, str]:
     """Names of a variable's coordinates depth, latitude, longitude and time."""
-    variable, about = data.variables[name], data[[name]].cf
-    of, axes = about.coordinates, about.axes
+    variable = data.variables[name]
+    about = data[[name]].cf
+    of = about.coordinates
+    axes = about.axes
     lat = _one(data, name, "latitude", [*of.get("latitude", []), *axes.get("Y", [])])
     lon = _one(data, name, "longitude", [*of.get("longitude", []), *axes.get("X", [])])
     pressures = [
@@ -263,7 +266,8 @@ def _refuse_other_verticals(data: xr.Dataset, name: str) -> None:
 
 def _refuse_other_horizontals(data: xr.Dataset) -> None:
     for name, variable in data.variables.items():
-        mapping, standard_name = text(variable, "grid_mapping_name"), text(variable, "standard_name")
+        mapping = text(variable, "grid_mapping_name")
+        standard_name = text(variable, "standard_name")
         if mapping.startswith("rotated") or standard_name in ("grid_latitude", "grid_longitude"):
             _refuse(data, f"the grid has a rotated pole ({name}); {_REGRID}")
         projected = standard_name in ("projection_x_coordinate", "projection_y_coordinate")

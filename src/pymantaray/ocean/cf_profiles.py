@@ -103,7 +103,8 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
         raise OceanError(
             f"{path}: {main} has dimensions {', '.join(dims)}; it must have one, or two with the index of the profile"
         )
-    values, notes = {}, []
+    values = {}
+    notes = []
     for quantity, name in named.items():
         own, flagged = _adjusted(data, name)
         up = text(data.variables[name], "positive").lower() == "up"
@@ -166,7 +167,8 @@ def without_bad_flags(data: xr.Dataset, name: str) -> tuple[Array, int]:
         known = data.variables.get(flags)
         if known is None or known.shape[: values.ndim] != values.shape or known.size != values.size:
             continue
-        raw, ending = np.asarray(known.values).reshape(values.shape), ("_qc", "_quality_control", "flag")
+        raw = np.asarray(known.values).reshape(values.shape)
+        ending = ("_qc", "_quality_control", "flag")
         if raw.dtype.kind in "SU":
             letters = np.char.strip(raw.astype("U1"))
             raw = np.where(np.char.isdigit(letters), letters, "0").astype(int)

@@ -28,20 +28,17 @@ from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 
-_MIN_SPEED, _MAX_SPEED = 1_400.0, 1_600.0  # m/s; sound speed of sea water
+_MIN_SPEED = 1_400.0  # m/s; sound speed of sea water
+_MAX_SPEED = 1_600.0
 _DENSITY_NOISE = (
     2e-3  # kg/m3; tolerated decrease of density with depth: twice the rounding of HYCOM's packing
 )
-_SPIKE, _JUMP = (
-    10.0,
-    40.0,
-)  # m/s; tolerated difference between a point and all its neighbours, and one neighbour
+_SPIKE = 10.0  # m/s; tolerated difference between a point and all its neighbours, and one neighbour
+_JUMP = 40.0
 _MAX_GRADIENT = 5.0  # s-1; vertical gradient of sound speed, about 1 K/m
-_MIN_LEVELS, _UPPER_DEPTH, _MIN_UPPER_LEVELS = (
-    15,
-    200.0,
-    6,
-)  # minimum number of levels, and above this depth [m]
+_MIN_LEVELS = 15  # minimum number of levels, and above this depth [m]
+_UPPER_DEPTH = 200.0
+_MIN_UPPER_LEVELS = 6
 _MAX_SPACING = (
     12e3  # m; a coarser grid loses eddies and fronts; the spacing of HYCOM and GLORYS is at most 9 km
 )
@@ -338,7 +335,8 @@ def _grid(window: Window, half: tuple[float, float]) -> Iterator[Finding]:
         size = f"{spacing[0] / 1e3:.1f} km by {spacing[1] / 1e3:.1f} km"
         yield _doubt("coarse grid", f"{size}, {nodes[0]:.0f} by {nodes[1]:.0f} cells across the domain")
     side = np.linspace(-1.0, 1.0, 21)
-    north, east = half[0] * side[:, None], half[1] * side[None, :]
+    north = half[0] * side[:, None]
+    east = half[1] * side[None, :]
     error = float(np.max(np.abs(window.frame.scale_factor(north, east) - 1.0)))
     if error > _MAX_SCALE_ERROR:
         value = f"lengths are up to {1e3 * error:.2g} m in 1 km too long at the edge of the domain"

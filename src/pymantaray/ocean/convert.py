@@ -18,8 +18,13 @@ from pymantaray.ocean.files import file_name, numbers, text
 
 Instants = NDArray[np.datetime64]
 
-IN_SITU, POTENTIAL, CONSERVATIVE = "in situ", "potential", "conservative"
-PRACTICAL, ABSOLUTE, PREFORMED, REFERENCE = "practical", "absolute", "preformed", "reference"
+IN_SITU = "in situ"
+POTENTIAL = "potential"
+CONSERVATIVE = "conservative"
+PRACTICAL = "practical"
+ABSOLUTE = "absolute"
+PREFORMED = "preformed"
+REFERENCE = "reference"
 HYCOM_NAMES = ("water_temp", "salinity", "water_u", "water_v")
 """Names of in-situ temperature, practical salinity, and eastward and northward currents."""
 # HYCOM's fill value if a server scaled it like data: -30000 x 0.001, plus 20 for tracers
@@ -187,7 +192,9 @@ def has_time(data: xr.Dataset, name: str) -> bool:
 def instants(data: xr.Dataset, name: str) -> tuple[Instants, bool]:
     """Instants of a time coordinate in UTC and the standard calendar, and True for a climatology; one element for a scalar."""
     axis = data.variables[name]
-    where, unit, calendar = f"{file_name(data)}: {name}", text(axis, "units"), text(axis, "calendar").lower()
+    where = f"{file_name(data)}: {name}"
+    unit = text(axis, "units")
+    calendar = text(axis, "calendar").lower()
     if calendar not in _CALENDARS:
         raise OceanError(
             f"{where} uses the calendar {calendar!r}, which is not a real calendar; convert it first,"
@@ -272,7 +279,8 @@ def minute(time: np.datetime64) -> str:
 
 def degrees(data: xr.Dataset, name: str, quantity: str) -> Array:
     """Latitudes or longitudes of a variable in degrees, from degrees or radians."""
-    values, unit = numbers(data, name), text(data.variables[name], "units")
+    values = numbers(data, name)
+    unit = text(data.variables[name], "units")
     if unit:
         return to_our_unit(values, quantity, unit, where=f"{file_name(data)}: {name}")
     if quantity == "latitude" and values.size > 1 and np.nanmax(np.abs(values), initial=0.0) <= 0.5 * math.pi:
@@ -290,8 +298,10 @@ def time_text(ocean: xr.Dataset) -> str:
 
 def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
     """Vertical axis, positive down, in the order of the file, and True if it is an axis of pressure. [m] or [dbar]"""
-    axis, where = data.variables[name], f"{file_name(data)}: {name}"
-    unit, standard_name = text(axis, "units"), text(axis, "standard_name")
+    axis = data.variables[name]
+    where = f"{file_name(data)}: {name}"
+    unit = text(axis, "units")
+    standard_name = text(axis, "standard_name")
     if is_unit_of("pressure", unit) or standard_name.startswith("sea_water_pressure"):
         return _from_surface(to_our_unit(numbers(data, name), "pressure", unit, where=where), where), True
     values = to_our_unit(numbers(data, name), "length", unit, where=where)

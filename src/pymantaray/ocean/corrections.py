@@ -158,7 +158,8 @@ def column_at(ocean: xr.Dataset, lat: float, lon: float, name: str) -> Array:
     """
     axes = [np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon")]
     at = counted_place(ocean, (lat, lon), f"cast {name}")
-    corner, share = [], []
+    corner = []
+    share = []
     for x, axis in zip(at, axes, strict=True):
         i = int(np.clip(np.searchsorted(axis, x) - 1, 0, axis.size - 2))
         s = (x - axis[i]) / (axis[i + 1] - axis[i])
@@ -180,7 +181,8 @@ def _increment(differences: Array, matrix: Array, to_grid: Array) -> Array:
     increment = np.zeros((counts.shape[1], *to_grid.shape[:2], differences.shape[-1]))
     patterns, which = np.unique(counts, axis=1, return_inverse=True)
     for j, pattern in enumerate(patterns.T):
-        used, levels = np.flatnonzero(pattern), np.flatnonzero(which.ravel() == j)
+        used = np.flatnonzero(pattern)
+        levels = np.flatnonzero(which.ravel() == j)
         if used.size:
             d = differences[np.ix_(used, levels)].reshape(used.size, -1)
             weighted = np.linalg.solve(matrix[np.ix_(used, used)], d).reshape(used.size, levels.size, -1)

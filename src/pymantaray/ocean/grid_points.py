@@ -103,7 +103,8 @@ class GridPoints:
         self._convert_missing(wet & ~self._has_speed)
         if wet.all() and not added.size:
             return self._speed
-        nearest, speed = nearest_wet_columns(wet, self.lat), self._speed.copy()
+        nearest = nearest_wet_columns(wet, self.lat)
+        speed = self._speed.copy()
         rows, columns = np.nonzero(~wet)
         if rows.size:
             water = nearest[0][rows, columns], nearest[1][rows, columns]
@@ -131,7 +132,8 @@ class GridPoints:
             extended_down(self.fields[name][:, water[0], water[1]]) for name in ("water_temp", "salinity")
         )
         if last:
-            T, S = T[-1:], S[-1:]
+            T = T[-1:]
+            S = S[-1:]
         place = depth[:, None], self.lat[at[0]], self.lon[at[1]]
         return sound_speed(T, S, *place, equation=self.equation)
 

@@ -138,7 +138,8 @@ def month_first_date(words: str) -> tuple[str, list[str]]:
     match = _TWO_NUMBERS_FIRST.match(words)
     if match is None:
         return "", [f"date {words[:40]!r} not read"] if words.strip() else []
-    month, day = int(match[1]), int(match[2])
+    month = int(match[1])
+    day = int(match[2])
     year = int(match[3]) + (2000 if len(match[3]) == 2 else 0)
     notes = []
     if month > 12:

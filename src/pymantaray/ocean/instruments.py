@@ -151,7 +151,8 @@ def _measured_depth(
                 scale_column(rows, k, unit / _FRESH_WATER_DEPTH)
                 yield f"pressure from depth in fresh water, {_FRESH_WATER_DEPTH} m/dbar"
         elif title.startswith("depth") and stated and not pressure:
-            latitude, place = float(stated[1]), position_in_text(*position)[0]
+            latitude = float(stated[1])
+            place = position_in_text(*position)[0]
             if abs(latitude) <= 90.0 and (place is None or abs(place[0] - latitude) > _SAME_LATITUDE):
                 titles[k] = "pressure [dbar]"
                 for cells in rows.values():
@@ -216,9 +217,11 @@ def _sections(lines: Lines) -> InstrumentTable:
     aml = "[measurementdata]" in lines[start].lower() or "sn" in keys or "date" in keys
     following = [i for i in range(start + 1, len(lines)) if lines[i].strip()]
     separator = "\t" if following and "\t" in lines[following[0]] else ","
-    titles, units = keys.get("columns", "").split(","), keys.get("units", "").split(",")
+    titles = keys.get("columns", "").split(",")
+    units = keys.get("units", "").split(",")
     if "columns" not in keys and following:
-        titles, units = lines[following[0]].split(separator), []
+        titles = lines[following[0]].split(separator)
+        units = []
         if len(following) > 1 and not any(
             NUMBER.fullmatch(c.strip()) for c in lines[following[1]].split(separator)
         ):
@@ -279,7 +282,8 @@ def _rbr(lines: Lines) -> InstrumentTable:
     )
     sea = any(re.match(r"sea ?pres", word, re.IGNORECASE) for word in words)
     titles = known_titles("" if sea and re.match("pres", w, re.IGNORECASE) else w for w in words)
-    rows, notes = numeric_rows(lines, start + 1, separator), []
+    rows = numeric_rows(lines, start + 1, separator)
+    notes = []
     if (
         not sea
         and (k := next((k for k, title in enumerate(titles) if title.startswith("pressure")), None))

@@ -41,7 +41,9 @@ def displaced(
     """
     bottom = float(local["sea_floor_depth"].max())
     local = local.isel(columns)
-    attrs, z, x = local.attrs, local["depth"].values, local["east"].values
+    attrs = local.attrs
+    z = local["depth"].values
+    x = local["east"].values
     phase = 2.0 * np.pi * (x / attrs[_WAVELENGTH] - time / attrs[_PERIOD])
     shape = np.sin(np.pi * np.clip(z / bottom, 0.0, 1.0))
     lowered = attrs[_AMPLITUDE] * np.cos(phase)[:, None] * shape

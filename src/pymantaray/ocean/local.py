@@ -162,7 +162,8 @@ class LocalGrid:
 
     def to_dataset(self) -> xr.Dataset:
         """Local ocean, see `to_local`."""
-        points, frame = self.points, self.window.frame
+        points = self.points
+        frame = self.window.frame
         notes = dict(self.notes)
         if self.added.size:
             notes["levels_added"] = self.added
@@ -195,7 +196,8 @@ def assemble_local(
 
     The sea floor is on (north, east), or a data array with its own axes ``floor_north`` and ``floor_east``. [m]
     """
-    grid, floor_grid = ("north", "east", "depth"), ("north", "east")
+    grid = ("north", "east", "depth")
+    floor_grid = ("north", "east")
     letters = {"north": "y", "east": "x", "floor_north": "y", "floor_east": "x"}
     coords: dict[str, Any] = {"depth": ("depth", axes["depth"], {**_attrs("depth", "m"), "positive": "down"})}
     horizontal = {name: axes[name] for name in floor_grid}
@@ -244,7 +246,8 @@ def _own_floor(own: Array, window: Window, at_lat: Array, at_lon: Array) -> Arra
 
 def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
     """Rotate true eastward and northward components to the frame's north and east by the bearing of true north. [rad]"""
-    cos, sin = np.cos(bearing), np.sin(bearing)
+    cos = np.cos(bearing)
+    sin = np.sin(bearing)
     return v * cos - u * sin, v * sin + u * cos
 
 
@@ -279,7 +282,8 @@ class TensorSpline:
     def __init__(
         self, rows: Array, columns: Array, at_rows: Array, at_columns: Array, *, degree: int = 3
     ) -> None:
-        self._axes, self._shape = [axis_spline(axis, degree) for axis in (rows, columns)], at_rows.shape
+        self._axes = [axis_spline(axis, degree) for axis in (rows, columns)]
+        self._shape = at_rows.shape
         places = np.stack([_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1).reshape(-1, 2)
         knots = tuple(axis.knots for axis in self._axes)
         weights = NdBSpline.design_matrix(places, knots, (degree, degree))

@@ -186,7 +186,8 @@ def _sea_floor(data: xr.Dataset, depth: Array, levels: Any, name: str) -> Array 
     axes = {key: _axis(data, key, name) for key in dims}
     sides = {key: data[key.removeprefix("floor_")].values for key in dims}
     for number, (key, axis) in enumerate(axes.items()):  # constant beyond its edges
-        low, high = int(axis[0] > sides[key][0]), int(axis[-1] < sides[key][-1])
+        low = int(axis[0] > sides[key][0])
+        high = int(axis[-1] < sides[key][-1])
         width = [(low, high) if k == number else (0, 0) for k in range(2)]
         values = np.pad(values, width, mode="edge")
         axes[key] = np.concatenate([sides[key][:1][:low], axis, sides[key][-1:][:high]])

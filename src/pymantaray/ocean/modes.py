@@ -80,7 +80,8 @@ def _weighted_eigen(matrix: Array, weights: Array) -> tuple[Array, Array]:
     """
     root = np.sqrt(weights)
     values, vectors = np.linalg.eigh(root[:, None] * matrix * root)
-    values, modes = np.maximum(values[::-1], 0.0), (vectors[:, ::-1] / root[:, None]).T
+    values = np.maximum(values[::-1], 0.0)
+    modes = (vectors[:, ::-1] / root[:, None]).T
     largest = np.take_along_axis(modes, np.abs(modes).argmax(axis=1)[:, None], axis=1)
     return values, np.ascontiguousarray(modes * np.where(largest < 0.0, -1.0, 1.0))
 
@@ -226,7 +227,8 @@ def _ocean_columns(ocean: xr.Dataset, equation: Equation) -> tuple[Array, Array]
 def _cast_columns(casts: Sequence[Cast], levels: ArrayLike | None, equation: Equation) -> tuple[Array, Array]:
     if not casts:
         raise OceanError("modes: no cast; give at least 2")
-    first, last = max(c.depth[0] for c in casts), min(c.depth[-1] for c in casts)
+    first = max(c.depth[0] for c in casts)
+    last = min(c.depth[-1] for c in casts)
     every_5_m = np.arange(5.0 * np.ceil(first / 5.0), last + 1e-9, 5.0)
     z = every_5_m if levels is None else np.asarray(levels, dtype=float)
     if z.size < 2 or z[0] < first or z[-1] > last:

@@ -142,7 +142,8 @@ def open_ocean_series(
         Valid oceans on one grid in order of time: the last at or before ``start``, the first at or after ``stop``, and all
         between. Synthetic oceans have a step of 3 h.
     """
-    first, last = parse_instant(start), parse_instant(stop)
+    first = parse_instant(start)
+    last = parse_instant(stop)
     if last < first:
         raise OceanError(f"ocean: start {start} is after stop {stop}; exchange them")
     sources, region = _sources(source)
@@ -209,7 +210,8 @@ def ocean_index(source: Source, names: Names | None = None) -> OceanIndex:
         lat, lon = synthetic_axes(region)
         return OceanIndex(lat, lon, ocean_times(source), ((str(sources[0]),),))
     with Collection(sources, names=names) as collection:
-        times, roles = collection.whole_times("rest"), collection.needed("rest")
+        times = collection.whole_times("rest")
+        roles = collection.needed("rest")
         holds = [{id(part) for part, _ in collection.at(time, roles).values()} for time in times]
         named = [(str(path), id(part)) for path, part in zip(sources, collection.parts, strict=True)]
         files = tuple(tuple(path for path, part in named if part in parts) for parts in holds)
@@ -277,9 +279,11 @@ class Part:
         if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             raise OceanError(f"{file_name(data)}: {layout.depth} is not monotonic; sort it")
         upward = bool(steps.size and steps[0] < 0.0)
-        lat, lon = degrees(data, layout.lat, "latitude"), degrees(data, layout.lon, "longitude")
+        lat = degrees(data, layout.lat, "latitude")
+        lon = degrees(data, layout.lon, "longitude")
         grid = select(lat, lon, window, file_name(data))
-        times, climatology = np.array(["NaT"], dtype="datetime64[ns]"), False
+        times = np.array(["NaT"], dtype="datetime64[ns]")
+        climatology = False
         if has_time(data, layout.time):
             times, climatology = instants(data, layout.time)
         axis = axis[::-1] if upward else axis
@@ -305,7 +309,8 @@ class Part:
 
     def read(self, field: cf.Field, instant: np.datetime64) -> tuple[Array, int]:
         """Values (depth, lat, lon) of a variable at an instant, in the unit of the file, and the number of invalid ones."""
-        layout, variables = self.layout, self.data.variables
+        layout = self.layout
+        variables = self.data.variables
         dims = variables[field.variable].dims
         lat, lon, depth = (variables[n].dims[0] for n in (layout.lat, layout.lon, layout.depth))
         block = {str(lat): self.grid.rows}
@@ -375,7 +380,8 @@ class Collection:
             ocean = self.ocean(own, currents)
             return with_history(ocean, f"climatology, for {minute(own)}") if climatology else ocean
         wanted = parse_instant(time)
-        own, why = times[0], "the data set has no time"
+        own = times[0]
+        why = "the data set has no time"
         if climatology:
             distance = _phase(times) - _phase(wanted)
             own = times[np.argmin(np.abs(distance - np.round(distance)))]

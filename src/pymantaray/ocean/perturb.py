@@ -225,7 +225,8 @@ def random_fields(lat: Array, lon: Array, *, count: int, scale: float, rng: np.r
 
 def _lattice(x: Array, scale: float) -> Array:
     step = scale / _NODES_PER_SCALE
-    low, high = float(x.min()) - _MARGIN * step, float(x.max()) + _MARGIN * step
+    low = float(x.min()) - _MARGIN * step
+    high = float(x.max()) + _MARGIN * step
     count = math.ceil((high - low) / step) + 1
     if count > _MAX_NODES:
         raise OceanError(
@@ -304,7 +305,8 @@ def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equati
     fields = {"water_temp": possible}
     beyond = possible != temperature
     if beyond.any():
-        fresh, now = 0.0 * full, speed(possible, full)
+        fresh = 0.0 * full
+        now = speed(possible, full)
         share = _root(
             lambda s: speed(possible, s),
             full,
@@ -338,13 +340,15 @@ def _root(
     with np.errstate(all="ignore"):
         base = speed(start)
         slope = (speed(start + _STEP) - base) / _STEP
-        value, off = start, target - base
+        value = start
+        off = target - base
         for _ in range(_ITERATIONS):
             if np.abs(off).max(initial=0.0) < _ACCURACY:
                 return value
             step = np.clip(value + off / slope, low, high) - value
             value = value + step
-            before, off = off, target - speed(value)
+            before = off
+            off = target - speed(value)
             moved = np.abs(step) > 1e-6
             slope = np.where(moved, (before - off) / step, slope)
     raise OceanError(

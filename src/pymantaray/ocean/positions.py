@@ -42,7 +42,8 @@ def angle(words: str, axis: str) -> float:
     if match is None:
         return math.nan
     sides = {_WORDS[side.lower()] for side in (match["before"], match["after"]) if side}
-    rest, minutes = match["rest"], match["minutes"]
+    rest = match["rest"]
+    minutes = match["minutes"]
     complete = match["after"] and "." in match["degrees"] + str(minutes)  # what follows is a comment
     unclear = (
         len(sides) > 1
@@ -104,7 +105,8 @@ def is_position(latitude: float, longitude: float) -> bool:
 
 def position_in_comment(line: str) -> Position | None:
     """Position in a comment such as ``lat 74.0, lon -140.0``; None if it has none that can be read."""
-    north, east = _LAT.search(line), _LON.search(line)
+    north = _LAT.search(line)
+    east = _LON.search(line)
     if north is None or east is None:
         return None
     ends = {north: len(line), east: len(line)}

@@ -141,7 +141,8 @@ def _position_at(positions: Sequence[tuple[Any, float, float]], times: Any) -> t
 
 def _table(path: Path, cast: _Cast, units: dict[str, str]) -> CastTable:
     """Columns of known channels of a cast, with sea pressure instead of absolute pressure."""
-    rows, notes = cast.rows, []
+    rows = cast.rows
+    notes = []
     channels = [name for name in _CHANNELS if name in rows.dtype.names]
     absolute = "pressure" in channels and "sea_pressure" not in channels
     if not absolute and "pressure" in channels:

@@ -27,7 +27,8 @@ _MIN_CELLS = 2  # on either side of the centre
 MAX_POINTS = 40_000_000
 """Maximum number of grid points to read from a file: 320 MB in double precision."""
 _MAX_NODES = 16_000_000  # latitudes times longitudes onto which a file in a map projection is interpolated
-_DEEPEST, _HIGHEST = 11_100.0, 9_000.0  # m; beyond these a fill value or a unit is wrong
+_DEEPEST = 11_100.0  # m; beyond these a fill value or a unit is wrong
+_HIGHEST = 9_000.0
 _DEGREE = 111_195.0  # m, of latitude on the mean sphere
 _DOWN = (
     "sea_floor_depth_below_sea_surface",
@@ -46,8 +47,10 @@ _UP = (
 )
 _NAMED = {"deptho": "down", "elevation": "up", "z": "up", "topo": "up", "altitude": "up"}
 _NAMED |= dict.fromkeys(("bathymetry", "bathy", "depth", "band1"), "")
-_LAT, _LON = ("lat", "latitude", "nav_lat", "y"), ("lon", "longitude", "nav_lon", "x")
-_Y, _X = ("latitude", "projection_y_coordinate"), ("longitude", "projection_x_coordinate")
+_LAT = ("lat", "latitude", "nav_lat", "y")
+_LON = ("lon", "longitude", "nav_lon", "x")
+_Y = ("latitude", "projection_y_coordinate")
+_X = ("longitude", "projection_x_coordinate")
 _CRS_REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic version of the file'
 
 
@@ -149,7 +152,8 @@ def local_floor(
         return None
     name = str(sea_floor.attrs.get("source", "sea_floor"))
     if not theirs.holds(*half_extent):
-        lat, lon = theirs.lat, theirs.lon
+        lat = theirs.lat
+        lon = theirs.lon
         raise OceanError(
             f"{name}: covers latitude {lat[0]:g} to {lat[-1]:g}, longitude {lon[0]:g} to {lon[-1]:g}, not the domain of"
             f" +-{half_extent[0] / 1e3:g} km by +-{half_extent[1] / 1e3:g} km; fetch a larger window or shrink half_extent"
@@ -161,10 +165,8 @@ def local_floor(
             break
         wider *= 1.1
     north, east = (np.linspace(-h, h, 2 * n + 1) for h, n in zip(half_extent, cells, strict=True))
-    depth, source = (
-        np.asarray(sea_floor.values, dtype=float),
-        f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m",
-    )
+    depth = np.asarray(sea_floor.values, dtype=float)
+    source = f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m"
     points = 2 * (int(0.5 * wider)) + 1
     if points > 1:
         depth = ndimage.uniform_filter(depth, points, mode="nearest")
@@ -268,7 +270,8 @@ class HorizontalField(NamedTuple):
 
     def axis(self, name: str) -> Array:
         """Values of an axis, monotone; in metres if its unit is a length."""
-        values, unit = numbers(self.data, name).ravel(), text(self.data.variables[name], "units")
+        values = numbers(self.data, name).ravel()
+        unit = text(self.data.variables[name], "units")
         steps = np.diff(values)
         if values.size < 2 or not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             raise OceanError(
@@ -304,7 +307,8 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
     by_standard_name: list[HorizontalField] = []
     by_name: list[HorizontalField] = []
     for name, variable in data.variables.items():
-        axes, standard_name = horizontal_axes(data, variable), text(variable, "standard_name")
+        axes = horizontal_axes(data, variable)
+        standard_name = text(variable, "standard_name")
         known = standard_name in _DOWN + _UP
         if axes is None or not (known or str(name).lower() in _NAMED):
             continue
@@ -350,7 +354,8 @@ def horizontal_axes(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] 
 
 def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array, Array, Array]:
     """Latitudes, longitudes and values of the grid points that enclose a window."""
-    lat, lon = field.axis(field.lat), field.axis(field.lon)
+    lat = field.axis(field.lat)
+    lon = field.axis(field.lon)
     part = select(lat, lon, window, file_name(field.data), enclose=True)
     if min(part.lat.size, part.lon.size) < 2:
         raise OceanError(
@@ -373,11 +378,13 @@ def _projected(
     where = file_name(field.data)
     if window is None:
         raise OceanError(f"{where}: its axes are in metres; give a window (south, north, west, east)")
-    y, x = field.axis(field.lat), field.axis(field.lon)
+    y = field.axis(field.lat)
+    x = field.axis(field.lon)
     lat, lon = _nodes(checked_window(window), float(np.median(np.abs(np.diff(x)))), where)
     to_file = pyproj.Transformer.from_crs("EPSG:4326", _crs_of(field, crs), always_xy=True)
     at_x, at_y = to_file.transform(*np.meshgrid(lon, lat))
-    rows, columns = _reach(y, at_y), _reach(x, at_x)
+    rows = _reach(y, at_y)
+    columns = _reach(x, at_x)
     size = (rows.stop - rows.start, columns.stop - columns.start)
     if min(size) < 2:
         raise OceanError(f"{where}: it does not contain the window {window}; fetch the grid that covers it")
@@ -407,7 +414,8 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
                 f"crs {crs!r} is not a map projection, but the file's axes are in metres; use a projected one"
             )
         return named
-    where, variables = file_name(field.data), field.data.variables
+    where = file_name(field.data)
+    variables = field.data.variables
     mapping = text(variables[field.name], "grid_mapping")
     candidates: list[Any] = [mapping] if mapping in variables else list(variables)
     mappings = [variables[name].attrs for name in candidates]
@@ -452,7 +460,8 @@ def _reach(axis: Array, values: Array) -> slice:
 
 def _downward(values: Array, field: HorizontalField) -> Array:
     """Depth, positive down, 0 on land and where a depth is missing."""
-    name, positive = f"{file_name(field.data)}: {field.name}", field.positive
+    name = f"{file_name(field.data)}: {field.name}"
+    positive = field.positive
     finite = values[np.isfinite(values)]
     if not finite.size:
         raise OceanError(f"{name} has no values in the window; choose another window")
@@ -462,7 +471,8 @@ def _downward(values: Array, field: HorizontalField) -> Array:
             f"{name} has positive and negative values; set its attribute positive to 'up' or 'down'"
         )
     depth = values if positive == "down" else -values
-    low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
+    low = float(np.nanmin(depth))
+    high = float(np.nanmax(depth))
     if low < -_HIGHEST or high > _DEEPEST:
         raise OceanError(
             f"{name} is between {-low:g} m above and {high:g} m below the sea surface; allowed are"

@@ -41,7 +41,8 @@ def read_whp(lines: Lines) -> InstrumentTable:
     notes += on_its_90(titles, rows)
     if end == len(lines):
         notes.append("no END_DATA: the file may be incomplete")
-    time, date = keys.get("TIME", ""), keys.get("DATE", "")
+    time = keys.get("TIME", "")
+    date = keys.get("DATE", "")
     if date and not time:
         notes.append("time of day unknown: 0 h assumed")
     return InstrumentTable(
@@ -82,7 +83,8 @@ def bottle_table(path: str | Path, lines: Lines) -> tuple[str, tuple[str, ...]]:
     rejected = sum(_clear_bad(name, names, rows) for name in known if name in names)
     old_scale = "68" in units.get("CTDTMP", "")
     salinities = [name for name in ("CTDSAL", "SALNTY") if name in names]
-    table, from_bottles = [""] * len(lines), 0
+    table = [""] * len(lines)
+    from_bottles = 0
     table[start] = "station,time,lat,lon,pressure_dbar,temperature,salinity"
     for i, cells in rows.items():
         if len(cells) < len(names):
@@ -120,7 +122,8 @@ def _extent(lines: Lines) -> tuple[int, int]:
 
 def _clear_bad(name: str, names: list[str], rows: Rows) -> int:
     """Remove the values of a column whose flags are bad; returns their number."""
-    k, count = names.index(name), 0
+    k = names.index(name)
+    count = 0
     for ending, bad in _BAD.items():
         if name + ending not in names:
             continue

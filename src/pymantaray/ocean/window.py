@@ -118,10 +118,12 @@ def select(
 
 
 def _rows(lat: Array, south: float, north: float, *, enclose: bool) -> NDArray[np.intp]:
-    from_south, to_north = lat >= south - _SIDE_TOLERANCE, lat <= north + _SIDE_TOLERANCE
+    from_south = lat >= south - _SIDE_TOLERANCE
+    to_north = lat <= north + _SIDE_TOLERANCE
     inside = from_south & to_north
     if enclose:
-        below, above = lat[lat <= south + _ENCLOSING_TOLERANCE], lat[lat >= north - _ENCLOSING_TOLERANCE]
+        below = lat[lat <= south + _ENCLOSING_TOLERANCE]
+        above = lat[lat >= north - _ENCLOSING_TOLERANCE]
         inside |= (lat >= below.max(initial=-90.0)) & to_north & (below.size > 0)
         inside |= (lat <= above.min(initial=90.0)) & from_south & (above.size > 0)
     return np.flatnonzero(inside)
@@ -135,7 +137,8 @@ def _columns(lon: Array, west: float, width: float, *, enclose: bool) -> tuple[N
     order = order[np.diff(east[order], prepend=-1.0) > 1e-6]
     east = east[order]
     last = int(np.searchsorted(east, width + _SIDE_TOLERANCE, side="right"))
-    columns, reached = order[:last], east[:last]
+    columns = order[:last]
+    reached = east[:last]
     if enclose and order.size > 1:
         gaps = np.diff(east, append=east[0] + 360.0)
         widest = 1.5 * np.sort(gaps)[-2]  # a wider gap is the edge of the data, not a cell
@@ -144,9 +147,11 @@ def _columns(lon: Array, west: float, width: float, *, enclose: bool) -> tuple[N
             and gaps[last - 1] <= widest
             and not (last and east[last - 1] >= width - _ENCLOSING_TOLERANCE)
         ):
-            columns, reached = order[: last + 1], east[: last + 1]
+            columns = order[: last + 1]
+            reached = east[: last + 1]
         if reached.size < order.size and gaps[-1] <= widest and east[0] > _ENCLOSING_TOLERANCE:
-            columns, reached = np.append(order[-1], columns), np.append(east[-1] - 360.0, reached)
+            columns = np.append(order[-1], columns)
+            reached = np.append(east[-1] - 360.0, reached)
     rising = lon[columns] + 360.0 * np.round((west + reached - lon[columns]) / 360.0)
     return columns, rising - (whole_turns(0.5 * (rising[0] + rising[-1])) if rising.size else 0.0)
 
@@ -205,14 +210,16 @@ def window_of(ocean: xr.Dataset) -> GeographicWindow:
     tuple of float
         South, north, west, east. [degrees]
     """
-    lat, lon = ocean["lat"].values, ocean["lon"].values
+    lat = ocean["lat"].values
+    lon = ocean["lon"].values
     return float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1])
 
 
 def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> tuple[float, float]:
     """Latitude and longitude of a place in the longitude convention of an ocean; it must be in its window. [degrees]"""
     south, north, west, east = window_of(ocean)
-    lat, lon = place[0], wrapped(place[1], about=0.5 * (west + east))
+    lat = place[0]
+    lon = wrapped(place[1], about=0.5 * (west + east))
     if not (south <= lat <= north and west <= lon <= east):
         raise OceanError(
             f"{name}: {place_text(*place)} is outside the ocean; allowed: latitude {south:g} to {north:g},"
@@ -297,7 +304,8 @@ class Window:
 
     def native_spacing(self) -> tuple[float, float]:
         """Grid spacing of the data set at the frame's centre, north and east. [m]"""
-        lat, lon = self.frame.latitude_deg, self.frame.longitude_deg
+        lat = self.frame.latitude_deg
+        lon = self.frame.longitude_deg
         d_lat = _step_at(self.lat, lat)
         d_lon = _step_at(self.lon, float(self.geographic(np.zeros(1), np.zeros(1))[1][0]))
         n, _ = self.frame.to_local([lat - 0.5 * d_lat, lat + 0.5 * d_lat], lon)
@@ -335,7 +343,8 @@ def _largest_rectangle(
 
 def _reach(holds: Callable[[float], bool]) -> float:
     """Largest length that fits, rounded down, by bisection to a millimetre. [m]"""
-    low, high = 0.0, 2.1e7  # the upper limit is half the Earth's circumference
+    low = 0.0  # the upper limit is half the Earth's circumference
+    high = 2.1e7
     while high - low > 1e-3:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)

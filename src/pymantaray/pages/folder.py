@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 PAGE = "index.html"
-TABLES, FIGURES = "tables", "figures"
+TABLES = "tables"
+FIGURES = "figures"
 PARTS = (TABLES, FIGURES, PAGE)
 FIGURE_KINDS = ("png", "pdf", "svg")
 FORMATS = (*FIGURE_KINDS, "tex")

@@ -37,9 +37,18 @@ COLUMN, DOUBLE = 84.0 / 25.4, 174.0 / 25.4
 HEADER_LINE = 4
 """Maximum number of legend entries on the line of the header, for figures over both columns."""
 
-BLUE, ORANGE, GREEN, SKY, PINK = "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#CC79A7"  # Okabe and Ito
-INK, GREY, PALE, BAND = "#1a1a1a", "#6b6b6b", "#c8c8c8", "#dcdcdc"
-BED, SHORE, ICE = "#8d7f70", "#4a4038", "#ffffff"
+BLUE = "#0072B2"  # Okabe and Ito
+ORANGE = "#D55E00"
+GREEN = "#009E73"
+SKY = "#56B4E9"
+PINK = "#CC79A7"
+INK = "#1a1a1a"
+GREY = "#6b6b6b"
+PALE = "#c8c8c8"
+BAND = "#dcdcdc"
+BED = "#8d7f70"
+SHORE = "#4a4038"
+ICE = "#ffffff"
 
 CONDITION_COLOURS = {
     "odometry": GREY,
@@ -172,7 +181,8 @@ def condition_line(name: str) -> Any:
 
 def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Colour and marker of each condition of a run, the same on all its figures; colours repeat after `DISTINCT` estimators."""
-    more, markers = cycle(_MORE_COLOURS), cycle(_MARKERS)
+    more = cycle(_MORE_COLOURS)
+    markers = cycle(_MARKERS)
     return {
         name: (CONDITION_COLOURS[name] if name in CONDITION_COLOURS else next(more), next(markers))
         for name in conditions
@@ -255,7 +265,8 @@ def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
                 sign = "○" if handle.get_markerfacecolor() == "white" else sign
                 colour = handle.get_color()
             else:
-                sign, colour = "■", handle.get_facecolor()  # type: ignore[union-attr]
+                sign = "■"  # type: ignore[union-attr]
+                colour = handle.get_facecolor()
             entries.append((sign, to_hex(colour), words.get_text().replace(r"\$", "$")))
     return entries
 
@@ -301,7 +312,8 @@ def write_figures(
     progress: Progress | None = None,
 ) -> list[Path]:
     """Draw figures by name and write them as PNG and PDF into a folder, which is created if necessary."""
-    target, written = Path(folder), list[Path]()
+    target = Path(folder)
+    written = list[Path]()
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as error:

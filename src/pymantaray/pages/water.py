@@ -35,7 +35,8 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
     several = len(profiles) > 1
     figure = style.new_figure(style.COLUMN, 3.0 + 0.14 * several * len(profiles), header)
     whole, upper = figure.subplots(1, 2)
-    deepest, colours = 0.0, style.vehicle_colours(len(profiles))
+    deepest = 0.0
+    colours = style.vehicle_colours(len(profiles))
     for i, (name, profile) in enumerate(profiles):
         for axes in (whole, upper):
             reach = draw_profile(axes, profile, name, colours[i], line=_REGION_LINES[i % 4])
@@ -118,7 +119,8 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
 
 def _water_shown(picture: xr.Dataset) -> tuple[float, Array, Array]:
     """Lower edge and depths of a picture, and sound speed (depth, range); NaN outside the water."""
-    depth, floor = picture["depth"].values, picture["sea_floor_depth"].values
+    depth = picture["depth"].values
+    floor = picture["sea_floor_depth"].values
     lowest = _lowest_shown(picture)
     rows = np.linspace(depth[0], lowest, _ROWS)
     speed = np.stack([np.interp(rows, depth, column) for column in picture["sound_speed"].values], axis=1)
@@ -134,7 +136,9 @@ def _ice_of(picture: xr.Dataset) -> Array:
 
 def _draw_boundaries(axes: Axes, picture: xr.Dataset) -> None:
     """Draw sea bed and ice."""
-    km, floor, ice = picture["range"].values / 1e3, picture["sea_floor_depth"].values, _ice_of(picture)
+    km = picture["range"].values / 1e3
+    floor = picture["sea_floor_depth"].values
+    ice = _ice_of(picture)
     deepest = max(float(picture["depth"].values[-1]), floor.max()) * 2.0
     axes.fill_between(km, floor, deepest, color=style.BED, linewidth=0.0, zorder=2)
     axes.plot(km, floor, color=style.SHORE, linewidth=0.8, zorder=2)
@@ -145,7 +149,8 @@ def _draw_boundaries(axes: Axes, picture: xr.Dataset) -> None:
 
 def _draw_rays(axes: Axes, picture: xr.Dataset) -> None:
     """Draw the fan in grey, and eigenrays by their kinds with the earliest on top."""
-    arrives, kinds = picture["ray_arrives"].values.astype(bool), _kinds(picture)
+    arrives = picture["ray_arrives"].values.astype(bool)
+    kinds = _kinds(picture)
     rows = zip(arrives, kinds, picture["ray_range"].values, picture["ray_depth"].values, strict=True)
     for i, (hit, kind, x, z) in enumerate(rows):
         look: dict[str, Any] = {**RAY_KINDS[kind][1], "zorder": 5.0 - 1e-3 * i} if hit else _FAN
@@ -154,7 +159,8 @@ def _draw_rays(axes: Axes, picture: xr.Dataset) -> None:
 
 def _draw_ends(axes: Axes, picture: xr.Dataset, lowest: float) -> None:
     """Draw the chord and the names of its ends."""
-    chord, ends = picture["chord_range"].values / 1e3, picture["chord_depth"].values
+    chord = picture["chord_range"].values / 1e3
+    ends = picture["chord_depth"].values
     axes.plot(chord, ends, zorder=6, **_CHORD)
     axes.plot(
         chord, ends, "o", color="white", markeredgecolor=style.INK, markersize=4.5, zorder=7, clip_on=False

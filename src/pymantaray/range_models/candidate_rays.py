@@ -35,8 +35,12 @@ class CandidateRays:
         currents: Currents | None = None,
     ) -> None:
         self.mixture = mixture
-        self._medium, self._reception, self._timing = medium, reception, timing
-        self._picker, self._sound_speed_sigma, self._currents = picker, sound_speed_sigma, currents
+        self._medium = medium
+        self._reception = reception
+        self._timing = timing
+        self._picker = picker
+        self._sound_speed_sigma = sound_speed_sigma
+        self._currents = currents
         self._latest: dict[bytes, Receptions] = {}
 
     def predict(self, links: RangeEndpoints) -> Prediction:

@@ -49,7 +49,8 @@ class EigenrayModel:
         currents: Currents | None = None,
     ) -> None:
         self.medium = medium
-        self._cutoff, self._currents = spreading_cutoff_db, currents
+        self._cutoff = spreading_cutoff_db
+        self._currents = currents
         self._latest: dict[bytes, Arrivals] = {}
 
     def through(self, medium: Medium) -> "EigenrayModel":
@@ -65,16 +66,19 @@ class EigenrayModel:
         out = []
         for sign in (1.0, -1.0):
             link, row = choose_arrivals(arrivals, "direct", delay=sign * delay)
-            time, ends = np.full(n, np.nan), np.full((2, n, 3), np.nan)
+            time = np.full(n, np.nan)
+            ends = np.full((2, n, 3), np.nan)
             time[link] = arrivals.travel_time[row] + sign * delay[row]
-            ends[0, link], ends[1, link] = -arrivals.source_slowness[row], arrivals.receiver_slowness[row]
+            ends[0, link] = -arrivals.source_slowness[row]
+            ends[1, link] = arrivals.receiver_slowness[row]
             ends[:, time == 0.0] = 0.0  # equal positions
             out.append((time, ends))
             if self._currents is None:
                 out *= 2
                 break
         (time, ends), (time_back, ends_back) = out
-        p, back = pairs.pair, pairs.backward
+        p = pairs.pair
+        back = pairs.backward
         travel_time = np.where(back, time_back[p], time[p])
         return Prediction(
             travel_time=travel_time,

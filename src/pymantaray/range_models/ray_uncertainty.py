@@ -32,7 +32,8 @@ class RayUncertainty:
     """
 
     def __init__(self, model: EigenrayModel, covariance: SoundSpeedCovariance) -> None:
-        self._model, self._covariance = model, covariance
+        self._model = model
+        self._covariance = covariance
 
     def covariances(self, links: RangeEndpoints, epoch: NDArray[np.intp]) -> list[Array]:
         """Covariances of the links of each epoch (n_links, n_links); there and back is the same ray. [s²]"""
@@ -50,7 +51,8 @@ class RayUncertainty:
             x = centre[mine].reshape(-1, 2)
             apart = np.sum((x[:, None] - x) ** 2, axis=-1) / self._covariance.horizontal_scale**2
             full = np.exp(-0.5 * apart) * (w @ self._covariance.matrix @ w.T)
-            n, pieces = mine.size, weight.shape[1]
+            n = mine.size
+            pieces = weight.shape[1]
             of_pairs = full.reshape(n, pieces, n, pieces).sum(axis=(1, 3))
             out.append(of_pairs[np.ix_(at, at)])
         return out
@@ -60,7 +62,8 @@ class RayUncertainty:
     ) -> tuple[Array, Array]:
         """Weights of the levels in each piece of each pair's ray, and the pieces' centroids."""
         z = self._covariance.depth
-        low, high = np.full((n_pairs, 2), np.inf), np.full((n_pairs, 2), -np.inf)
+        low = np.full((n_pairs, 2), np.inf)
+        high = np.full((n_pairs, 2), -np.inf)
         np.minimum.at(low, pair, position[:, :2])
         np.maximum.at(high, pair, position[:, :2])
         extent = np.where(high >= low, high - low, 0.0)
@@ -80,7 +83,8 @@ class RayUncertainty:
         levels = np.zeros((n_pairs, count, z.size))
         np.add.at(levels, (pair, piece, i), (1.0 - s) * weight)
         np.add.at(levels, (pair, piece, i + 1), s * weight)
-        total, moment = np.zeros((n_pairs, count)), np.zeros((n_pairs, count, 2))
+        total = np.zeros((n_pairs, count))
+        moment = np.zeros((n_pairs, count, 2))
         np.add.at(total, (pair, piece), weight)
         np.add.at(moment, (pair, piece), weight[:, None] * position[:, :2])
         return levels, moment / np.where(total > 0.0, total, 1.0)[..., None]

@@ -25,7 +25,9 @@ class VaryingEigenrays:
         *,
         spreading_cutoff_db: float | None = 15.0,
     ) -> None:
-        self._medium_at, self._currents_at, self._cutoff = medium_at, currents_at, spreading_cutoff_db
+        self._medium_at = medium_at
+        self._currents_at = currents_at
+        self._cutoff = spreading_cutoff_db
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """Travel times of the direct arrivals, ping by ping."""

@@ -165,9 +165,12 @@ class Arrivals(Record):
             All links; NaN for links without an arrival.
         """
         n = self.status.size
-        time, source, receiver = np.full(n, np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+        time = np.full(n, np.nan)
+        source = np.full((n, 3), np.nan)
+        receiver = np.full((n, 3), np.nan)
         time[links] = travel_time
-        source[links], receiver[links] = self.source_slowness[rows], self.receiver_slowness[rows]
+        source[links] = self.source_slowness[rows]
+        receiver[links] = self.receiver_slowness[rows]
         return FirstArrivals(
             status=self.status,
             travel_time=time,

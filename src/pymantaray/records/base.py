@@ -103,7 +103,9 @@ class Record:
         sizes = {name: len(labels) for name, labels in LABELS.items()}
         shapes = dict[tuple[str, ...], tuple[int, ...]]()
         for f in self._columns():
-            name, dtype, dims = f.name, f.metadata["dtype"], f.metadata["dims"]
+            name = f.name
+            dtype = f.metadata["dtype"]
+            dims = f.metadata["dims"]
             array = getattr(self, name)
             if array is None and (default := f.metadata["default"]) is not None:
                 array = np.full([sizes[dim] for dim in dims], default)  # earlier columns define its length
@@ -310,7 +312,8 @@ class DatedRecord(Record):
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
         """Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as in `Record.from_dataset`."""
-        name, start = cls._time(), np.datetime64("NaT", "us")
+        name = cls._time()
+        start = np.datetime64("NaT", "us")
         if name in dataset.variables:
             time = dataset[name]
             units = {**time.encoding, **time.attrs}.get("units", "s")

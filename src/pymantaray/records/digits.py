@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 MISSING = "–"
 _MINUS = "−"
-_LARGE, _HUGE = 1e5, 1e7  # numbers from here on have no decimals, and an exponent
+_LARGE = 1e5  # numbers from here on have no decimals, and an exponent
+_HUGE = 1e7
 _MAX_DECIMALS = 5  # to give the smallest number a digit
 _MAX_DIGITS = 8  # of a number written without an exponent
 _EXPONENT = ".3e"

@@ -58,7 +58,8 @@ _HEADS = {
 }
 _SMALLEST_LENGTH = 1e-6  # m; shorter ones in a column of longer ones are rounding errors
 _FORMATS = dict.fromkeys(("lat", "lon", "latitude", "longitude"), ".6f")  # a metre is 1e-5 degrees
-_KEY, _MEANING = "key", "meaning"  # columns of settings
+_KEY = "key"  # columns of settings
+_MEANING = "meaning"
 _QUANTITY = "quantity"  # a column with names of columns of other tables
 _NOTEBOOK_ROWS = 24  # more than a record has columns
 _HEAD_LETTERS = 12  # of a line of a head in LaTeX

@@ -42,7 +42,8 @@ class Trajectories(DatedRecord):
     def to_dataset(self) -> "xr.Dataset":
         """Convert the record to an xarray data set, with latitudes and longitudes if the frame's centre is known."""
         dataset = super().to_dataset()
-        frame, dims = self.frame, ("vehicle", "time")
+        frame = self.frame
+        dims = ("vehicle", "time")
         if frame is None:
             return dataset
         latitude, longitude = frame.to_geodetic(self.position[..., 0], self.position[..., 1])

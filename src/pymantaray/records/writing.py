@@ -108,7 +108,8 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
     replace : bool
         As in `whole_file`.
     """
-    dataset, path = dataset.copy(), Path(path)
+    dataset = dataset.copy()
+    path = Path(path)
     about = {"title": path.stem.replace("_", " "), "history": f"pymantaray {version('pymantaray')}"}
     dataset.attrs = {"Conventions": "CF-1.11", **about, **dataset.attrs}
     for name in dataset.indexes:

@@ -45,7 +45,8 @@ class AttitudeNoise:
 
 def measure(scene: Scene, noise: AttitudeNoise) -> Columns:
     """True rotations."""
-    tilt, heading = noise.attitude_tilt_sigma, noise.attitude_heading_sigma
+    tilt = noise.attitude_tilt_sigma
+    heading = noise.attitude_heading_sigma
     truth = scene.truth
     vehicle, sample = np.nonzero(np.full(truth.status.shape, tilt > 0.0))
     return {
@@ -62,7 +63,8 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     m = measurements
     if not m.attitude_vehicle.size:
         return {}
-    who, when = m.attitude_vehicle, m.attitude_sample
+    who = m.attitude_vehicle
+    when = m.attitude_sample
     turn = np.stack([normal((m.time.size, 3), name, "attitude") for name in m.name])[who, when]
     bias = np.concatenate([normal((1,), name, "attitude bias") for name in m.name])[who]
     turn = turn * m.attitude_sigma

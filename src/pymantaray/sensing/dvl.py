@@ -58,7 +58,8 @@ class DvlNoise:
 
 def measure(scene: Scene, noise: DvlNoise) -> Columns:
     """True velocities between two samples within reach of the sea floor."""
-    truth, sigma = scene.truth, noise.dvl_sigma
+    truth = scene.truth
+    sigma = noise.dvl_sigma
     near = np.broadcast_to(np.asarray(scene.altitude) <= noise.dvl_reach, truth.status.shape)
     vehicle, sample = np.nonzero(near[:, :-1] & near[:, 1:] & (sigma > 0.0))
     step = truth.position[vehicle, sample + 1] - truth.position[vehicle, sample]
@@ -81,7 +82,9 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     m = measurements
     if not m.dvl_vehicle.size:
         return {}
-    who, when, edges = m.dvl_vehicle, m.dvl_sample, m.time.size - 1
+    who = m.dvl_vehicle
+    when = m.dvl_sample
+    edges = m.time.size - 1
     noise = np.stack([normal((edges, 3), name, "dvl") for name in m.name])[who, when]
     bias = np.stack([normal((3,), name, "dvl bias") for name in m.name])[who]
     beams = np.stack([normal((edges, _BEAMS), name, "dvl beams") for name in m.name])[who, when]
@@ -99,7 +102,8 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
 def three_beam_factor() -> NDArray[np.float64]:
     """Ratio of the standard deviations of each axis with three and with four beams; shape (3,)."""
     azimuth = np.radians([45.0, 135.0, 225.0, 315.0])
-    across, down = np.sin(_TILT), np.full(_BEAMS, np.cos(_TILT))
+    across = np.sin(_TILT)
+    down = np.full(_BEAMS, np.cos(_TILT))
     beams = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), down], axis=1)
     three, four = (np.sqrt(np.diag(np.linalg.inv(b.T @ b))) for b in (beams[1:], beams))
     return np.asarray(three / four)

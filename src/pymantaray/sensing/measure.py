@@ -129,12 +129,15 @@ def perturb(
     def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:
         return stream(root_seed, realization, "sensing", *map(str, names)).standard_normal(shape)
 
-    m, true, draw = measurements, ranging_truth, {"root_seed": root_seed, "realization": realization}
+    m = measurements
+    true = ranging_truth
+    draw = {"root_seed": root_seed, "realization": realization}
     if isinstance(detection, Candidates):
         picks = draw_picks(m, detection, **draw, correlation_time=correlation_time)
         m = range_on_picks(m, detection, picks)
         if true is not None:
-            wrong, time = detection.mistaken(picks), true.travel_time.copy()
+            wrong = detection.mistaken(picks)
+            time = true.travel_time.copy()
             time[wrong] = detection.travel_time[picks[wrong]]
             true = replace(true, travel_time=time)
     noise = (

@@ -103,9 +103,11 @@ class Picker:
         least = np.full(competes.max(initial=-1) + 1, np.inf)
         np.minimum.at(least, competes, loss)
         if self.sonar is not None:
-            spread, excess = self.sonar.spread_db, self.sonar.figure_of_merit_db - loss
+            spread = self.sonar.spread_db
+            excess = self.sonar.figure_of_merit_db - loss
         else:
-            spread, excess = LEVEL_SPREAD_DB, (self.below_strongest_db or 0.0) + least[competes] - loss
+            spread = LEVEL_SPREAD_DB
+            excess = (self.below_strongest_db or 0.0) + least[competes] - loss
         strongest = _earliest(ranks, competes, loss == least[competes])
         if self.rule == "first-detected":
             picked, missed = _first(ranks, competes, probability_of_excess(excess, spread))
@@ -138,7 +140,8 @@ def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) ->
 
 def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
     """Probability that each row is detected first, and probability that no row of a link is detected."""
-    first, missed = np.empty(detected.size), np.ones(link.max(initial=-1) + 1)
+    first = np.empty(detected.size)
+    missed = np.ones(link.max(initial=-1) + 1)
     for rows in ranks:
         first[rows] = detected[rows] * missed[link[rows]]
         missed[link[rows]] *= 1.0 - detected[rows]
@@ -204,7 +207,8 @@ class Candidates(Record):
             raise SensingError(
                 f"candidates of attempt {self.attempt.max()}; the measurements have {u.size} range attempts"
             )
-        picks, total = np.full(u.size, -1), np.zeros(u.size)
+        picks = np.full(u.size, -1)
+        total = np.zeros(u.size)
         for rows in by_rank(self.attempt):
             of = self.attempt[rows]
             total[of] += self.probability[rows]
@@ -344,9 +348,13 @@ def range_on_picks(measurements: Measurements, candidates: Candidates, picks: In
     An attempt with a mistaken arrival has the refracted range of that arrival and status OK, as has sound without a ray, because
     the receiver cannot tell the difference. An existing arrival that was not detected has status UNHEARD and a refracted range of NaN.
     """
-    m, wrong = measurements, candidates.mistaken(picks)
+    m = measurements
+    wrong = candidates.mistaken(picks)
     lost = (picks < 0) & np.isin(m.range_status, ARRIVES)
-    status, refracted = m.range_status.copy(), m.refracted_range.copy()
-    status[picks >= 0], status[lost], refracted[lost] = RayStatus.OK, RayStatus.UNHEARD, np.nan
+    status = m.range_status.copy()
+    refracted = m.refracted_range.copy()
+    status[picks >= 0] = RayStatus.OK
+    status[lost] = RayStatus.UNHEARD
+    refracted[lost] = np.nan
     refracted[wrong] = m.transmitter_sound_speed[wrong] * candidates.travel_time[picks[wrong]]
     return replace(m, range_status=status, refracted_range=refracted)

@@ -66,7 +66,8 @@ def link_positions(
     ndarray, shape (n_links, 3)
         Positions. [m]
     """
-    who, n_vehicles = getattr(links, end), truth.name.size
+    who = getattr(links, end)
+    n_vehicles = truth.name.size
     positions = truth.position[np.minimum(who, n_vehicles - 1), links.sample]
     fixed = who >= n_vehicles
     positions[fixed] = landmark_position[who[fixed] - n_vehicles]
@@ -157,7 +158,8 @@ def measure_ranges(
         flow = currents(now) if callable(currents) else currents
         parts.append(_transmit(reception, pairs, slice(start, stop), water, flow, progress))
         del water, flow  # one medium is in memory at a time
-    sound, chords = joined_transmissions([sound for sound, _ in parts]), [chords for _, chords in parts]
+    sound = joined_transmissions([sound for sound, _ in parts])
+    chords = [chords for _, chords in parts]
     both = _Chords(*(np.concatenate(values) for values in zip(*chords, strict=True)))
     ranging = _ranging(attempts, pairs, sound, both, truth, timing)
     return ranging if reception.detector is not None else ranging._replace(probability=None)
@@ -183,10 +185,12 @@ def _pairs(attempts: Attempts, truth: Trajectories, landmarks: Sequence[Landmark
     ends = np.stack([attempts.sample, np.minimum(*attempts[1:]), np.maximum(*attempts[1:])], axis=-1)
     pairs, of_attempt = np.unique(ends, axis=0, return_inverse=True)
     sample, first, second = pairs.T
-    fixed, n_vehicles = landmark_positions(landmarks), truth.name.size
+    fixed = landmark_positions(landmarks)
+    n_vehicles = truth.name.size
 
     def position(who: Indices) -> tuple[Array, NDArray[np.bool_]]:
-        moves, vehicle = who < n_vehicles, np.minimum(who, n_vehicles - 1)
+        moves = who < n_vehicles
+        vehicle = np.minimum(who, n_vehicles - 1)
         positions = truth.position[vehicle, sample]
         positions[~moves] = fixed[who[~moves] - n_vehicles]
         return positions, moves & (truth.status[vehicle, sample] != VehicleStatus.ACTIVE)
@@ -215,8 +219,11 @@ def _transmit(
     progress: CountProgress | None,
 ) -> tuple[Transmission, _Chords]:
     """Sound between consecutive pairs; the links are the pairs that are not silent."""
-    source, receiver, silent = pairs.source[some], pairs.receiver[some], pairs.silent[some]
-    loud, quiet = np.flatnonzero(~silent), np.flatnonzero(silent)
+    source = pairs.source[some]
+    receiver = pairs.receiver[some]
+    silent = pairs.silent[some]
+    loud = np.flatnonzero(~silent)
+    quiet = np.flatnonzero(silent)
 
     def progress_from(before: int, count: int) -> CountProgress | None:
         if progress is None:
@@ -253,7 +260,8 @@ def joined_transmissions(parts: Sequence[Transmission]) -> Transmission:
     if len(parts) == 1:
         return parts[0]
     before = np.cumsum([[0, 0], *([p.status.size, p.arrivals.link.size] for p in parts)], axis=0)
-    arrivals, receptions = [], []
+    arrivals = []
+    receptions = []
     for (link, row), part in zip(before[:-1], parts, strict=True):
         arrivals.append(replace(part.arrivals, link=part.arrivals.link + link))
         rows = part.receptions
@@ -276,8 +284,10 @@ def _ranging(
     timing: Timing,
 ) -> Ranging:
     """Convert the results of links to those of range attempts."""
-    loud, n = ~pairs.silent, sound.status.size
-    pair, link = pairs.of_attempt, np.where(loud, np.cumsum(loud) - 1, -1)[pairs.of_attempt]
+    loud = ~pairs.silent
+    n = sound.status.size
+    pair = pairs.of_attempt
+    link = np.where(loud, np.cumsum(loud) - 1, -1)[pairs.of_attempt]
     forth = (attempts.transmitter > attempts.receiver).astype(np.int64)  # direction of the ping
     exchanges = selected_exchanges(sound.receptions, n, link, forth)
     velocity = velocities_of(truth, attempts, timing)

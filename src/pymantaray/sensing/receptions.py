@@ -98,7 +98,8 @@ class Receptions(Record):
         start, stop : ndarray of int, shape (n,)
             First row, and the row after the last.
         """
-        group, wanted = self.group, direction * _LINKS + link
+        group = self.group
+        wanted = direction * _LINKS + link
         start, stop = (np.searchsorted(group, wanted, side=side) for side in ("left", "right"))
         return start, stop
 
@@ -173,9 +174,11 @@ def with_leaks(
 
     ``link`` is the link of each leak. If ``backwards``, the leak was computed from the receiver to the source.
     """
-    rays, sign = leaks.arrivals, np.where(backwards, -1.0, 1.0)
+    rays = leaks.arrivals
+    sign = np.where(backwards, -1.0, 1.0)
     delay = 0.0 if along.delay is None else sign * along.delay
-    time, turned = rays.travel_time + leaks.shift, backwards[:, None]
+    time = rays.travel_time + leaks.shift
+    turned = backwards[:, None]
     rows = receptions_of(replace(rays, link=link), along)
     two = np.concatenate
     source = np.where(turned, -rays.receiver_slowness, rays.source_slowness)

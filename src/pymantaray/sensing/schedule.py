@@ -263,7 +263,8 @@ class PingList(Schedule):
         """Range attempts from each transmitter to its receivers; parameters as in `Schedule.at`."""
         row = np.searchsorted(np.unique(np.asarray(self.time, dtype=float)), self.time)
         inside = np.flatnonzero(row < pings.size)
-        names, n = [*vehicles, *landmarks], len(vehicles)
+        names = [*vehicles, *landmarks]
+        n = len(vehicles)
         who = np.array([_number(str(self), self.transmitter[i], names) for i in inside], dtype=np.int64)
         if not self.receivers:
             return _to_all(pings[row[inside]], who, n, len(landmarks))
@@ -295,7 +296,8 @@ def _to_all(samples: Indices, transmitter: Indices, n_vehicles: int, n_landmarks
     """Attempts of one ping per row to all other participants; from landmarks to vehicles only."""
     n = n_vehicles + n_landmarks
     receiver = np.tile(np.arange(n), samples.size)
-    sample, sender = np.repeat(samples, n), np.repeat(transmitter, n)
+    sample = np.repeat(samples, n)
+    sender = np.repeat(transmitter, n)
     other = (receiver != sender) & (np.minimum(receiver, sender) < n_vehicles)
     return Attempts(sample[other], sender[other], receiver[other])
 

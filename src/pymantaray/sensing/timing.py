@@ -81,7 +81,9 @@ def half_round_trip(
     :math:`T`; and accelerations.
     """
     g1r, g2r, g2i = (np.nan_to_num(g) for g in (ping.at_responder, answer.at_responder, answer.at_initiator))
-    t1, t2, wait = ping.travel_time, answer.travel_time, timing.turn_around
+    t1 = ping.travel_time
+    t2 = answer.travel_time
+    wait = timing.turn_around
     moved = (
         t1 * _dot(g1r, responder_velocity)
         + (t1 + wait) * _dot(g2r, responder_velocity)

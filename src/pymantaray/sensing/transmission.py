@@ -162,7 +162,8 @@ def find_receptions(
     if reception.solved is not None:
         fresh = reception._replace(solved=None)
         return reception.solved.find(source, receiver, medium, fresh, currents=currents, progress=progress)
-    ends, n = (source, receiver), len(source)
+    ends = (source, receiver)
+    n = len(source)
     follows = currents is not None or reception.detector is not None
     bounced = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0
     looks_again = reception.arrival in ("direct", "direct-or-first") and bounced
@@ -248,7 +249,8 @@ def _with_leaks(
     currents: Currents | None,
 ) -> Receptions:
     """Add receptions of leaked or scattered sound on links without a ray."""
-    detector, leakage = reception.detector, reception.leakage
+    detector = reception.detector
+    leakage = reception.leakage
     if leakage is None or detector is None:
         raise SensingError(
             "ReceptionOptions: leakage needs a detector, because it depends on the frequency; add a detector, or remove leakage"
@@ -257,7 +259,8 @@ def _with_leaks(
     source, receiver = (end[dark] for end in ends)
     # as for rays, so that both ends give the same result
     backwards = solved_backwards(source, receiver)[:, None]
-    start, end = np.where(backwards, receiver, source), np.where(backwards, source, receiver)
+    start = np.where(backwards, receiver, source)
+    end = np.where(backwards, source, receiver)
     direct = reception.arrival == "direct"
     leaks = find_leaks(
         medium,
@@ -295,7 +298,8 @@ def _along_rays(
                 " `ice_slope_deg`, or use `currents='rest'`"
             )
         return AlongRays(None, reception.detector.loss_db(medium, *ends, arrivals, None))
-    delay, loss = np.zeros(arrivals.link.size), np.zeros(arrivals.link.size)
+    delay = np.zeros(arrivals.link.size)
+    loss = np.zeros(arrivals.link.size)
     for start in range(0, arrivals.status.size, _BLOCK):
         stop = min(start + _BLOCK, arrivals.status.size)
         rows = slice(*np.searchsorted(arrivals.link, [start, stop]))

@@ -141,7 +141,8 @@ def label(section: OceanSection, profile: Profile) -> str:
 
 def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
     """Geographic ocean from a profile with temperature and salinity, for functions that need them on a grid."""
-    place, bottom = section.centre or profile.position, section.bathymetry
+    place = section.centre or profile.position
+    bottom = section.bathymetry
     if profile.water is None or place is None or not isinstance(bottom, float):
         lacks = (
             "temperature and salinity, which this task needs; use a cast with both, or an ocean"
@@ -174,7 +175,8 @@ def profile_spread(local: xr.Dataset) -> xr.Dataset:
 
 def columns_spread(local: xr.Dataset) -> xr.Dataset:
     """Sound speed of the levels above the sea floor of a local ocean, as in `sound_speed_profile_spread`."""
-    speed, over = local["sound_speed"], ("north", "east")
+    speed = local["sound_speed"]
+    over = ("north", "east")
     bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
     places = np.stack(np.meshgrid(*(local[name].values for name in over), indexing="ij"), axis=-1)
     wet = local["depth"].values <= bed.depth_at(places.reshape(-1, 2)).reshape(*places.shape[:2], 1)
@@ -194,7 +196,8 @@ def columns_spread(local: xr.Dataset) -> xr.Dataset:
 
 def profile_region(local: xr.Dataset) -> pd.DataFrame:
     """Properties of the water, one per row, as in `region_table` for a gridded ocean."""
-    speed, floor = local["sound_speed"].values, local["sea_floor_depth"].values
+    speed = local["sound_speed"].values
+    floor = local["sea_floor_depth"].values
     rows: dict[str, object] = {
         "levels": int(local.sizes["depth"]),
         "time [UTC]": local.attrs.get("time", "unknown"),
@@ -212,7 +215,8 @@ def profile_region(local: xr.Dataset) -> pd.DataFrame:
 
 def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:
     """Levels of a profile, thinned or smoothed by the options of a section, which raw casts require."""
-    depth, speed = profile.depth, profile.sound_speed
+    depth = profile.depth
+    speed = profile.sound_speed
     record: dict[str, Any] = {"raw_levels": int(depth.size)}
     if profile.position is not None:
         record |= {"position_deg": list(profile.position), "computed": "TEOS-10"}
@@ -262,7 +266,8 @@ def _sea_floor(
 
 def _reach_notes(profile: Profile, bottom: float) -> list[str]:
     """Doubts about the first and the last level of a profile."""
-    first, last = float(profile.depth[0]), float(profile.depth[-1])
+    first = float(profile.depth[0])
+    last = float(profile.depth[-1])
     notes = []
     if first > 0.0:
         notes.append(f"starts at {first:g} m; sound speed above is constant")

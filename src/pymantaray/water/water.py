@@ -110,7 +110,8 @@ class Water:
                 f"geographic positions: latitudes are {places[:, 0].min():g} to {places[:, 0].max():g}; they must be -90 to 90, and"
                 " no position may be antipodal to the frame's centre"
             )
-        cos, sin = np.cos(bearing), np.sin(bearing)
+        cos = np.cos(bearing)
+        sin = np.sin(bearing)
         v_north, v_east, v_down = velocities.T
         along = [v_north * cos - v_east * sin, v_north * sin + v_east * cos, v_down]
         return np.stack([north, east, places[:, 2]], axis=-1), np.stack(along, axis=-1)

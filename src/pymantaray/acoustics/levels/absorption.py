@@ -123,7 +123,8 @@ class Absorption:
                 " use the data set from open_ocean, before to_local"
             )
         window = Window.of(ocean, centre)
-        lat, lon = window.lat, window.lon
+        lat = window.lat
+        lon = window.lon
         fields = [
             fill_below_sea_bed(ocean[name].transpose("depth", "lat", "lon").values, lat) for name in names
         ]
@@ -197,7 +198,8 @@ def francois_garrison_db_per_km(
     p2 = 1.0 + z * (-1.37e-4 + 6.2e-9 * z)
     p3 = 1.0 + z * (-3.83e-5 + 4.9e-10 * z)
     # fresh water has no boric acid: with f1 = 0 its term is 0; f2 is always positive
-    boric, sulphate = a1 * f1 / (f1**2 + f**2), a2 * p2 * f2 / (f2**2 + f**2)
+    boric = a1 * f1 / (f1**2 + f**2)
+    sulphate = a2 * p2 * f2 / (f2**2 + f**2)
     return np.asarray((boric + sulphate + a3 * p3) * f**2)
 
 
@@ -215,7 +217,8 @@ def ainslie_mccolm_db_per_km(
     The formula is a fit to that of Francois and Garrison within 10 %.
     """
     hz, T, S, z, ph = (np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH))
-    f, km = hz / 1000.0, z / 1000.0
+    f = hz / 1000.0
+    km = z / 1000.0
     f1 = 0.78 * np.sqrt(S / 35.0) * np.exp(T / 26.0)
     f2 = 42.0 * np.exp(T / 17.0)
     boric = 0.106 * f1 / (f1**2 + f**2) * np.exp((ph - 8.0) / 0.56)

@@ -19,7 +19,8 @@ from pymantaray.records import Arrivals
 _DOWN = np.array([0.0, 0.0, 1.0])
 # caustic widths above and below a receiver at which folds are looked for
 _OFFSETS = 0.75 * 2.0 ** np.arange(0.0, 3.1, 0.5)
-_WIDTH, _WIDTH_HZ = 2.5, 12e3  # m at Hz; width of a caustic of rays that curve with a radius of 88 km
+_WIDTH = 2.5  # m at Hz; width of a caustic of rays that curve with a radius of 88 km
+_WIDTH_HZ = 12e3
 # widths inside the caustic; its field is continued from the last three, or the first
 _INSIDE = np.array([0.2, 0.4, 0.7, 1.4])
 _FARTHEST = 4.0  # widths of the caustic; maximum distance on its dark side
@@ -86,7 +87,8 @@ def fold_between(early: Waves, late: Waves, frequency_hz: float) -> Fold:
     """Fold of pairs of rays."""
     half = math.pi * frequency_hz * (late.time - early.time)
     x = np.maximum(1.5 * half, 1e-12) ** (2.0 / 3.0)
-    a, b = np.exp(early.log_size), np.exp(late.log_size)
+    a = np.exp(early.log_size)
+    b = np.exp(late.log_size)
     return Fold(0.5 * (early.time + late.time), x, (a + b) * x**0.25, (b - a) * x**-0.25, early.phase)
 
 
@@ -98,7 +100,8 @@ def fold_pairs(arrivals: Arrivals, frequency_hz: float, widest: float) -> Indice
     """
     keys = (arrivals.launch_angle, arrivals.bottom_bounces, arrivals.surface_bounces, arrivals.link)
     order = np.lexsort(keys)
-    a, b = order[:-1], order[1:]
+    a = order[:-1]
+    b = order[1:]
     late = arrivals.travel_time[a] > arrivals.travel_time[b]
     a, b = np.where(late, b, a), np.where(late, a, b)
     same = np.logical_and.reduce([key[a] == key[b] for key in keys[1:]])
@@ -226,7 +229,8 @@ def _search(
     for i in range(n):
         for side in (0, _OFFSETS.size):
             for k in range(side, side + _OFFSETS.size - 1):
-                near, far = groups.get(k * n + i, []), groups.get((k + 1) * n + i, [])
+                near = groups.get(k * n + i, [])
+                far = groups.get((k + 1) * n + i, [])
                 new = [
                     edge
                     for a in near
@@ -267,7 +271,8 @@ def _edge(
 
 def _contains(rays: Arrivals, outer: Indices, inner: Indices) -> bool:
     """True if the launch angles of a fold enclose those of the same fold nearer to its caustic."""
-    far, near = rays.launch_angle[outer], rays.launch_angle[inner]
+    far = rays.launch_angle[outer]
+    near = rays.launch_angle[inner]
     return bool(far.min() <= near.min() and near.max() <= far.max())
 
 

@@ -12,7 +12,8 @@ from pymantaray.arrays import Array
 Field = NDArray[np.complex128]
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 _PLACES = 0.5 * (1.0 + np.polynomial.legendre.leggauss(5)[0])  # along the link, for the mean column
-_BELOW, _ABOVE = 40.0, 16.0  # widths of the boundary layer in wavenumber on both sides of the grazing ray
+_BELOW = 40.0  # widths of the boundary layer in wavenumber on both sides of the grazing ray
+_ABOVE = 16.0
 _TAPER = 0.8  # fraction of each side with a taper
 _REAL = 24.0  # thicknesses of the boundary layer below the deeper end with the real water
 _DEEPER = 40.0  # additional thicknesses of the boundary layer below that
@@ -157,7 +158,8 @@ def _mean_column(
 
     def mean_speed(depth: Array) -> Array:
         place = np.empty((_PLACES.size, depth.size, 3))
-        place[..., :2], place[..., 2] = along[:, None, :2], surface[:, None] + depth
+        place[..., :2] = along[:, None, :2]
+        place[..., 2] = surface[:, None] + depth
         return np.asarray(medium.sound_speed_at(place.reshape(-1, 3)).reshape(_PLACES.size, -1).mean(axis=0))
 
     layer = thick = 1.0
@@ -165,7 +167,8 @@ def _mean_column(
         speed, below = mean_speed(np.array([0.0, layer])).tolist()
         if not below < speed:
             return None
-        k, thick = 2.0 * math.pi * frequency_hz / speed, layer
+        k = 2.0 * math.pi * frequency_hz / speed
+        thick = layer
         layer = (2.0 * k * k * (speed - below) / (layer * speed)) ** (-1.0 / 3.0)
     room = float((medium.bottom_depth(along) - surface).min())
     deepest = min(lower + _REAL * layer, max(lower, room - 1.0))
@@ -173,7 +176,8 @@ def _mean_column(
     water = mean_speed(depth)
     least = np.flatnonzero(depth >= lower - 1e-9)
     last = int(least[np.argmin(water[least])]) + 1
-    depth, water = depth[:last], water[:last]
+    depth = depth[:last]
+    water = water[:last]
     further = np.linspace(0.0, _DEEPER * layer, 401)
     gradient = _gradient_below(
         (water[-1] - water[-2]) / (depth[-1] - depth[-2]), (below - speed) / thick, further

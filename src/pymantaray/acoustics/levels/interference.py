@@ -82,7 +82,8 @@ def received_loss_db(
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
     check_number(AcousticsError, "bandwidth_hz", bandwidth_hz, "Hz", positive=True)
     pairs = fold_pairs(arrivals, frequency_hz, _CLOSE)
-    waves, link = _with_folds(waves_of(arrivals, loss), pairs, frequency_hz), arrivals.link
+    waves = _with_folds(waves_of(arrivals, loss), pairs, frequency_hz)
+    link = arrivals.link
     if tails is not None and coherent is not False:
         waves = Waves(*(np.concatenate(columns) for columns in zip(waves, tails.waves, strict=True)))
         link = np.concatenate([link, tails.link])
@@ -105,8 +106,11 @@ def _with_folds(alone: Waves, pairs: Indices, frequency_hz: float) -> Waves:
     a, b = pairs.T
     fold = fold_between(alone.at(a), alone.at(b), frequency_hz).wave()
     time, size, phase = (column.copy() for column in alone)
-    time[a], time[b] = fold.time, fold.time
-    size[a], size[b], phase[a] = fold.log_size, -np.inf, fold.phase
+    time[a] = fold.time
+    time[b] = fold.time
+    size[a] = fold.log_size
+    size[b] = -np.inf
+    phase[a] = fold.phase
     return Waves(time, size, phase)
 
 
@@ -123,9 +127,11 @@ def _sums(link: Indices, waves: Waves, frequency_hz: float, width_hz: float) -> 
     value = np.exp(size - scale) * np.exp(1j * (2.0 * math.pi * frequency_hz * waves.time + waves.phase))
     total = value.copy()
     for step in range(1, int(count.max())):
-        i, j = np.arange(n - step), np.arange(step, n)
+        i = np.arange(n - step)
+        j = np.arange(step, n)
         together = link[i] == link[j]
-        i, j = i[together], j[together]
+        i = i[together]
+        j = j[together]
         apart = waves.time[j] - waves.time[i]
         share = np.sinc(width_hz * apart) if math.isfinite(width_hz) else (apart == 0.0).astype(float)
         total[i] += share * value[j]

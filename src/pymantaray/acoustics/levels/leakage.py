@@ -145,12 +145,15 @@ def find_leaks(
     weakest = None if spreading_cutoff_db is None else max(spreading_cutoff_db, _WEAKEST)
     weak = solve(np.arange(n), np.zeros(n), weakest)
     weak_db = link_loss_db(weak.spreading_db, weak.link, n)  # infinite without a ray
-    leak_db, offset, shift = np.full(n, np.inf), np.zeros(n), np.zeros(n)
+    leak_db = np.full(n, np.inf)
+    offset = np.zeros(n)
+    shift = np.zeros(n)
     leak_db[dark] = level
     leaks = leak_db < weak_db
     offset[dark], shift[dark] = np.where(leaks[dark], edge, 0.0), np.where(leaks[dark], delay, 0.0)
     link = np.flatnonzero(np.isfinite(np.minimum(leak_db, weak_db)))
-    spreading, scattered = np.minimum(leak_db, weak_db)[link], np.zeros(link.size, dtype=bool)
+    spreading = np.minimum(leak_db, weak_db)[link]
+    scattered = np.zeros(link.size, dtype=bool)
     if leakage.scatter_db is not None:
         scattered = spreading > leakage.scatter_db
         spreading = np.minimum(spreading, leakage.scatter_db)
@@ -168,7 +171,8 @@ def _beyond(
     frequency_hz: float,
 ) -> tuple[Array, Array]:
     """Spreading at receivers beyond an edge [dB], and the additional travel time from there [s]."""
-    level, delay = np.empty(edge.size), -edge * at_edge.receiver_slowness[:, 2]
+    level = np.empty(edge.size)
+    delay = -edge * at_edge.receiver_slowness[:, 2]
     chord = np.linalg.norm(ends[1] - ends[0], axis=-1)
     for i, (m, d) in enumerate(zip(np.abs(edge).tolist(), chord.tolist(), strict=True)):
         rays = np.flatnonzero(inside.link == i)
@@ -180,7 +184,8 @@ def _beyond(
             continue
         creep = creep_along_surface(medium, ends[0][i], ends[1][i], frequency_hz)
         if creep is not None:
-            level[i], delay[i] = creep.spreading_db, creep.travel_time - at_edge.travel_time[i]
+            level[i] = creep.spreading_db
+            delay[i] = creep.travel_time - at_edge.travel_time[i]
             continue
         speed = at_edge.receiver_sound_speed[i]
         before = inside.spreading_db[rays[0]] if rays.size else at_edge.spreading_db[i]
@@ -221,15 +226,19 @@ def _edges(solve: Solve, room: Array, reach: float) -> tuple[Indices, Array]:
     def lit(link: Indices, offset: Array) -> NDArray[np.bool_]:
         return np.bincount(solve(link, offset).link, minlength=link.size) > 0
 
-    every, nearest = np.arange(room.shape[1]), np.full(room.shape[1], np.inf)
+    every = np.arange(room.shape[1])
+    nearest = np.full(room.shape[1], np.inf)
     rungs = reach * 0.5 ** np.arange(_RUNGS)[::-1]
     for before, rung in zip(np.concatenate([[0.0], rungs]), rungs, strict=False):
         dark = every[np.isinf(nearest)]
-        link, down = np.tile(dark, 2), np.repeat([True, False], dark.size)
+        link = np.tile(dark, 2)
+        down = np.repeat([True, False], dark.size)
         high = np.minimum(rung, np.where(down, room[0, link], room[1, link]))
         sign = np.where(down, 1.0, -1.0)
         reached = (high > before) & lit(link, sign * high)
-        link, sign, high = link[reached], sign[reached], high[reached]
+        link = link[reached]
+        sign = sign[reached]
+        high = high[reached]
         low = np.full(link.size, before)
         # each link until it is sharp itself, so that it does not depend on the others
         while (wide := np.flatnonzero(high - low - 1e-3 * high > _SHARP)).size:

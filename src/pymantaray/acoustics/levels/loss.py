@@ -24,7 +24,8 @@ from pymantaray.quantities.checks import check_number
 from pymantaray.records import Arrivals
 from pymantaray.records.base import Column, Record, column
 
-_SURFACE, _BOTTOM = 1, 2  # codes of RayPaths.boundary
+_SURFACE = 1  # codes of RayPaths.boundary
+_BOTTOM = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +118,8 @@ def transmission_loss(
         if points.arrival.size:  # else all are between equal positions
             per_metre = absorption.db_per_km(points.position, frequency_hz) / 1000.0
             absorbed = _sums(points.arrival, per_metre * points.weight, n)
-    lost, phase = {_SURFACE: np.zeros(n), _BOTTOM: np.zeros(n)}, np.zeros(n)
+    lost = {_SURFACE: np.zeros(n), _BOTTOM: np.zeros(n)}
+    phase = np.zeros(n)
     if models[_SURFACE] is None:
         phase = np.pi * arrivals.surface_bounces.astype(float)
     if bounced and paths is not None:
@@ -198,7 +200,8 @@ def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals
     :math:`20 \lg d` gives the loss of pressure of ray theory at constant density, which is reciprocal.
     It is too small within a few wavelengths of a caustic.
     """
-    a, b = np.atleast_2d(np.asarray(source, dtype=float)), np.atleast_2d(np.asarray(receiver, dtype=float))
+    a = np.atleast_2d(np.asarray(source, dtype=float))
+    b = np.atleast_2d(np.asarray(receiver, dtype=float))
     n = arrivals.status.size
     if a.shape != (n, 3) or b.shape != (n, 3):
         raise AcousticsError(
@@ -220,7 +223,8 @@ def find_bounces(paths: RayPaths) -> Bounces:
     angle has :math:`\sin\gamma = c\,|\mathbf{p}_{after} - \mathbf{p}_{before}| / 2`.
     """
     marked = np.flatnonzero(paths.boundary)
-    before, after = marked[0::2], marked[1::2]
+    before = marked[0::2]
+    after = marked[1::2]
     if before.size != after.size or np.any(
         (after != before + 1)
         | (paths.arrival[after] != paths.arrival[before])

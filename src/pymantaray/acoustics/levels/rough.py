@@ -26,7 +26,8 @@ _LEVELS = ((150.0, 1.0), (400.0, 2.0), (1500.0, 10.0), (math.inf, 25.0))  # m be
 _MARGIN = 0.1  # m between the deepest possible surface and the deck
 _TABLE = 7500
 _STEEPEST = 1.5  # rad; of a table, and of the fan
-_SPACING, _MIN_SPACING = 5e-4, 2e-5  # rad
+_SPACING = 5e-4  # rad
+_MIN_SPACING = 2e-5
 _MAX_RAYS = 512  # of a link
 _POINTS_PER_LENGTH = 10.0
 _KEPT = 64  # of a link, the strongest
@@ -90,7 +91,8 @@ def with_rough_rays(
         link = _link(surface, a[i], b[i], ends.bounces)
         length = float(np.linalg.norm(b[i] - a[i]))
         weak = length * 10.0 ** (0.1 * min(ends.cutoff_db, 60.0) + 0.3)
-        rows, work = np.empty((_MAX_RAYS, N_RAY)), np.empty((60, N_RAY))
+        rows = np.empty((_MAX_RAYS, N_RAY))
+        work = np.empty((60, N_RAY))
         speed = np.interp((a[i, 2], b[i, 2]), water.depth, water.speed)
         cosine = min(math.cos(steepest) * speed[0] / water.speed[water.deck], 1.0)
         straight = math.atan((a[i, 2] + b[i, 2]) / link.length)  # one reflection without refraction
@@ -129,7 +131,8 @@ def _joined(
         along = np.cos(angle)[:, None] * unit[link]
         return np.concatenate([along, np.sin(angle)[:, None]], axis=1) / speed[:, None]
 
-    first, last = slowness(rows[:, at.ANGLE], a[:, 2]), slowness(rows[:, at.END_ANGLE], b[:, 2])
+    first = slowness(rows[:, at.ANGLE], a[:, 2])
+    last = slowness(rows[:, at.END_ANGLE], b[:, 2])
     back = turned[link]
     launch = np.where(back, -rows[:, at.END_ANGLE], rows[:, at.ANGLE])
     arrival = np.where(back, -rows[:, at.ANGLE], rows[:, at.END_ANGLE])
@@ -166,7 +169,8 @@ def skip_water(medium: Medium, most_bottom: int) -> SkipWater:
     if bed < deck + 1.0:
         raise AcousticsError(f"rough surface: it reaches {deck:g} m, but the sea bed is at {bed:g} m")
     n = max(math.ceil(deck / _ZONE), 1)
-    levels, z = [], deck
+    levels = []
+    z = deck
     for below, spacing in _LEVELS:
         stop = min(deck + below, bed)
         levels.append(np.arange(z, stop, spacing))
@@ -198,7 +202,8 @@ def _steepest(water: SkipWater, most_bottom: int) -> float:
 
 def _surface_of(medium: Medium) -> SurfaceProfile:
     """Rough surface of a medium."""
-    surface, roughness = medium.surface, medium.surface.roughness
+    surface = medium.surface
+    roughness = medium.surface.roughness
 
     def depth(north: Array, east: Array) -> Array:
         mean = surface.depth_at(np.stack([north, east], axis=-1))
@@ -230,7 +235,8 @@ def _spreading_db(rows: Array, horizontal: float, distance: float, speed: tuple[
     """Spreading of rays beyond spherical, in a plane and with spreading across it by the range."""
     from pymantaray.acoustics._kernels import skips as at
 
-    first, last = np.cos(rows[:, at.ANGLE]), np.cos(rows[:, at.END_ANGLE])
+    first = np.cos(rows[:, at.ANGLE])
+    last = np.cos(rows[:, at.END_ANGLE])
     area = horizontal * np.abs(rows[:, at.RATE]) * last / first
     ratio = speed[0] / speed[1] * np.maximum(area, 1e-300) / distance**2
     return np.asarray(10.0 * np.log10(ratio))
@@ -242,10 +248,12 @@ def realized(medium: Medium, ends: Ends) -> Medium:
     assert roughness is not None
     both = np.concatenate([ends.source, ends.receiver])[:, :2]
     step = roughness.length / _GRID_POINTS_PER_LENGTH
-    low, high = both.min(axis=0) - 20.0 * step, both.max(axis=0) + 20.0 * step
+    low = both.min(axis=0) - 20.0 * step
+    high = both.max(axis=0) + 20.0 * step
     for k, axis in enumerate((medium.north, medium.east)):
         if axis.size > 1:  # a boundary must cover the water
-            low[k], high[k] = axis[0], axis[-1]
+            low[k] = axis[0]
+            high[k] = axis[-1]
     sizes = np.ceil((high - low) / step).astype(int) + 1
     if np.prod(sizes.astype(float)) > _MAX_NODES:
         raise AcousticsError(

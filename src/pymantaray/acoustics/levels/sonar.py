@@ -266,7 +266,8 @@ def link_loss_db(
     ndarray, shape (n_links,)
         Infinite for a link without an arrival. [dB]
     """
-    loss, row = np.asarray(loss_db, dtype=float), np.asarray(link, dtype=np.int64)
+    loss = np.asarray(loss_db, dtype=float)
+    row = np.asarray(link, dtype=np.int64)
     if loss.ndim != 1 or loss.shape != row.shape:
         raise AcousticsError(f"loss_db has shape {loss.shape}, link {row.shape}; both must be (n_arrivals,)")
     if row.size and (row.min() < 0 or row.max() >= n_links):
@@ -278,7 +279,8 @@ def link_loss_db(
         return best
     if combine != "sum":
         raise AcousticsError(f"combine: {combine!r}; allowed are 'strongest' and 'sum'")
-    level, neper = np.full(n_links, -np.inf), 10.0 / math.log(10.0)
+    level = np.full(n_links, -np.inf)
+    neper = 10.0 / math.log(10.0)
     with np.errstate(invalid="ignore"):
         np.logaddexp.at(level, row, -loss / neper)
     return np.asarray(np.minimum(best, -neper * level))
@@ -286,7 +288,8 @@ def link_loss_db(
 
 def _band(frequency_hz: float, bandwidth_hz: float) -> tuple[float, float]:
     """Ends of a band by its middle and width; it must not reach down to 0. [Hz]"""
-    low, high = frequency_hz - 0.5 * bandwidth_hz, frequency_hz + 0.5 * bandwidth_hz
+    low = frequency_hz - 0.5 * bandwidth_hz
+    high = frequency_hz + 0.5 * bandwidth_hz
     if not (bandwidth_hz > 0.0 and low > 0.0 and math.isfinite(high)):
         raise AcousticsError(
             f"band of {bandwidth_hz:g} Hz about {frequency_hz:g} Hz; must be wider than 0 and stay above 0 Hz"

@@ -96,7 +96,8 @@ def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[An
     ocean = _water(block)
     sea_floor = build_sea_floor(block.water.ocean, ocean)
     surface = np.isfinite(ocean["water_temp"].values[0])
-    lats, lons = ocean["lat"].values, ocean["lon"].values
+    lats = ocean["lat"].values
+    lons = ocean["lon"].values
     middle = 0.5 * float(lons[0] + lons[-1])
     points = GridPoints.of(ocean, block.water.ocean.equation) if surface.any() else None
     for i, lat in enumerate(block.lat):
@@ -112,7 +113,8 @@ def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[An
 def _column(
     points: GridPoints, place: tuple[float, float], block: Block, sea_floor: xr.DataArray | None
 ) -> tuple[int, dict[str, NDArray[Any]]]:
-    acoustics, interpolation = block.water.acoustics, block.links.interpolation
+    acoustics = block.water.acoustics
+    interpolation = block.links.interpolation
     grid = water_at(points, place, block.links, sea_floor)
     if grid is None:
         return EDGE, {}
@@ -136,7 +138,8 @@ def _ice(section: OceanSection, grid: LocalGrid) -> BoundarySurface | float:
 
 def _water(block: Block) -> xr.Dataset:
     """Grid points that the links of a block may need; all of them may be land."""
-    time, section = str(block.time), block.water.ocean
+    time = str(block.time)
+    section = block.water.ocean
     if block.files[0].startswith(SYNTHETIC):
         return crop(_whole(block.files, time), block.window)
     options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}

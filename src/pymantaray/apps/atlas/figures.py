@@ -209,7 +209,8 @@ def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
 @style.styled
 def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | None) -> Figure:
     """Time series of the largest error of each convention at one place, and of the share of its links without a direct path."""
-    lat, lon = atlas["lat"].values, atlas["lon"].values
+    lat = atlas["lat"].values
+    lon = atlas["lon"].values
     middle = 0.5 * float(lon[0] + lon[-1])
     at = (0.5 * float(lat[0] + lat[-1]), middle) if place is None else place
     i, j = (
@@ -266,8 +267,10 @@ def _hatch(axes: Axes, atlas: xr.Dataset, where: Any) -> None:
 
 def _maps(atlas: xr.Dataset, count: int, *, legend: bool) -> tuple[Figure, list[Axes]]:
     """Figure with rows of maps, and room for a common header and legend."""
-    lat, lon = atlas["lat"].values, atlas["lon"].values
-    shape, rows = map_shape(lat, lon), -(-count // _COLUMNS)
+    lat = atlas["lat"].values
+    lon = atlas["lon"].values
+    shape = map_shape(lat, lon)
+    rows = -(-count // _COLUMNS)
     width = (style.DOUBLE - 0.9) / _COLUMNS
     height = rows * (width * min(shape, 1.4) + 0.45) + (0.45 if legend else 0.7)
     figure = style.new_figure(style.DOUBLE, min(height, 9.0), _header(atlas))

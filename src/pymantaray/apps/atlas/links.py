@@ -108,7 +108,8 @@ def _ends(links: AtlasLinks) -> tuple[Array, Array]:
     )
     pairs = np.array(links.pairs)[depths.ravel()]
     level = np.zeros(distance.size)
-    north, east = (distance * np.cos(bearing)).ravel(), (distance * np.sin(bearing)).ravel()
+    north = (distance * np.cos(bearing)).ravel()
+    east = (distance * np.sin(bearing)).ravel()
     ends = np.stack([level, level, pairs[:, 0]], axis=-1), np.stack([north, east, pairs[:, 1]], axis=-1)
     for end in ends:
         end.setflags(write=False)

@@ -107,21 +107,25 @@ class Atlas:
         times: Times | None = None,
         **options: Any,
     ) -> None:
-        self.water, self.every = _water_config(source, options), every
+        self.water = _water_config(source, options)
+        self.every = every
         self.links = links or _links_of(self.water)
         self._index = _index_of(self.water.ocean)
         self.times = _instants(self._index, times)
-        lat, lon = self._index.lat, self._index.lon
+        lat = self._index.lat
+        lon = self._index.lon
         if every < 1:
             raise AtlasError(f"every is {every}; it must be at least 1 (every column)")
-        rows, columns = np.arange(lat.size), np.arange(lon.size)
+        rows = np.arange(lat.size)
+        columns = np.arange(lon.size)
         if window is not None:
             part = select(lat, lon, window, "atlas")
             rows = np.flatnonzero(np.isin(lat, part.lat))
             columns = part.columns
             lon = part.lon
         chosen = [np.flatnonzero(n % every == (every // 2 if n.size > 1 else 0)) for n in (rows, columns)]
-        self._rows, self._columns = rows[chosen[0]], columns[chosen[1]]
+        self._rows = rows[chosen[0]]
+        self._columns = columns[chosen[1]]
         self.lat, self.lon = self._index.lat[self._rows], lon[chosen[1]]
         """Latitudes and longitudes of the columns. [degrees]"""
         if not (self.lat.size and self.lon.size):
@@ -186,7 +190,9 @@ class Atlas:
         return tuple(self._block(t, *tile) for t in range(self.times.size) for tile in tiles)
 
     def _block(self, t: int, rows: slice, columns: slice, reach: GeographicWindow) -> Block:
-        time, lat, lon = self.times[t], self.lat[rows].tolist(), self.lon[columns].tolist()
+        time = self.times[t]
+        lat = self.lat[rows].tolist()
+        lon = self.lon[columns].tolist()
         files = self._files(time)
         content = {
             "files": files,
@@ -222,11 +228,14 @@ class Atlas:
         south, north = (float(f([f(y) for y, _ in corners])) for f in (np.min, np.max))
         west = lon[0] + min(float(np.min(wrapped(x - lon[0]))) for _, x in corners[::2])
         east = lon[-1] + max(float(np.max(wrapped(x - lon[-1]))) for _, x in corners[1::2])
-        rows, columns = self._index.lat, self._index.lon
+        rows = self._index.lat
+        columns = self._index.lon
         first, last = np.searchsorted(rows, [south, north])
-        south, north = rows[max(first - _GRID_MARGIN, 0)], rows[min(last + _GRID_MARGIN, rows.size - 1)]
+        south = rows[max(first - _GRID_MARGIN, 0)]
+        north = rows[min(last + _GRID_MARGIN, rows.size - 1)]
         margin = _GRID_MARGIN * float(np.diff(columns).max())
-        west, east = west - margin, east + margin
+        west = west - margin
+        east = east + margin
         return float(south), float(north), float(west), float(min(east, west + 360.0))
 
 
@@ -299,7 +308,9 @@ def instants_between(
 
     The default step of a synthetic ocean is one day.
     """
-    index, first, last = ocean_index(source), parse_instant(start), parse_instant(stop)
+    index = ocean_index(source)
+    first = parse_instant(start)
+    last = parse_instant(stop)
     if last < first:
         raise AtlasError(f"times from {start} to {stop}: the last is before the first; exchange them")
     if step_h is not None and not 1.0 / 3600.0 <= step_h < np.inf:

@@ -139,7 +139,8 @@ class _Blocks(Queue):
 
     def __init__(self, store: Store, blocks: list[Block], total: int, progress: TaskProgress | None) -> None:
         super().__init__(block.key for block in blocks)
-        self._store, self._blocks = store, {block.key: block for block in blocks}
+        self._store = store
+        self._blocks = {block.key: block for block in blocks}
         self._count = TaskCount(total, progress, done=total - self.left)
         self.lines: list[str] = []
 

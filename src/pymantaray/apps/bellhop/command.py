@@ -140,7 +140,8 @@ def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
     if run is None:
         raise AcousticsError("--link needs a run; name it with --run FOLDER")
     results = open_run(run)
-    links, still = results.links, results.measurements.landmark_position
+    links = results.links
+    still = results.measurements.landmark_position
     wrong = [row for row in rows if not 0 <= row < links.sample.size]
     if wrong:
         raise AcousticsError(f"--link is {wrong[0]}; the run has links 0 to {links.sample.size - 1}")

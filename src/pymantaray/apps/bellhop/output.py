@@ -138,11 +138,15 @@ def read_bellhop_rays(path: str | Path) -> BellhopRays:
     if parts is None or parts[2] not in _COORDINATES:
         raise AcousticsError(f"{file}: the kind of coordinates is neither 'xyz' nor 'rz'")
     columns = _COORDINATES[parts[2]]
-    frequency, stream = _Text(file, parts[1]).take(1)[0], _Text(file, parts[3])
-    heads, nodes = [], []
+    frequency = _Text(file, parts[1]).take(1)[0]
+    stream = _Text(file, parts[3])
+    heads = []
+    nodes = []
     while stream.left():
         written = stream.take(1)[0]
-        size, surface, bottom = stream.whole(), stream.whole(), stream.whole()
+        size = stream.whole()
+        surface = stream.whole()
+        bottom = stream.whole()
         points = stream.take(size * columns).reshape(size, columns)
         if columns == 2:
             points = np.insert(points, 1, 0.0, axis=1)
@@ -164,7 +168,8 @@ class _Text:
     """Numbers of a text with any line breaks; a vector is a count followed by this many numbers."""
 
     def __init__(self, path: Path, text: str) -> None:
-        self.path, self._at = path, 0
+        self.path = path
+        self._at = 0
         words = text.replace("D", "E").split()
         for i in [i for i, word in enumerate(words) if "*" in word][
             ::-1
@@ -201,14 +206,16 @@ class _Binary:
     """Numbers of four bytes in the records of an unformatted Fortran file, each between two markers of its length."""
 
     def __init__(self, path: Path, content: bytes) -> None:
-        self.path, self._rest = path, content
+        self.path = path
+        self._rest = content
 
     def left(self) -> int:
         return 0  # other writers may pad
 
     def record(self, size: int | None = None) -> bytes:
         length = int.from_bytes(self._rest[:4], "little")
-        whole, mark = self._rest[4 : 4 + length], self._rest[4 + length : 8 + length]
+        whole = self._rest[4 : 4 + length]
+        mark = self._rest[4 + length : 8 + length]
         if len(mark) < 4 or mark != self._rest[:4]:
             raise AcousticsError(f"{self.path}: the file ends early or is damaged")
         if size is not None and length != size:
@@ -238,10 +245,14 @@ def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
     frequency = stream.take(1)[0]
     none = np.zeros(1)
     x, y = (stream.vector(), stream.vector()) if three_d else (none, none)
-    z, receiver_z, ranges = stream.vector(), stream.vector(), stream.vector()
+    z = stream.vector()
+    receiver_z = stream.vector()
+    ranges = stream.vector()
     bearings = np.radians(stream.vector()) if three_d else none
     shape = (z.size, x.size, y.size, bearings.size, receiver_z.size, ranges.size)
-    counts, tables, columns = np.zeros(math.prod(shape), dtype=np.int64), [], 10 if three_d else 8
+    counts = np.zeros(math.prod(shape), dtype=np.int64)
+    tables = []
+    columns = 10 if three_d else 8
     per_source = bearings.size * receiver_z.size * ranges.size
     for pair in range(counts.size):
         if pair % per_source == 0:

@@ -55,7 +55,8 @@ def run_bellhop(program: str | Path | None, env: str | Path, *, timeout: float =
     The Fortran program takes only the name of the file; ``bellhopcxx`` and ``bellhopcuda`` also get options for 3-D runs on one thread with 64 MiB: their default
     clears 4 GiB in every run.
     """
-    binary, file = find_bellhop(program), Path(env).resolve()
+    binary = find_bellhop(program)
+    file = Path(env).resolve()
     words = ["--3D", "-1", "-mem=64MiB"] if "cxx" in binary.name or "cuda" in binary.name else []
     outputs = [file.with_suffix(suffix) for suffix in (".arr", ".ray")]
     for old in (*outputs, file.with_suffix(".prt")):
@@ -157,7 +158,8 @@ def compare_with_bellhop(
     exists; the earliest one counts. Bellhop stores positions relative to the source and travel times in single precision. This
     alone causes differences of up to about half a microsecond.
     """
-    options, binary = options or BellhopOptions(), find_bellhop(program)
+    options = options or BellhopOptions()
+    binary = find_bellhop(program)
     a, b = (np.ascontiguousarray(np.atleast_2d(np.asarray(p, dtype=float))) for p in (source, receiver))
     # the first call compiles the kernels and fills the caches
     find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1)
@@ -196,7 +198,8 @@ def _first_direct(
     timeout: float,
 ) -> tuple[float, int, float]:
     """Earliest arrival without a bounce or NaN [s], its number of beams, and the CPU time of all runs [s]."""
-    cpu, beams = 0.0, options.beams
+    cpu = 0.0
+    beams = options.beams
     while True:
         fan = replace(options, beams=beams)
         arrivals, spent = bellhop_arrivals(medium, source, receiver, fan, program=program, timeout=timeout)

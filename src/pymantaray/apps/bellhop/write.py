@@ -126,7 +126,8 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
     else:
         c = _on_grid(axes, c, (north, east, depth))
     bed = medium.bed
-    bed_north, bed_east = _cut(bed.north, horizontal), _cut(bed.east, horizontal)
+    bed_north = _cut(bed.north, horizontal)
+    bed_east = _cut(bed.east, horizontal)
     bed_depth = _on_grid((bed.north, bed.east), bed.depth, (bed_north, bed_east))
     return Medium.from_grid(
         north,
@@ -176,7 +177,8 @@ def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
         lines: list[str] = []
         for k, axis in enumerate((north - shift[0], east - shift[1])):
             if axis.size == 1:
-                axis, values = axis[0] + reach * np.array([-1.0, 1.0]), np.repeat(values, 2, axis=k)
+                axis = axis[0] + reach * np.array([-1.0, 1.0])
+                values = np.repeat(values, 2, axis=k)
             lines += [f"{axis.size} /", _row(axis, _kilometres)]
         return lines, values
 
@@ -207,7 +209,8 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
         ]
     letter = "A" if isinstance(bed, HalfSpace) else "R" if bed == "rigid" else "V"
     step = end - start
-    across, bearing = math.hypot(step[0], step[1]), math.atan2(step[1], step[0])
+    across = math.hypot(step[0], step[1])
+    bearing = math.atan2(step[1], step[0])
     fan = np.degrees(np.linspace(-options.cone, options.cone, options.beams))
     side = 1.05 * across + float(np.linalg.norm(step)) * math.sin(min(options.cone, 0.5 * math.pi)) + 100.0
     deepest = 1.1 * float(max(medium.bed.depth.max(), medium.depth[-1]))

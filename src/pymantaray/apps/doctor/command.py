@@ -24,7 +24,9 @@ def doctor(as_json: Json = False) -> None:
 
 
 def _print(out: Printer, state: dict[str, Any]) -> None:
-    processors, device, kernels = state["processors"], state["gpu"], state["kernels"]
+    processors = state["processors"]
+    device = state["gpu"]
+    kernels = state["kernels"]
     facts = [
         ("mantaray", f"{state['version']} in {state['folder']}"),
         ("Python", state["python"]),

@@ -22,7 +22,9 @@ from pymantaray.water.water import mission_ocean
 
 LOG = logging.getLogger(__name__)
 SIMULATION = "sim.json"
-_BEAMS, _MAX_BEAMS, _SPREAD_DEG = 100, 400, 15.0  # of the authors' configurations
+_BEAMS = 100  # of the authors' configurations
+_MAX_BEAMS = 400
+_SPREAD_DEG = 15.0
 _GNSS_DEPTH = 0.1  # m, of the program
 
 
@@ -85,7 +87,9 @@ def _environment(config: StudyConfig, run: Run | None) -> dict[str, dict[str, Ar
 
 def _simulation(config: StudyConfig) -> dict[str, Any]:
     """Content of ``sim.json``."""
-    mission, acoustics, noise = config.mission, config.acoustics, config.noise.model
+    mission = config.mission
+    acoustics = config.acoustics
+    noise = config.noise.model
     _check(config)
     period = mission.sampling_period_s
     frequency = 1.0 / period
@@ -144,7 +148,8 @@ def _variance(sigma: float) -> float:
 
 def _check(config: StudyConfig) -> None:
     """Raise an error for what the program does not have."""
-    mission, name = config.mission, config.study.name
+    mission = config.mission
+    name = config.study.name
     first = mission.ping_start_h
     faults = {
         "fleet.trajectories: the program simulates its robots; give vehicles": bool(
@@ -175,7 +180,8 @@ def _robot(section: Any, vehicle: Vehicle, step: float, duration: float) -> dict
         return {"type": "constant_vel", "position": position, "velocity": [0.0, 0.0, 0.0]}
     if isinstance(section, TwistVehicle) and not (section.current or any(section.twist[:3])):
         forward, right, down = section.twist[3:]
-        cos, sin = math.cos(vehicle.heading), math.sin(vehicle.heading)
+        cos = math.cos(vehicle.heading)
+        sin = math.sin(vehicle.heading)
         velocity = [forward * sin + right * cos, forward * cos - right * sin, down]
         return {"type": "constant_vel", "position": position, "velocity": velocity}
     drift = {"type": "current_drift", "position": position}
@@ -218,7 +224,8 @@ def _hold(seconds: float, extra: int | None, step: float, duration: float) -> fl
 
 def _notes(config: StudyConfig, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:
     """Differences between the study and the program, one line each."""
-    noise, acoustics = config.noise.model, config.acoustics
+    noise = config.noise.model
+    acoustics = config.acoustics
     if len(config.fleet.vehicles) > LETTERS.index("L"):
         yield "the program gives the 12th robot the letter L, which means a landmark in its graphs"
     if config.ranging.timing == "two-way":

@@ -71,7 +71,8 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
     if to not in FORMATS:
         raise ExchangeError(f"export: unknown format {to!r}; allowed: {', '.join(FORMATS)}")
     run = run if isinstance(run, Run) else open_run(run)
-    count, form = run.config.study.realizations, FORMATS[to]
+    count = run.config.study.realizations
+    form = FORMATS[to]
     if not 0 <= realization < count:
         raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
     if form.folder:
@@ -108,7 +109,8 @@ def record(run: Run, realization: int) -> Recording:
 
 def _tum(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
-        file, time = folder / f"{p.condition}-{p.vehicle}.tum", run.truth.time[p.samples]
+        file = folder / f"{p.condition}-{p.vehicle}.tum"
+        time = run.truth.time[p.samples]
         write_tum(file, time, p.position, p.quaternion, centre=run.truth.centre)
 
 

@@ -64,8 +64,10 @@ class ChordalProblem:
     def __init__(self, graph: FactorGraph) -> None:
         if lost := not_quadratic(graph):
             raise EstimationError(f"a chordal problem cannot hold {', '.join(lost)}; leave them out")
-        self.graph, self.d = graph, 2 if graph.planar else 3
-        d, n = self.d, graph.n_poses
+        self.graph = graph
+        self.d = 2 if graph.planar else 3
+        d = self.d
+        n = graph.n_poses
         node = np.arange(graph.n_variables)
         self.rotation_row = d + (d + 1) * np.arange(n)
         self.position_row = np.where(node < n, d + (d + 1) * node + d, d + (d + 1) * n + node - n)
@@ -78,7 +80,8 @@ class ChordalProblem:
 
     def matrix(self, values: GraphValues) -> Array:
         """Rows X of values, with unit vectors along the ranges."""
-        d, x = self.d, np.zeros((self.size, self.d))
+        d = self.d
+        x = np.zeros((self.size, self.d))
         x[:d] = np.eye(d)
         rotation = matrix_from_quaternion(values.quaternion)[:, :d, :d]
         x[self.rotation_row[:, None] + np.arange(d)] = np.swapaxes(rotation, 1, 2)
@@ -92,7 +95,8 @@ class ChordalProblem:
 
     def values(self, x: Array, like: GraphValues) -> GraphValues:
         """Values of rows X with d columns; planar values have depth 0."""
-        n, d = self.graph.n_poses, self.d
+        n = self.graph.n_poses
+        d = self.d
         rotation = np.tile(np.eye(3), (n, 1, 1))
         rotation[:, :d, :d] = np.swapaxes(x[self.rotation_row[:, None] + np.arange(d)], 1, 2)
         place = np.zeros((self.graph.n_variables, 3))
@@ -106,7 +110,8 @@ class ChordalProblem:
 
     def feasible(self, x: Array) -> Array:
         """X with each rotation block at the nearest orthonormal rows, unit vectors of length 1 and the best positions for these."""
-        out, d = x.copy(), self.d
+        out = x.copy()
+        d = self.d
         start = np.concatenate([[0], self.rotation_row])[:, None] + np.arange(d)
         left, _, right = np.linalg.svd(out[start], full_matrices=False)
         out[start] = left @ right
@@ -132,7 +137,8 @@ class ChordalProblem:
 
     def certificate_matrix(self, x: Array) -> csc_array:
         """S = Q - Lambda at a critical point."""
-        d, product = self.d, self.quadratic @ x
+        d = self.d
+        product = self.quadratic @ x
         start = np.concatenate([[0], self.rotation_row])[:, None] + np.arange(d)
         block = product[start] @ np.swapaxes(x[start], 1, 2)
         block = 0.5 * (block + np.swapaxes(block, 1, 2))
@@ -140,13 +146,17 @@ class ChordalProblem:
         column = np.broadcast_to(start[:, None, :], block.shape).ravel()
         unit = np.sum(product[self.unit_row] * x[self.unit_row], axis=1)
         entries = np.concatenate([block.ravel(), unit])
-        rows, columns = np.concatenate([row, self.unit_row]), np.concatenate([column, self.unit_row])
+        rows = np.concatenate([row, self.unit_row])
+        columns = np.concatenate([column, self.unit_row])
         multipliers = csc_array((entries, (rows, columns)), shape=(self.size, self.size))
         return csc_array(self.quadratic - multipliers)
 
     def _root(self) -> csr_array:
         parts = [self._rows_of(difference) for difference in self._differences()] + [self._range_rows()]
-        entry, row, column, count = [], [], [], 0
+        entry = []
+        row = []
+        column = []
+        count = 0
         for values, rows, columns, height in parts:
             entry.append(values)
             row.append(rows + count)
@@ -157,13 +167,15 @@ class ChordalProblem:
 
     def _differences(self) -> list[_Differences]:
         """All factors but ranges as relative measurements, priors from the world."""
-        out, turns = [], [2] if self.d == 2 else [0, 1, 2]
+        out = []
+        turns = [2] if self.d == 2 else [0, 1, 2]
         for table in self.graph.of_residual(Residual.POSE, Residual.SIGHTING, Residual.POSITION):
             if "depth" in table.kind.columns_at:
                 continue
             ends = table.variables.astype(np.intp)
             first = ends[:, 0] if ends.shape[1] == 2 else np.full(len(table), -1)
-            columns, variance = table.kind.columns_at, np.diagonal(table.covariance, axis1=1, axis2=2)
+            columns = table.kind.columns_at
+            variance = np.diagonal(table.covariance, axis1=1, axis2=2)
             turn = "quaternion" in columns
             rotation = (
                 matrix_from_quaternion(table.column("quaternion"))[:, : self.d, : self.d] if turn else None
@@ -177,10 +189,15 @@ class ChordalProblem:
 
     def _rows_of(self, m: _Differences) -> tuple[Array, Indices, Indices, int]:
         """Entries, rows, columns and number of rows of some relative measurements."""
-        d, n = self.d, m.first.size
-        k, axis = np.arange(n), np.arange(d)
+        d = self.d
+        n = m.first.size
+        k = np.arange(n)
+        axis = np.arange(d)
         start = np.where(m.first < 0, 0, d + (d + 1) * m.first)  # of the rotation of the first node
-        entry, row, column, height = [], [], [], 0
+        entry = []
+        row = []
+        column = []
+        height = 0
         if m.rotation is not None:
             weight = np.sqrt(m.kappa)
             rows = d * k[:, None] + axis
@@ -190,7 +207,9 @@ class ChordalProblem:
             column.append(np.repeat(start[:, None] + axis, d, axis=0).ravel())
             height = d * n
         if m.position is not None:
-            weight, rows, inner = np.sqrt(m.tau), height + k, m.first >= 0
+            weight = np.sqrt(m.tau)
+            rows = height + k
+            inner = m.first >= 0
             entry += [weight, -weight[inner], -(weight[:, None] * m.position).ravel()]
             row += [rows, rows[inner], np.repeat(rows, d)]
             column += [self.position_row[m.second], self.position_row[m.first[inner]]]
@@ -201,6 +220,7 @@ class ChordalProblem:
     def _range_rows(self) -> tuple[Array, Indices, Indices, int]:
         ranges = self.graph["range"]
         first, second = self.position_row[ranges.variables.astype(np.intp).T]
-        weight, k = 1.0 / np.sqrt(ranges.variance), np.arange(len(ranges))
+        weight = 1.0 / np.sqrt(ranges.variance)
+        k = np.arange(len(ranges))
         entry = np.concatenate([weight, -weight, -weight * ranges.column("distance")])
         return entry, np.tile(k, 3), np.concatenate([second, first, self.unit_row]), k.size

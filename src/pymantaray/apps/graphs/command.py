@@ -246,7 +246,8 @@ def convert(
     to_lose = reading.leave_out or []
     words = [what for what in to_lose if what not in (*LEFT_OUT, "all")]
     content = replace(reading, leave_out=words).open(file)
-    lost, files = dict(content.left_out), [out]
+    lost = dict(content.left_out)
+    files = [out]
     if out.suffix == G2O:
         lost |= write_g2o(
             content.graph,
@@ -276,7 +277,8 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     import numpy as np
 
     g = file.graph
-    vehicle, number = g.pose_vehicle, g.pose_number.astype(int)
+    vehicle = g.pose_vehicle
+    number = g.pose_number.astype(int)
     a, b = g["edge"].variables.T
     same = vehicle[a] == vehicle[b]
     odometry = same & (number[b] - number[a] == 1)
@@ -355,7 +357,8 @@ def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
     """Trajectory errors of the solution and of its start; least squares have standard errors."""
     from pymantaray.evaluation import graph_degrees_of_freedom, graph_errors
 
-    freedom, s = None, result.solution
+    freedom = None
+    s = result.solution
     if result.truth is not None and result.solution.usable and result.estimator in ("batch", "incremental"):
         freedom = graph_degrees_of_freedom(result.graph, result.values)
     return {

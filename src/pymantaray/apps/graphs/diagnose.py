@@ -77,7 +77,8 @@ def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
     shift = _JITTER * extent * rng.standard_normal(place.shape)
     turn = _JITTER * rng.standard_normal(values.position.shape)
     if planar:
-        shift[:, 2], turn[:, :2] = 0.0, 0.0
+        shift[:, 2] = 0.0
+        turn[:, :2] = 0.0
     n = len(values.position)
     rotation = matrix_from_quaternion(values.quaternion) @ so3_exp(turn)
     return GraphValues((place + shift)[:n], quaternion_from_matrix(rotation), (place + shift)[n:])
@@ -85,11 +86,13 @@ def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
 
 def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
     """Name the measurement with the largest cost, such as ``A17 and L0 (cost 3e+04)``."""
-    problem, state = distance_problem(graph), GraphState.of(values)
+    problem = distance_problem(graph)
+    state = GraphState.of(values)
     variables, cost = problem.factors.worst(state)
     ranges = 0.5 * problem.whitened(state) ** 2
     if ranges.max(initial=-1.0) > cost:
-        variables, cost = graph["range"].variables[ranges.argmax()].tolist(), float(ranges.max())
+        variables = graph["range"].variables[ranges.argmax()].tolist()
+        cost = float(ranges.max())
     return f"{' and '.join(graph.variable_name(v) for v in variables)} (cost {cost:.3g})"
 
 

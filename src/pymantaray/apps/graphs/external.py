@@ -129,7 +129,8 @@ class GraphResult:
 
     def summary(self) -> dict[str, Any]:
         """Costs, status and counts, as numbers and text only."""
-        s, g = self.solution, self.graph
+        s = self.solution
+        g = self.graph
         return {
             "estimator": self.estimator,
             "start": self.start,
@@ -333,7 +334,8 @@ def solve_graph(
         raise EstimationError(reason) from None
     best = lowest(outcomes)
     alternative = plausible_alternative(graph, outcomes) if best.solution.usable else None
-    solution, diagnosis = best.solution, None
+    solution = best.solution
+    diagnosis = None
     if alternative is not None and solution.status is SolveStatus.OK:
         solution = replace(solution, status=SolveStatus.SECOND_MINIMUM)
     if not solution.usable:
@@ -374,7 +376,8 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
         raise EstimationError(
             f"certificate of {result.estimator}: only least squares can be certified; use estimator 'batch'"
         )
-    graph, size = result.graph, result.graph.n_factors
+    graph = result.graph
+    size = result.graph.n_factors
     small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not not_quadratic(graph)
     if wanted is False or not (wanted or small) or not result.solution.usable:
         return result
@@ -416,7 +419,8 @@ def _outcomes(
     first = "chordal" if file.valueless else "file"
     if start == "best":
         return search_minima(graph, file.values, solve, random_starts=random_starts, seed=seed, first=first)
-    initial, unchanged = file.values, np.empty(0, dtype=np.intp)
+    initial = file.values
+    unchanged = np.empty(0, dtype=np.intp)
     if start != "file":
         initial, unchanged = _STARTS[start](graph, file.values)
     name = first if start == "file" else start
@@ -430,7 +434,8 @@ def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGra
     Without any anchor, the first pose of each part gets a prior. Otherwise a free part is refused, or anchored with
     ``all_parts``.
     """
-    graph, values = file.graph, file.values
+    graph = file.graph
+    values = file.values
     check_graph(graph)
     check_values(graph, values)
     poses = np.empty(0, dtype=np.int32)

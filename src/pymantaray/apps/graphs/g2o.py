@@ -40,8 +40,11 @@ from pymantaray.estimation.solvers.starts import ANCHOR_SIGMA, chordal
 from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import whole_file
 
-LANDMARK, SIGHTING, OFFSET = "VERTEX_TRACKXYZ", "EDGE_SE3_TRACKXYZ", "PARAMS_SE3OFFSET"
-PRIOR, FIX = "EDGE_SE3_PRIOR", "FIX"
+LANDMARK = "VERTEX_TRACKXYZ"
+SIGHTING = "EDGE_SE3_TRACKXYZ"
+OFFSET = "PARAMS_SE3OFFSET"
+PRIOR = "EDGE_SE3_PRIOR"
+FIX = "FIX"
 
 
 _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
@@ -172,14 +175,16 @@ def load_g2o(
 def _lines(
     graph: FactorGraph, values: GraphValues, ids: list[int], sighted: NDArray[Any], *, half_angles: bool
 ) -> Iterator[str]:
-    n, planar = graph.n_poses, graph.planar
+    n = graph.n_poses
+    planar = graph.planar
     places = np.concatenate([values.position, values.quaternion], axis=1)
     if sighted.size and not planar:
         yield f"{OFFSET} 0 0 0 0 0 0 0 1\n"
     yield from write_rows(_words(POSE), [f"{k}" for k in ids[:n]], places, planar=planar)
     landmarks = values.landmark_position[sighted - n]
     yield from write_rows(_words(LANDMARK), [f"{ids[k]}" for k in sighted], landmarks, planar=planar)
-    edge, sighting = graph["edge"], graph["sighting"]
+    edge = graph["edge"]
+    sighting = graph["sighting"]
     heads = _heads(edge, ids)
     information = _information(edge, half_angles=half_angles, planar=planar)
     yield from write_rows(_words(EDGE), heads, edge.measured, information, planar=planar)
@@ -209,7 +214,9 @@ class _Reader:
     def __init__(
         self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool, isam: bool
     ) -> None:
-        self._lines, self._planar, self._half_angles = lines, planar, half_angles
+        self._lines = lines
+        self._planar = planar
+        self._half_angles = half_angles
         self._isam = isam or any(tables[word].line for word in ISAM.values())
         words = (*_FLAT, OFFSET, FIX)
         self._of = {word: self._table_of(word, tables) for word in words}
@@ -245,7 +252,8 @@ class _Reader:
             level = np.tile([1.0, 0.0, 0.0, 0.0], (len(poses), 1))
             values = GraphValues(np.zeros((len(poses), 3)), level, np.zeros((len(landmarks), 3)))
         else:
-            pose, landmark = self._columns(POSE)[0], self._columns(LANDMARK)[0]
+            pose = self._columns(POSE)[0]
+            landmark = self._columns(LANDMARK)[0]
             values = GraphValues(pose[:, :3], pose[:, 3:], landmark)
         factors = {"edge": self._edges(), "sighting": self._sightings(), **self._priors(values)}
         return graph.with_factors(**factors), values, valueless
@@ -255,7 +263,8 @@ class _Reader:
         poses, landmarks = (self._ids(word) for word in (POSE, LANDMARK))
         valueless = not (poses or landmarks)
         if valueless:
-            edges, sightings = self._id[EDGE], self._id[SIGHTING]
+            edges = self._id[EDGE]
+            sightings = self._id[SIGHTING]
             poses = sorted({*edges[0], *edges[1], *sightings[0]})
             landmarks = sorted(set(sightings[1]))
         if not poses:
@@ -280,12 +289,14 @@ class _Reader:
     def _sightings(self) -> Factors:
         """Sightings in the body frames, with sensor offsets applied."""
         place, covariance = self._columns(SIGHTING)
-        place, covariance = place.copy(), covariance.copy()
+        place = place.copy()
+        covariance = covariance.copy()
         if not self._planar:
             for i, offset in enumerate(self._offsets(SIGHTING, 2)):
                 if np.any(offset != _NO_OFFSET):
                     turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
-                    place[i], covariance[i] = offset[:3] + turn @ place[i], turn @ covariance[i] @ turn.T
+                    place[i] = offset[:3] + turn @ place[i]
+                    covariance[i] = turn @ covariance[i] @ turn.T
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
         sightings = KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
         return sightings[self._keep[SIGHTING]]
@@ -293,7 +304,8 @@ class _Reader:
     def _priors(self, values: GraphValues) -> dict[str, Factors]:
         """Priors of poses, with sensor offsets applied, and of fixed vertices at their values."""
         table, (measured, covariance) = self._of[PRIOR], self._columns(PRIOR)
-        measured, covariance = measured.copy(), covariance.copy()
+        measured = measured.copy()
+        covariance = covariance.copy()
         if not self._planar:
             for i, offset in enumerate(self._offsets(PRIOR, 1)):
                 if np.any(offset != _NO_OFFSET):  # the pose times the offset is measured
@@ -309,10 +321,12 @@ class _Reader:
         poses = self._known_variables(table, self._id[PRIOR][0], self._pose)
         parts = [measured[:, :3], measured[:, 3:]]
         prior = KINDS["prior"].table(poses[:, None], parts, covariance)[self._keep[PRIOR]]
-        ids, n = np.array(self._id[FIX][0], dtype=object), len(self._pose)
+        ids = np.array(self._id[FIX][0], dtype=object)
+        n = len(self._pose)
         known = {**self._landmark, **self._pose}  # a landmark may have the id of a pose
         fixed = np.unique(self._known_variables(self._of[FIX], ids.tolist(), known))
-        poses, landmarks = fixed[fixed < n], fixed[fixed >= n]
+        poses = fixed[fixed < n]
+        landmarks = fixed[fixed >= n]
         unit = np.tile(ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1))
         at = [values.position[poses], values.quaternion[poses]]
         place = [values.landmark_position[landmarks - n]]
@@ -356,7 +370,8 @@ class _Reader:
 
     def _ends(self, word: str, of_second: dict[int, int]) -> NDArray[np.int32]:
         """Variables of both ends, the first a pose."""
-        table, columns = self._of[word], []
+        table = self._of[word]
+        columns = []
         for ids, known in zip(self._id[word][:2], (self._pose, of_second), strict=True):
             try:
                 columns.append([known[k] for k in ids])
@@ -368,11 +383,13 @@ class _Reader:
 
     def _columns(self, word: str) -> tuple[Array, Array]:
         """Measured columns and covariances of the lines of a word."""
-        table, grammar = self._of[word], self._grammar[word]
+        table = self._of[word]
+        grammar = self._grammar[word]
         if not grammar.matrix:
             return to_graph(self._values[word], grammar, planar=self._planar)
         # in the dimensions of the file: what is lifted is out of the plane
-        values, size = self._values[word].copy(), grammar.matrix
+        values = self._values[word].copy()
+        size = grammar.matrix
         information = from_triangle(values[:, grammar.measured :], size)
         if self._half_angles and size == 6:
             information *= _angle_scale(0.5)[::-1, ::-1]
@@ -424,7 +441,8 @@ def _in_g2o(table: Table, values: Array, *, isam: bool) -> Array:
 def _inverse(lines: TextLines, word: str, matrices: Array, numbers: Sequence[int]) -> Array:
     """Invert positive definite matrices (n, k, k) of lines of a word, scaled to unit diagonals."""
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
-    low, high = 1.0 / VARIANCES[1], 1.0 / VARIANCES[0]
+    low = 1.0 / VARIANCES[1]
+    high = 1.0 / VARIANCES[0]
     fine = (diagonal >= low) & (diagonal <= high)
     if not fine.all():
         row = int(np.argmin(fine.all(axis=1)))

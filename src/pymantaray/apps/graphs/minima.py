@@ -103,7 +103,8 @@ def same_minimum(one: StartOutcome, other: StartOutcome) -> bool:
     """True if two solutions have equal costs and positions."""
     if not same_cost(one.cost, other.cost):
         return False
-    a, b = _positions(one.solution.values), _positions(other.solution.values)
+    a = _positions(one.solution.values)
+    b = _positions(other.solution.values)
     extent = float(np.linalg.norm(np.ptp(a, axis=0)))
     return float(np.abs(a - b).max(initial=0.0)) <= _SAME_POSITION * extent
 
@@ -146,9 +147,11 @@ def random_start(graph: FactorGraph, values: GraphValues, rng: np.random.Generat
     A chain without a prior gets a random first pose within the spread of all positions, and a range-only landmark a random
     position at its measured distance from one of the poses.
     """
-    n, edge = graph.n_poses, graph["edge"]
+    n = graph.n_poses
+    edge = graph["edge"]
     every = _positions(values)
-    position, quaternion = np.array(values.position), np.array(values.quaternion)
+    position = np.array(values.position)
+    quaternion = np.array(values.quaternion)
     first = first_of_chains(graph)
     position[first] = every.mean(axis=0) + every.std(axis=0) * rng.standard_normal((first.size, 3))
     quaternion[first] = _quaternions(Rotation.from_rotvec(_rotations(rng, first.size, planar=graph.planar)))
@@ -162,7 +165,8 @@ def random_start(graph: FactorGraph, values: GraphValues, rng: np.random.Generat
         edge = edge.with_columns(position=edge.column("position") + noise[:, 3:], quaternion=turned)
     start = replace(values, position=position, quaternion=quaternion)
     composed = dead_reckon_graph(graph.with_factors(edge=edge), start, rng=rng).values
-    ranges, landmarks = graph["range"], {}
+    ranges = graph["range"]
+    landmarks = {}
     for landmark in range_only_landmarks(graph).tolist():
         rows = np.flatnonzero((ranges.variables[:, 1] == landmark) & (ranges.variables[:, 0] < n))
         if rows.size:
@@ -190,7 +194,8 @@ def _relaxed(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[S
     """Outcome from the minimum of the relaxation; none if it is the minimum already found, or the graph has no relaxation."""
     if not can_relax(graph):
         return []
-    values, problem = best.solution.values if best.cost < np.inf else best.initial, ChordalProblem(graph)
+    values = best.solution.values if best.cost < np.inf else best.initial
+    problem = ChordalProblem(graph)
     relaxation = relax(problem, problem.matrix(values))
     if relaxation.tight and best.solution.usable:
         return []
@@ -219,5 +224,6 @@ def _mirrored(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[
                 name = f"mirrored-{graph.variable_name(landmark)}"
                 outcomes.append(StartOutcome(name, start, np.empty(0, dtype=np.intp), solve(start)))
                 if lowest([best, outcomes[-1]]) is not best:
-                    best, lower = outcomes[-1], True
+                    best = outcomes[-1]
+                    lower = True
     return outcomes

@@ -22,10 +22,12 @@ from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 MAX_RELAXED_FACTORS = 500  # largest graph whose relaxation is solved: about 1 s of CPU
 GAP = 1e-3  # relative, and a tenth of it absolute: largest gap between cost and bound of a global minimum
 _MORE_COLUMNS = 5  # than the dimension, at most
-_STEPS, _TRIALS = 100, 20  # of Newton's method; of damping in each
+_STEPS = 100  # of Newton's method; of damping in each
+_TRIALS = 20
 _DECREMENT = 1e-13  # relative decrease of the cost that ends Newton's method
 _RELAXED_DECREMENT = 1e-7  # the same in the relaxation, whose bound is valid at any point
-_MIN_DAMPING, _FIRST_DAMPING = 1e-12, 1e-6  # of the diagonal of the Hessian; the first after a failed step
+_MIN_DAMPING = 1e-12  # of the diagonal of the Hessian; the first after a failed step
+_FIRST_DAMPING = 1e-6
 _CONVERGED_DAMPING = 1e-5  # a larger one makes steps short away from critical points
 _SHORTEST = 1e-4  # of the length of a unit vector; shortest step along an eigenvector
 
@@ -57,7 +59,8 @@ def can_relax(graph: FactorGraph) -> bool:
 
 def relax(problem: ChordalProblem, x: Array) -> Relaxation:
     """Minimize the relaxation, starting from a point of the problem, until cost and lower bound agree."""
-    bound, first = 0.0, x.shape[1]
+    bound = 0.0
+    first = x.shape[1]
     x = problem.feasible(x)
     while True:
         x, _ = descend(problem, x, tolerance=_RELAXED_DECREMENT)
@@ -72,7 +75,8 @@ def relax(problem: ChordalProblem, x: Array) -> Relaxation:
 
 def rounded(problem: ChordalProblem, x: Array, like: GraphValues) -> GraphValues:
     """Values next to a point of the relaxation: its columns in the frame of the world, projected to rotations."""
-    d, out = problem.d, x[:, : problem.d].copy()
+    d = problem.d
+    out = x[:, : problem.d].copy()
     start = problem.rotation_row[:, None] + np.arange(d)
     left, _, right = np.linalg.svd(out[start])
     left[:, :, -1] *= np.sign(np.linalg.det(left @ right))[:, None]
@@ -95,7 +99,9 @@ def lower_bound(problem: ChordalProblem, cost: float, least: float) -> float:
 
 def descend(problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT) -> tuple[Array, float]:
     """Critical point by damped Newton steps on the manifold, and the last Newton decrement."""
-    cost, damping, decrement = problem.cost(x), _MIN_DAMPING, np.inf
+    cost = problem.cost(x)
+    damping = _MIN_DAMPING
+    decrement = np.inf
     for _ in range(_STEPS):
         tangent = _tangent(problem, x)
         gradient = tangent.T @ (problem.quadratic @ x).ravel()
@@ -117,7 +123,8 @@ def descend(problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT)
             return x, abs(decrement)
         agrees = cost - lower >= 0.75 * expected
         converged = decrement <= tolerance * (1.0 + cost) and damping <= _CONVERGED_DAMPING
-        x, cost = trial, min(lower, cost)
+        x = trial
+        cost = min(lower, cost)
         if converged:
             break
         damping = max(0.1 * damping, _MIN_DAMPING) if agrees else damping
@@ -127,14 +134,17 @@ def descend(problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT)
 def _escape(problem: ChordalProblem, x: Array, direction: Array) -> Array:
     """Lower point with one more column, along an eigenvector of the certificate matrix."""
     wide = np.pad(x, ((0, 0), (0, 1)))
-    best, lowest, length = wide, problem.cost(wide), 1.0
+    best = wide
+    lowest = problem.cost(wide)
+    length = 1.0
     while length > _SHORTEST:
         moved = wide.copy()
         moved[:, -1] = length * direction
         moved = problem.feasible(_facing_the_world(problem, moved))
         cost = problem.cost(moved)
         if cost < lowest:
-            best, lowest = moved, cost
+            best = moved
+            lowest = cost
         elif best is not wide:
             break
         length *= 0.5
@@ -154,7 +164,8 @@ def _skew(d: int) -> Array:
     pairs = [(a, b) for a in range(d) for b in range(a)]
     out = np.zeros((len(pairs), d, d))
     for k, (a, b) in enumerate(pairs):
-        out[k, a, b], out[k, b, a] = 1.0, -1.0
+        out[k, a, b] = 1.0
+        out[k, b, a] = -1.0
     return out
 
 
@@ -165,7 +176,9 @@ def _complement(rows: Array) -> Array:
 
 def _tangent(problem: ChordalProblem, x: Array) -> csc_array:
     """Basis of the tangent space: derivatives of X, row by row, by rotations, positions and directions of unit vectors."""
-    d, p, axis = problem.d, x.shape[1], np.arange(x.shape[1])
+    d = problem.d
+    p = x.shape[1]
+    axis = np.arange(x.shape[1])
     start = problem.rotation_row[:, None] + np.arange(d)
     within = np.einsum("kab,nbc->nkac", _skew(d), x[start])
     out = np.einsum("ai,nqc->niqac", np.eye(d), _complement(x[start])).reshape(len(start), d * (p - d), d, p)
@@ -192,9 +205,11 @@ def least_eigenpair(problem: ChordalProblem, x: Array) -> tuple[float, Array | N
     It uses the Lanczos method with a shift, which grows until the shifted matrix has no negative eigenvalue, by the signs of its
     pivots; the inverse of the shifted matrix then has the least eigenvalue as its largest. NaN and None if that fails.
     """
-    matrix, constrained = problem.certificate_matrix(x), problem.constrained
+    matrix = problem.certificate_matrix(x)
+    constrained = problem.constrained
     rows = np.flatnonzero(constrained)
-    shift, largest = 2.0 * gap(problem.cost(x)) / rows.size, float(abs(matrix).sum(axis=0).max())
+    shift = 2.0 * gap(problem.cost(x)) / rows.size
+    largest = float(abs(matrix).sum(axis=0).max())
     while True:
         factor = positive_factor(csc_array(matrix + diags_array(np.where(constrained, shift, 0.0))))
         if factor is not None:

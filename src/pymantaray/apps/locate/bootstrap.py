@@ -36,7 +36,8 @@ def bootstrap_positions(
     sd = s.unknowns.scaled_sd(dict.fromkeys(s.unknowns.groups, 1.0) | dict(s.posterior.hyperparameters))
     active = np.flatnonzero(sd > 0.0)
     design = rows[:, active] * (sd[active] / s.posterior.sigma)
-    residual, size = rows[:, -1] / s.posterior.sigma, len(rows)
+    residual = rows[:, -1] / s.posterior.sigma
+    size = len(rows)
     offset = ((s.unknowns.prior_mean - s.values)[active]) / sd[active]
 
     def draw(number: int) -> Array:

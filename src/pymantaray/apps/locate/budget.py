@@ -27,7 +27,9 @@ def error_budget(solution: SurveySolution) -> pd.DataFrame:
     ``geometry``, the remainder, due to the correlation of positions with other unknowns in this pattern. The second part is a sum
     over unknowns. The squares of all contributions add up to the square of ``total``.
     """
-    unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices
+    unknowns = solution.unknowns
+    fit = solution.posterior
+    at = solution.unknowns.slices
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
     spread = by_position @ fit.covariance
     sd = unknowns.scaled_sd(dict.fromkeys(unknowns.groups, 1.0) | dict(fit.hyperparameters))
@@ -67,7 +69,8 @@ def _noise_alone(solution: SurveySolution, by_position: Array, inverse: Array) -
 
 def _platform(solution: SurveySolution, by_position: Array, total: Array) -> Array:
     """Contribution of errors of the platform's positions to the variances."""
-    survey, fit = solution.unknowns.survey, solution.posterior
+    survey = solution.unknowns.survey
+    fit = solution.posterior
     if survey.platform_error.horizontal == survey.platform_error.vertical == 0.0:
         return np.zeros_like(total)
     products = solution.linear.products(solution.used, solution.correlation, PlatformError(), fit.sigma)

@@ -32,7 +32,8 @@ _AXES = ("forward", "starboard", "down")
 
 def check_places(where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str) -> None:
     """Raise an error if the distance of platform and node implies a wrong sign or order of coordinates. [degrees]"""
-    lat, lon = float(np.median(platform[0])), float(np.median(platform[1]))
+    lat = float(np.median(platform[0]))
+    lon = float(np.median(platform[1]))
     if _distance(lat, lon, *node) < _MAX_DISTANCE:
         return
     advice = "check both"
@@ -53,7 +54,8 @@ def check_places(where: str, platform: tuple[Array, Array], node: tuple[float, f
 
 def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
     """Distance on a sphere. [m]"""
-    a, b = math.radians(lat), math.radians(lat_2)
+    a = math.radians(lat)
+    b = math.radians(lat_2)
     turn = math.radians(float(wrapped(np.asarray(lon_2 - lon))))
     inner = math.sin((b - a) / 2.0) ** 2 + math.cos(a) * math.cos(b) * math.sin(turn / 2.0) ** 2
     return 2.0 * 6371e3 * math.asin(min(1.0, math.sqrt(max(inner, 0.0))))
@@ -123,7 +125,8 @@ def below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
     depth = place[:, 2] - medium.bottom_depth(place)
     notes = []
     for k in np.flatnonzero(depth > _ON_BOUNDARY):
-        name, bed = solution.unknowns.survey.names[k], place[k, 2] - depth[k]
+        name = solution.unknowns.survey.names[k]
+        bed = place[k, 2] - depth[k]
         line = f"node {name} at {place[k, 2]:.1f} m is below the sea bed of the water at {bed:.1f} m"
         if depth[k] > _MAX_BELOW_BED:
             raise LocateError(f"{line}; give a deeper sea bed (bathymetry), or check its pings")
@@ -205,7 +208,9 @@ def _check_units(survey: Survey, medium: Medium) -> None:
 
 def _check_lever(solution: SurveySolution) -> None:
     """Raise an error if another sign of a known lever arm explains the residuals much better."""
-    unknowns, fit, at = solution.unknowns, solution.posterior, solution.unknowns.slices["lever"]
+    unknowns = solution.unknowns
+    fit = solution.posterior
+    at = solution.unknowns.slices["lever"]
     lever = solution.values[at]
     if not np.any(np.abs(lever) > 0.1) or any(unknowns.survey.lever.sigma):
         return

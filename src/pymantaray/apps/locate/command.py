@@ -257,7 +257,8 @@ def plan(
             beside=[out.with_suffix(".csv")],
             force=force,
         )
-    radii, survey = planned.radius_values, planned.plan_options()
+    radii = planned.radius_values
+    survey = planned.plan_options()
     water = _over_a_bed(source, options, survey.depth).at_start[0]
     shapes: Any = tuple(planned.pattern) if planned.pattern else SHAPES
     result = plan_survey(water, survey, radii, shapes=shapes, pings=planned.pings)
@@ -297,7 +298,8 @@ def _water(
     from pymantaray.cli.water import water_notes
 
     deepest = max(node.position[2] + 3.0 * min(node.sigma[2], 100.0) for node in survey.nodes)
-    notes, frame = list(survey.notes), survey.frame
+    notes = list(survey.notes)
+    frame = survey.frame
     if not source.given:
         if survey.profile is None:
             raise LocateError("no water; give --profile, --ocean or --run")

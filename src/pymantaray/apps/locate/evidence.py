@@ -20,7 +20,8 @@ from pymantaray.arrays import Array
 
 _MAX_STEPS = 60
 _CONVERGED = 3e-3  # change of the logarithm of every hyperparameter
-_MIN_HYPER, _MAX_HYPER = 1e-8, 1e-1  # hyperparameters: fractions of the sound speed, also per km
+_MIN_HYPER = 1e-8  # hyperparameters: fractions of the sound speed, also per km
+_MAX_HYPER = 1e-1
 MIN_REDUNDANCY = 3  # pings minus unknowns, for an estimate of the noise level
 
 
@@ -70,7 +71,8 @@ def posterior(
     place = {column: i for i, column in enumerate(active.tolist())}
     members = {name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()}
     plain = active.size - sum(rows.size for rows in members.values())
-    normal, right = products.normal[np.ix_(active, active)], products.right[active]
+    normal = products.normal[np.ix_(active, active)]
+    right = products.right[active]
     for step in range(steps):
         sd = unknowns.scaled_sd(hyper)[active]
         solved = _solve(normal, right, products, mean, sd, sigma)
@@ -81,17 +83,21 @@ def posterior(
             free = float(np.sum(1.0 - np.diag(solved.covariance)[rows] / sd[rows] ** 2))
             squares = float(np.sum(((solved.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2))
             new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _MIN_HYPER, _MAX_HYPER))
-            moved, hyper[name] = max(moved, abs(np.log(new / hyper[name]))), new
+            moved = max(moved, abs(np.log(new / hyper[name])))
+            hyper[name] = new
         if products.n_rows >= plain + MIN_REDUNDANCY:
             left = max(products.n_rows - solved.effective, 1.0)
             level = max(sigma * float(np.sqrt(solved.squares / left)), MIN_SIGMA)
-            moved, sigma = max(moved, abs(np.log(level / sigma))), level
+            moved = max(moved, abs(np.log(level / sigma)))
+            sigma = level
         if moved < _CONVERGED:
             sd = unknowns.scaled_sd(hyper)[active]
             solved = _solve(normal, right, products, mean, sd, sigma)
             break
-    change, covariance = np.zeros(unknowns.size), np.zeros((unknowns.size, unknowns.size))
-    change[active], covariance[np.ix_(active, active)] = solved.change, solved.covariance
+    change = np.zeros(unknowns.size)
+    covariance = np.zeros((unknowns.size, unknowns.size))
+    change[active] = solved.change
+    covariance[np.ix_(active, active)] = solved.covariance
     kept = {name: hyper[name] for name in groups}
     return replace(solved, change=change, covariance=covariance, hyperparameters=kept)
 

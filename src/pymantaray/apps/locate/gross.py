@@ -19,7 +19,8 @@ _MIN_TOLERANCE = 1e-3  # s
 
 def reasons(solution: SurveySolution, medium: Medium) -> NDArray[np.str_]:
     """Reason for each unused ping; empty for used pings."""
-    survey, legs = solution.unknowns.survey, solution.legs
+    survey = solution.unknowns.survey
+    legs = solution.legs
     out = np.full(len(survey), "", dtype=object)
     for status in np.unique(legs.status[legs.status != RayStatus.OK]):
         word = RAY_STATUS_WORDS[RayStatus(int(status))].label
@@ -79,7 +80,8 @@ def _echoes(
     arrivals = find_eigenrays(
         medium, start, solution.positions[examined.node], max_surface_bounces=1, max_bottom_bounces=1
     )
-    slowing, residual = _slowing(solution, rows[late]), solution.linear.residual[rows[late]]
+    slowing = _slowing(solution, rows[late])
+    residual = solution.linear.residual[rows[late]]
     bounced = (arrivals.surface_bounces + arrivals.bottom_bounces) > 0
     for link, time, surface, bottom in zip(
         arrivals.link[bounced],

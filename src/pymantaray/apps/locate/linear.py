@@ -33,7 +33,10 @@ class Linearization:
     """
 
     def __init__(self, unknowns: SurveyUnknowns, values: Array, legs: Legs, weight: Array) -> None:
-        self.unknowns, self.values, self.legs, self.weight = unknowns, values, legs, weight
+        self.unknowns = unknowns
+        self.values = values
+        self.legs = legs
+        self.weight = weight
         self._slowing = unknowns.slowing(values)
         self.residual = unknowns.survey.travel_time - unknowns.predicted(values, legs)
         self._by_position = unknowns.position_map(values)
@@ -41,9 +44,13 @@ class Linearization:
 
     def rows(self, part: slice) -> Array:
         """Derivatives (m, size) of the predicted times of some pings."""
-        unknowns, legs, s = self.unknowns, self.legs, self.unknowns.survey
-        at, slowing = unknowns.slices, self._slowing[part]
-        node, partner = s.node[part], s.partner[part]
+        unknowns = self.unknowns
+        legs = self.legs
+        s = self.unknowns.survey
+        at = unknowns.slices
+        slowing = self._slowing[part]
+        node = s.node[part]
+        partner = s.partner[part]
         lines = np.arange(node.size)
         out = np.einsum("ia,iaj->ij", legs.node_gradient[part] * slowing[:, None], self._by_position[node])
         other = partner >= 0
@@ -103,8 +110,11 @@ class Linearization:
     ) -> Products:
         """Normal matrix, right-hand side and sum of squares of the used pings."""
         size = self.unknowns.size
-        total, logarithm, count = np.zeros((size + 1, size + 1)), 0.0, 0
+        total = np.zeros((size + 1, size + 1))
+        logarithm = 0.0
+        count = 0
         for block, log_determinant in self.whitened(used, correlation, platform, sigma):
             total += block.T @ block
-            logarithm, count = log_determinant, count + len(block)
+            logarithm = log_determinant
+            count = count + len(block)
         return Products(total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), logarithm, count)

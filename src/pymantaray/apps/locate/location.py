@@ -116,7 +116,8 @@ class Location:
     @property
     def hyperparameters(self) -> dict[str, Any]:
         """Selected model: sound speed, noise level, smoothness, correlation between pings."""
-        fit, correlation = self.solution.posterior, self.solution.correlation
+        fit = self.solution.posterior
+        correlation = self.solution.correlation
         white = correlation.ratio == 0.0
         return {
             "sound_speed": self.solution.unknowns.speed.kind,
@@ -131,7 +132,9 @@ class Location:
     @cached_property
     def nodes(self) -> pd.DataFrame:
         """One row per node: position, standard deviations, 95 % ellipse and depth interval, pings, residuals, status."""
-        survey, used, place = self.survey, self.solution.used, self.positions
+        survey = self.survey
+        used = self.solution.used
+        place = self.positions
         lat, lon = self._geodetic(place)
         relative = self._relative()
         rows = []
@@ -173,7 +176,8 @@ class Location:
 
     def _status(self, k: int, n_used: int) -> str:
         """Status of a node as text; ``ok`` if its position is determined."""
-        survey, place = self.survey, self.positions[k]
+        survey = self.survey
+        place = self.positions[k]
         mine = survey.node == k
         top = np.nanmedian(survey.transmit_position[mine, 2]) if mine.any() else -np.inf
         if not self.solution.settled:
@@ -190,7 +194,8 @@ class Location:
     @cached_property
     def centre(self) -> dict[str, float]:
         """Mean position of all nodes, with its standard deviations."""
-        place, count = self.positions.mean(axis=0), len(self.survey.nodes)
+        place = self.positions.mean(axis=0)
+        count = len(self.survey.nodes)
         mean = np.tile(np.eye(3) / count, count)
         sigma = np.sqrt(np.maximum(np.diag(mean @ self.covariance @ mean.T), 0.0))
         lat, lon = self._geodetic(place[None])
@@ -216,7 +221,8 @@ class Location:
     @cached_property
     def pings(self) -> pd.DataFrame:
         """One row per ping: node, times, residual, leverage, range, azimuth, use, and reason if unused."""
-        survey, solution = self.survey, self.solution
+        survey = self.survey
+        solution = self.solution
         near, _ = solution.transducers()
         near = np.where(survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near)
         step = near - self.positions[survey.node]
@@ -245,7 +251,8 @@ class Location:
 
     def _leverage(self) -> Array:
         """Leverage of each used ping: derivative of its prediction by its measurement. [-]"""
-        fit, blocks = self.solution.posterior, self.solution.whitened()
+        fit = self.solution.posterior
+        blocks = self.solution.whitened()
         covariance = fit.covariance / fit.sigma**2
         return np.concatenate([np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b in blocks])
 
@@ -257,10 +264,12 @@ class Location:
     @cached_property
     def sound_speed(self) -> pd.DataFrame:
         """Mean sound speed minus that of the profile over time, with its standard deviation; empty if it is known."""
-        speed, s = self.solution.unknowns.speed, self.solution
+        speed = self.solution.unknowns.speed
+        s = self.solution
         if not speed.terms:
             return pd.DataFrame(columns=["time_s", "change_m_s", "sigma_m_s"])
-        first, at = speed.terms[0], s.unknowns.slices["speed"].start
+        first = speed.terms[0]
+        at = s.unknowns.slices["speed"].start
         own = slice(at, at + first.sd.size)
         time = np.linspace(self.survey.time[0], self.survey.time[-1], 200)
         rows = np.ones((time.size, 1)) if first.spline is None else first.spline.at(time)
@@ -274,7 +283,8 @@ class Location:
     @cached_property
     def mean_speed(self) -> float:
         """Median of straight distance over travel time of the used pings. [m/s]"""
-        s, survey = self.solution, self.survey
+        s = self.solution
+        survey = self.survey
         near, away = s.transducers()
         node = self.positions[survey.node]
         out = survey.direction != TravelDirection.FROM_NODE
@@ -286,8 +296,10 @@ class Location:
     @cached_property
     def other_unknowns(self) -> pd.DataFrame:
         """Estimated turn-around times, clocks, lever arm and array shift, with standard deviations."""
-        u, values = self.solution.unknowns, self.solution.values
-        sd, at = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0)), u.slices
+        u = self.solution.unknowns
+        values = self.solution.values
+        sd = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0))
+        at = u.slices
         names = self.survey.names
         labels = {
             "array": ["array north [m]", "array east [m]", "array depth [m]", "array turn [rad]"],

@@ -46,7 +46,8 @@ def with_mirrors(solver: Solver, solution: SurveySolution) -> tuple[SurveySoluti
         best = lowest([_Candidate(_cost(solution, solution), solution), *mirrored])
         if best.solution is solution:
             break
-        solution, mirrored = best.solution, []
+        solution = best.solution
+        mirrored = []
     mirrored = mirrored or _mirrored(solver, solution)
     return solution, [candidate.mirror for candidate in mirrored if candidate.mirror is not None]
 
@@ -74,7 +75,8 @@ def _mirrored(solver: Solver, solution: SurveySolution) -> list[_Candidate]:
         mirrored = _descend(solver, solution, values)
         if mirrored is None:
             continue
-        place, cost = mirrored.positions[k], _cost(mirrored, solution)
+        place = mirrored.positions[k]
+        cost = _cost(mirrored, solution)
         difference = cost - _cost(solution, solution)
         apart = float(np.linalg.norm(place[:2] - solution.positions[k, :2]))
         if apart < abs(offset):  # it converged to the first solution
@@ -96,12 +98,14 @@ def _descend(solver: Solver, solution: SurveySolution, values: Array) -> SurveyS
 
 def _cost(solution: SurveySolution, main: SurveySolution) -> float:
     """Chi-square of residuals and prior positions with the main solution's noise; gross errors count with the limit."""
-    survey, fit = solution.unknowns.survey, main.posterior
+    survey = solution.unknowns.survey
+    fit = main.posterior
     level = fit.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight
     size = np.where(solution.legs.possible, np.abs(solution.linear.residual) / level, np.inf)
     limit = float((np.abs(main.linear.residual) / level)[main.used].max())
     at = solution.unknowns.slices["position"]
-    sd, mean = solution.unknowns.prior_sd[at], solution.unknowns.prior_mean[at]
+    sd = solution.unknowns.prior_sd[at]
+    mean = solution.unknowns.prior_mean[at]
     known = sd <= 0.0
     prior = np.where(known, 0.0, (solution.values[at] - mean) / np.where(known, 1.0, sd))
     return float(np.sum(np.minimum(size, limit)[~survey.flagged] ** 2) + np.sum(prior**2))

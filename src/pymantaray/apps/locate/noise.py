@@ -54,8 +54,11 @@ class Whitener:
         platform: PlatformError,
         sensitivity: Array,
     ) -> None:
-        n, k = len(survey), len(survey.nodes)
-        columns, memory, variance = [], list[float](), list[float]()
+        n = len(survey)
+        k = len(survey.nodes)
+        columns = []
+        memory = list[float]()
+        variance = list[float]()
         if correlation.ratio > 0.0:
             if correlation.shared > 0.0:
                 columns.append(np.ones((n, 1)))

@@ -64,7 +64,8 @@ def write_location_page(
         If the folder is not empty or cannot be written.
     """
     record = (made_by or {}) | {"model": location.hyperparameters}
-    page_of, others = partial(_page, location, notes or []), partial(write_location, location)
+    page_of = partial(_page, location, notes or [])
+    others = partial(write_location, location)
     return write_page(out, "locate", _figure_specs(location), page_of, record, formats, progress, others)
 
 
@@ -108,7 +109,8 @@ def warnings_of(location: Location) -> list[str]:
 
 
 def _fact(location: Location) -> str:
-    used, count = int(location.solution.used.sum()), len(location.survey)
+    used = int(location.solution.used.sum())
+    count = len(location.survey)
     epoch = location.survey.epoch
     day = "" if np.isnat(epoch) else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
     return f"{location.survey.source}: {used:,} of {count:,} pings used, {counted(len(location.survey.nodes), 'node')}{day}"
@@ -214,11 +216,10 @@ def survey_map(location: Location, header: str) -> Figure:
     largest = max(float(nodes["ellipse_major_m"].max()), 1e-3)
     for colour, row in zip(colours, nodes.to_dict("records"), strict=True):
         turn = np.radians(row["ellipse_azimuth_deg"])
-        along, across = row["ellipse_major_m"] * np.cos(_ANGLES), row["ellipse_minor_m"] * np.sin(_ANGLES)
-        north, east = (
-            along * np.cos(turn) - across * np.sin(turn),
-            along * np.sin(turn) + across * np.cos(turn),
-        )
+        along = row["ellipse_major_m"] * np.cos(_ANGLES)
+        across = row["ellipse_minor_m"] * np.sin(_ANGLES)
+        north = along * np.cos(turn) - across * np.sin(turn)
+        east = along * np.sin(turn) + across * np.cos(turn)
         near.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
         near.plot(row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour)
     near.plot(0.0, 0.0, "+", color=style.INK)

@@ -12,7 +12,8 @@ from pymantaray.arrays import Array
 
 LEVEL = 1e-3
 """Probability that a correct model fails any of the tests."""
-_MAX_BINS, _MIN_PINGS = 24, 8  # number of bins, and pings per bin
+_MAX_BINS = 24  # number of bins, and pings per bin
+_MIN_PINGS = 8
 _MIN_ATTITUDE_SPREAD = 0.02  # rad; with a smaller spread, patterns over attitude are not tested
 
 
@@ -39,7 +40,8 @@ def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
     ``stated noise`` compares residuals with the standard deviations in the survey, if there are any; it is two-sided. The other
     tests compare means of bins with zero at the estimated noise. A term that the model lacks causes a pattern.
     """
-    survey, used = solution.unknowns.survey, solution.used
+    survey = solution.unknowns.survey
+    used = solution.used
     white = whitened_residuals(solution)
     tests = []
     stated = survey.sigma[used]
@@ -65,10 +67,12 @@ def whitened_residuals(solution: SurveySolution) -> Array:
 
 def _coordinates(solution: SurveySolution) -> dict[str, tuple[Array, NDArray[np.int64]]]:
     """Coordinates for tests of patterns, and the node of each used ping for patterns by node."""
-    survey, used = solution.unknowns.survey, solution.used
+    survey = solution.unknowns.survey
+    used = solution.used
     near, _ = solution.transducers()
     step = (near - solution.positions[survey.node])[used]
-    node, alone = survey.node[used], np.zeros(int(used.sum()), dtype=np.int64)
+    node = survey.node[used]
+    alone = np.zeros(int(used.sum()), dtype=np.int64)
     out = {"time": (survey.time[used], alone)}
     if not survey.between_nodes[used].any():
         out["azimuth"] = (np.arctan2(step[:, 1], step[:, 0]), node)
@@ -84,7 +88,8 @@ def _pattern(
     name: str, residual: Array, coordinate: Array, group: NDArray[np.int64], count: int
 ) -> NoiseTest:
     """Chi-square of the means of bins with equal numbers of pings."""
-    total, bins = 0.0, 0
+    total = 0.0
+    bins = 0
     for one in np.unique(group):
         mine = group == one
         order = np.argsort(coordinate[mine], kind="stable")

@@ -33,7 +33,8 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
     LocateError
         If a file is missing or a line is invalid.
     """
-    path, chosen = Path(path), options or ReadOptions()
+    path = Path(path)
+    chosen = options or ReadOptions()
     check_regular(path, LocateError, what="the survey's file, for GARPOS its ini file")
     try:
         if path.suffix.lower() in (".yaml", ".yml"):

@@ -92,7 +92,9 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
 
 def _times(paths: list[Path], count: int) -> tuple[tuple[Array, Array, NDArray[np.int64]], tuple[str, ...]]:
     """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line numbers; and notes."""
-    stamps, times, lines = [], [], []
+    stamps = []
+    times = []
+    lines = []
     invalid = InvalidLines()
     allowed = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
     for path, number, text, words in _lines(paths):
@@ -189,7 +191,11 @@ def _survey(
         raise LocateError(
             f"{path}: no position within {_TIME_TOLERANCE * 1e3:g} ms of a ping and its reply; check transducer_delay_time"
         )
-    row, node, near, away, two_way = row[there], node[there], near[there], away[there], two_way[there]
+    row = row[there]
+    node = node[there]
+    near = near[there]
+    away = away[there]
+    two_way = two_way[there]
     start = stamps.min()
     sigma = float(np.sqrt(np.median(positions[2].mean(axis=1))))
     notes = skipped_note(path, int(times.size - np.isfinite(times).sum()))

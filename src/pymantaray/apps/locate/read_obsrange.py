@@ -19,7 +19,8 @@ from pymantaray.messages import one_line
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.user_files import read_text
 
-_FIRST_DAY, _LAST_DAY = np.datetime64("1970-01-01", "s"), np.datetime64("2200-01-01", "s")
+_FIRST_DAY = np.datetime64("1970-01-01", "s")
+_LAST_DAY = np.datetime64("2200-01-01", "s")
 _DAYS = 366
 _SIGMA = (2000.0, 2000.0, 200.0)  # m; standard deviations of a drop point and a charted depth
 _ANGLE = r"(\d+)\s+(\d+(?:\.\d*)?)\s*([{}])"
@@ -55,7 +56,8 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
     """Read the survey of one node."""
     head: dict[str, str] = {}
     pings: list[tuple[int, float, float, float, float]] = []  # line, time, ms, lat, lon
-    skipped, invalid = 0, InvalidLines()
+    skipped = 0
+    invalid = InvalidLines()
     for number, line in enumerate(_text(path).splitlines(), 1):
         ping = _ping(line) if not line.lstrip().startswith("#") else None
         if ping is not None:

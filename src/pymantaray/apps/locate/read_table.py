@@ -31,7 +31,8 @@ _HORIZONTAL = [
 ]
 _ANGLES = [f"{name}{end}_deg" for end in ("", "_rx") for name in ("heading", "pitch", "roll")]
 _LIMITS = {"lat": 90.0, "lon": 360.0}  # degrees
-_FALSE, _TRUE = ("0", "false", "no", "n", "f"), ("1", "true", "yes", "y", "t", "")
+_FALSE = ("0", "false", "no", "n", "f")
+_TRUE = ("1", "true", "yes", "y", "t", "")
 
 
 def read_table(path: Path, options: ReadOptions) -> Survey:
@@ -144,7 +145,10 @@ class _Places:
         duration: Array,
         between: NDArray[np.bool_],
     ) -> None:
-        self._table, self._options, self._duration, self._between = table, options, duration, between
+        self._table = table
+        self._options = options
+        self._duration = duration
+        self._between = between
         self.sent, columns = time, set(table.frame.columns)
         self._geodetic = {"lat", "lon"} <= columns
         self._epoch = epoch
@@ -209,7 +213,8 @@ class _Places:
         return out
 
     def _from_track(self, frame: LocalFrame | None) -> None:
-        tracks, options = self._tracks, self._options
+        tracks = self._tracks
+        options = self._options
         names = tracks.names
         if options.platform is None and len(names) > 1:
             raise LocateError(
@@ -227,7 +232,8 @@ class _Places:
             )
         own = next(p for p in tracks.in_frame(frame or LocalFrame(0.0, 0.0)) if p.name == name)
         both = self.sent + shift, self.sent + shift + self._duration
-        first, last = own.time[0], own.time[-1]
+        first = own.time[0]
+        last = own.time[-1]
         for k, wanted in enumerate(both):
             outside = ((wanted < first - 1e-6) | (wanted > last + 1e-6)) & ~self._between
             if outside.any():

@@ -55,7 +55,8 @@ class SurveySolution:
 
     def whitened(self) -> Iterator[Array]:
         """Blocks of whitened rows of the used pings, with the residual in the last column."""
-        platform, sigma = self.unknowns.survey.platform_error, self.posterior.sigma
+        platform = self.unknowns.survey.platform_error
+        sigma = self.posterior.sigma
         return (block for block, _ in self.linear.whitened(self.used, self.correlation, platform, sigma))
 
     def transducers(self) -> tuple[Array, Array]:
@@ -72,7 +73,9 @@ class Solver:
     """Outer steps of one survey in one medium."""
 
     def __init__(self, survey: Survey, medium: Medium, options: LocateOptions) -> None:
-        self.survey, self.medium, self.options = survey, medium, options
+        self.survey = survey
+        self.medium = medium
+        self.options = options
         self._traced: tuple[Array, Array, Legs] | None = None
         stated = survey.sigma[np.isfinite(survey.sigma)]
         self.weight = np.ones(len(survey))
@@ -91,7 +94,8 @@ class Solver:
         self, unknowns: SurveyUnknowns, position: Array, before: SurveySolution | None = None
     ) -> Array:
         """Initial values: these positions, and other values from a solution with another model."""
-        values, at = unknowns.prior_mean, unknowns.slices
+        values = unknowns.prior_mean
+        at = unknowns.slices
         if before is not None:
             n = at["speed"].start
             values[:n] = before.values[:n]
@@ -189,9 +193,11 @@ class Solver:
             solution = self.step(unknowns, values, correlation, hyper, sigma)
             new = values + (1.0 if count < _MAX_STEPS else 0.5) * solution.posterior.change
             moved = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
-            values, hyper = new, solution.posterior.hyperparameters
+            values = new
+            hyper = solution.posterior.hyperparameters
             same = used is not None and np.array_equal(used, solution.used)
-            used, sigma = solution.used, solution.posterior.sigma
+            used = solution.used
+            sigma = solution.posterior.sigma
             if moved < _CONVERGED and same:
                 return replace(solution, values=values, settled=True)
         return replace(solution, values=values)
@@ -211,7 +217,9 @@ class Candidate(Mapping[str, Any]):
     """Model of sound speed and noise with its evidence, as a row of a table."""
 
     def __init__(self, kind: Kind, correlation: Correlation, fit: Posterior) -> None:
-        self.kind, self.correlation, self.fit = kind, correlation, fit
+        self.kind = kind
+        self.correlation = correlation
+        self.fit = fit
         white = correlation.ratio == 0.0
         self._row: dict[str, Any] = {
             "sound_speed": kind,
@@ -290,7 +298,8 @@ class _Evidence:
     """Evidence of models at one linearization; simpler models use a part of the columns of the richest model."""
 
     def __init__(self, solver: Solver, base: SurveySolution, rich: Kind) -> None:
-        self._solver, self._base = solver, base
+        self._solver = solver
+        self._base = base
         self._unknowns = solver.unknowns(rich, base.positions)
         self._values = solver.first_values(self._unknowns, base.positions, base)
         legs = base.legs
@@ -322,7 +331,8 @@ class _Evidence:
 
     def _held(self, kind: Kind) -> NDArray[np.int64]:
         """Columns of the sound speed that a simpler model does not use."""
-        at, speed = self._unknowns.slices["speed"], self._unknowns.speed
+        at = self._unknowns.slices["speed"]
+        speed = self._unknowns.speed
         columns = np.arange(at.start, at.stop)
         if kind in (speed.kind, "modes"):
             return columns[:0]
@@ -357,7 +367,8 @@ def _solve(
         if np.array_equal(solution.used, base.used):
             break
         # the evidence uses the used pings only
-        base, before = (solution, (chosen.kind, chosen.correlation))
+        base = solution
+        before = (chosen.kind, chosen.correlation)
         chosen, candidates = choose(solver, base)
         if (chosen.kind, chosen.correlation) == before:
             break

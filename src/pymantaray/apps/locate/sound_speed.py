@@ -19,7 +19,9 @@ from pymantaray.ocean.modes import VerticalModes
 
 KM = 1000.0
 _DEGREE = 3
-_MIN_KNOTS, _MAX_KNOTS, _MAX_GRADIENT_KNOTS = 4, 80, 40
+_MIN_KNOTS = 4
+_MAX_KNOTS = 80
+_MAX_GRADIENT_KNOTS = 40
 _MIN_KNOT_INTERVAL = 300.0  # s
 _MIN_NODE_SPREAD = 50.0  # m; distance of nodes from their centre that is required for a gradient
 
@@ -33,7 +35,10 @@ class Term:
     """
 
     def __init__(self, name: str, group: str, spline: "Spline | None", factor: Array, prior: float) -> None:
-        self.name, self.group, self.spline, self.factor = name, group, spline, factor
+        self.name = name
+        self.group = group
+        self.spline = spline
+        self.factor = factor
         if spline is None:
             self.sd, self.scaled = np.array([prior]), np.array([False])
         else:
@@ -58,7 +63,8 @@ class Spline:
     """
 
     def __init__(self, times: Array, interval: float, most: int) -> None:
-        first, last = float(times.min()), float(times.max())
+        first = float(times.min())
+        last = float(times.max())
         span = max(last - first, 1.0)
         spacing = interval or max(_MIN_KNOT_INTERVAL, span / most)
         count = max(int(np.ceil(span / spacing)), _MIN_KNOTS)

@@ -71,7 +71,8 @@ def _descend(
     points: Array, ranges: Array, start: Array, node: Node, *, biased: bool, bias: float = 0.0
 ) -> _End:
     """Minimize a Cauchy loss with the node's prior by iteratively re-weighted steps."""
-    loss, x = LOSSES["cauchy"], np.array(start)
+    loss = LOSSES["cauchy"]
+    x = np.array(start)
     mean = np.append(node.position, 0.0)
     sd = np.append(np.maximum(node.sigma, 1e-3), max(1500.0 * node.offset_sigma, 1e-6) if biased else 1e-6)
     cost = np.inf
@@ -88,7 +89,8 @@ def _descend(
         right = rows.T @ (weight * residual) + (mean - np.append(x, bias)) / sd**2
         move = np.linalg.solve(normal, right)
         move *= min(1.0, float(np.median(ranges)) / max(float(np.linalg.norm(move[:3])), 1e-9))
-        x, bias = x + move[:3], bias + move[3]
+        x = x + move[:3]
+        bias = bias + move[3]
         x[2] = max(x[2], 0.1)
         cost = float(np.sum(np.log1p((residual / scale) ** 2)) + 2.0 * len(ranges) * np.log(scale))
         if np.linalg.norm(move) < _CONVERGED:

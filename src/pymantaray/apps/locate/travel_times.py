@@ -91,10 +91,12 @@ def predict(
     partner = position[np.maximum(survey.partner, 0)]
     start = np.where(between[:, None], partner, near)
     end = np.where(between[:, None], partner, away)
-    two_way, direction = survey.direction == TravelDirection.TWO_WAY, survey.direction
+    two_way = survey.direction == TravelDirection.TWO_WAY
+    direction = survey.direction
     has_out = direction != TravelDirection.FROM_NODE
     has_back = (direction != TravelDirection.TO_NODE) & ~(between & two_way)
-    out, back = np.flatnonzero(has_out), np.flatnonzero(has_back)
+    out = np.flatnonzero(has_out)
+    back = np.flatnonzero(has_back)
     node = position[survey.node]
     ends = np.concatenate([start[out], end[back]]), np.concatenate([node[out], node[back]])
     ends = _in_water(ends[0], medium), _in_water(ends[1], medium)
@@ -105,7 +107,8 @@ def predict(
     time = np.zeros(n)
     np.add.at(time, rows, weight * first.travel_time)
     gradients = np.zeros((4, n, 3))  # node, transmit, receive, partner
-    at_node, at_other = weight[:, None] * first.receiver_slowness, -weight[:, None] * first.source_slowness
+    at_node = weight[:, None] * first.receiver_slowness
+    at_other = -weight[:, None] * first.source_slowness
     np.add.at(gradients[0], rows, at_node)
     gradients[1][out] = np.where(between[out, None], 0.0, at_other[: out.size])
     gradients[2][back] = np.where(between[back, None], 0.0, at_other[out.size :])
@@ -113,7 +116,8 @@ def predict(
     status = np.zeros(n, dtype=np.int64)
     np.maximum.at(status, rows, first.status.astype(np.int64))
     impossible = status != RayStatus.OK
-    time[impossible], gradients[:, impossible] = np.nan, 0.0
+    time[impossible] = np.nan
+    gradients[:, impossible] = 0.0
     shapes = np.zeros((n, 0 if modes is None else len(modes.modes)))
     if modes is not None:
         np.add.at(shapes, rows, weight[:, None] * _sensitivity(medium, ends, arrivals, modes))
@@ -136,7 +140,8 @@ def _sensitivity(
 def _in_water(position: Array, medium: Medium) -> Array:
     """Clip the depths of positions to the water, as the solver requires."""
     out = np.array(position)
-    top, bed = medium.surface_depth(out), medium.bottom_depth(out)
+    top = medium.surface_depth(out)
+    bed = medium.bottom_depth(out)
     out[:, 2] = np.clip(
         out[:, 2], top + _BOUNDARY_MARGIN, np.maximum(bed - _BOUNDARY_MARGIN, top + _BOUNDARY_MARGIN)
     )

@@ -41,7 +41,8 @@ class SurveyUnknowns:
             "lever": 3,
             "speed": self.speed.size,
         }
-        out, at = {}, 0
+        out = {}
+        at = 0
         for name, size in sizes.items():
             out[name] = slice(at, at + size)
             at += size
@@ -55,7 +56,8 @@ class SurveyUnknowns:
     @property
     def prior_mean(self) -> Array:
         """Prior means of all columns."""
-        nodes, mean = self.survey.nodes, np.zeros(self.size)
+        nodes = self.survey.nodes
+        mean = np.zeros(self.size)
         mean[self.slices["position"]] = np.ravel([node.position for node in nodes])
         mean[self.slices["turn_around"]] = [node.turn_around for node in nodes]
         mean[self.slices["lever"]] = self.survey.lever.offset
@@ -64,7 +66,8 @@ class SurveyUnknowns:
     @property
     def prior_sd(self) -> Array:
         """Prior standard deviations of all columns; those of smooth sound-speed terms are for hyperparameters of 1."""
-        nodes, sd = self.survey.nodes, np.zeros(self.size)
+        nodes = self.survey.nodes
+        sd = np.zeros(self.size)
         if self.arrangement == "free":
             sd[self.slices["position"]] = np.ravel([node.sigma for node in nodes])
         else:
@@ -110,7 +113,8 @@ class SurveyUnknowns:
         north, east, depth, turn = values[self.slices["array"]]
         centre = own.mean(axis=0)
         offset = own - centre
-        cos, sin = np.cos(turn), np.sin(turn)
+        cos = np.cos(turn)
+        sin = np.sin(turn)
         turned = np.stack(
             [
                 cos * offset[:, 0] - sin * offset[:, 1],
@@ -132,7 +136,8 @@ class SurveyUnknowns:
         for axis in range(3):
             out[:, axis, array + axis] = 1.0
         offset = self.positions(values) - self.positions(values).mean(axis=0)
-        out[:, 0, array + 3], out[:, 1, array + 3] = -offset[:, 1], offset[:, 0]
+        out[:, 0, array + 3] = -offset[:, 1]
+        out[:, 1, array + 3] = offset[:, 0]
         return out
 
     def lever(self, values: Array) -> Array:
@@ -151,13 +156,15 @@ class SurveyUnknowns:
 
     def predicted(self, values: Array, legs: Legs) -> Array:
         """Predicted times; NaN without a ray. [s]"""
-        s, k = self.survey, self.survey.node
+        s = self.survey
+        k = self.survey.node
         two_way = s.direction == TravelDirection.TWO_WAY
         clock = self.clock_signs()
         elapsed = s.time - s.time[0]
         time = legs.travel_time * self.slowing(values) + legs.modes @ self.speed_values(values)[1]
         time = time + np.where(two_way, values[self.slices["turn_around"]][k], 0.0)
-        offset, drift = values[self.slices["offset"]], values[self.slices["drift"]]
+        offset = values[self.slices["offset"]]
+        drift = values[self.slices["drift"]]
         for sign, node in clock:
             time = time + sign * (offset[node] + drift[node] * elapsed)
         return np.asarray(time)

@@ -60,7 +60,8 @@ def landmarks_toml(location: Location) -> str:
             else f"north = {row['north']:.4f}\neast = {row['east']:.4f}"
         )
         axes = np.array([row["sigma_north_m"], row["sigma_east_m"], row["sigma_depth_m"]])
-        sigma, size = ", ".join(f"{x:.3f}" for x in axes), max(float(np.sqrt(np.mean(axes**2))), _MIN_SIGMA)
+        sigma = ", ".join(f"{x:.3f}" for x in axes)
+        size = max(float(np.sqrt(np.mean(axes**2))), _MIN_SIGMA)
         blocks.append(
             f"[[landmarks]]  # {row['status']}; standard deviations {sigma} m north, east, depth\n"
             f'name = "{name}"\n{place}\ndepth = {max(row["depth"], 0.0):.4f}\nsigma = {size:.4f}\n'
@@ -80,8 +81,10 @@ def geojson(location: Location) -> str:
             for key, value in row.items()
         }
         features.append(_feature("Point", [row["lon"], row["lat"], -row["depth"]], properties))
-        turn, angle = np.radians(row["ellipse_azimuth_deg"]), np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
-        along, across = row["ellipse_major_m"] * np.cos(angle), row["ellipse_minor_m"] * np.sin(angle)
+        turn = np.radians(row["ellipse_azimuth_deg"])
+        angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
+        along = row["ellipse_major_m"] * np.cos(angle)
+        across = row["ellipse_minor_m"] * np.sin(angle)
         north = row["north"] + along * np.cos(turn) - across * np.sin(turn)
         east = row["east"] + along * np.sin(turn) + across * np.cos(turn)
         lat, lon = frame.to_geodetic(north, east)
@@ -101,7 +104,8 @@ def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[st
 
 def dataset(location: Location) -> xr.Dataset:
     """Nodes with their joint covariance, and pings, as a data set with units."""
-    nodes, pings = location.nodes, location.pings
+    nodes = location.nodes
+    pings = location.pings
     data: dict[str, Any] = {}
     for name in nodes.columns.drop("name"):
         data[name] = ("node", nodes[name].to_numpy(), {"units": _unit(str(name))})
@@ -150,7 +154,8 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     A range is the straight distance at the solution plus the residual in metres. The solution of the graph is therefore that of
     the survey with the estimated sound speed and clocks.
     """
-    survey, solution = location.survey, location.solution
+    survey = location.survey
+    solution = location.solution
     rows = np.flatnonzero(solution.used & ~survey.between_nodes)
     near, away = solution.transducers()
     direction = survey.direction[:, None]
@@ -159,7 +164,8 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
         near,
         np.where(direction == TravelDirection.FROM_NODE, away, 0.5 * (near + away)),
     )
-    place, n = place[rows], rows.size
+    place = place[rows]
+    n = rows.size
     pairs = np.flatnonzero(solution.used & survey.between_nodes)
     both = np.concatenate([rows, pairs])
     ends = np.concatenate([place, location.positions[survey.partner[pairs]]])

@@ -415,7 +415,10 @@ def convert_cast(
     from pymantaray.acoustics.profiles import names_of
     from pymantaray.ocean.convert import parse_instant
 
-    lat, lon, time, name = which.lat, which.lon, which.time, which.name
+    lat = which.lat
+    lon = which.lon
+    time = which.time
+    name = which.name
     if (lat is None) != (lon is None):
         raise OceanError("--lat and --lon must be used together; give both")
     place = None if lat is None or lon is None else (lat, lon)
@@ -567,7 +570,8 @@ def perturb(
     )
 
     section = _configured(files, water).ocean
-    true, equation = _fields(section), section.equation
+    true = _fields(section)
+    equation = section.equation
     if error.method == "mean":
         return _write(mean_ocean(true), out)
     if error.place is not None:

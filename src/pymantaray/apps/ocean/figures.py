@@ -201,11 +201,13 @@ def _draw_floor_lines(axes: Axes, floor: xr.DataArray) -> None:
 
 
 def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
-    u, v = level["water_u"].values, level["water_v"].values
+    u = level["water_u"].values
+    v = level["water_v"].values
     size = np.hypot(u, v)
     if not np.nanmax(np.where(np.isfinite(size), size, 0.0)) > 0.0:
         return
-    lat, lon = level["lat"].values, level["lon"].values
+    lat = level["lat"].values
+    lon = level["lon"].values
     squeeze = float(np.cos(np.radians(0.5 * (lat[0] + lat[-1]))))
     gap = max(float(lat[-1] - lat[0]), squeeze * float(lon[-1] - lon[0])) / count
     step = [max(1, round(gap / d)) for d in (lat[1] - lat[0], squeeze * (lon[1] - lon[0]))]
@@ -252,7 +254,8 @@ def sound_speed_sections(
     panels = figure.subplots(2, 2, sharex="col", sharey="row", width_ratios=widths)
     for i, limit in enumerate((min(UPPER_DEPTH, deepest), deepest)):
         shown = np.concatenate([cut.speed[depth <= limit].ravel() for cut in cuts])
-        low, high = np.nanmin(shown), np.nanmax(shown)
+        low = np.nanmin(shown)
+        high = np.nanmax(shown)
         for j, cut in enumerate(cuts):
             axes = panels[i, j]
             mesh = _draw_section(axes, depth, cut, (low, high), limit)
@@ -271,13 +274,15 @@ def sound_speed_sections(
 def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) -> tuple[_Cut, _Cut]:
     """Section along the parallel and along the meridian nearest to a place."""
     lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
-    row, column = _nearest(lat, place[0]), _nearest(lon, wrapped(place[1], about=0.5 * (lon[0] + lon[-1])))
+    row = _nearest(lat, place[0])
+    column = _nearest(lon, wrapped(place[1], about=0.5 * (lon[0] + lon[-1])))
     temperature, salinity = (fill_below_sea_bed(ocean[v].values, lat) for v in ("water_temp", "salinity"))
     filled = sound_speed(temperature, salinity, depth[:, None, None], lat[:, None], lon)
     speed = np.where(np.isfinite(ocean["water_temp"].values), filled, np.nan)
     parallel = latitude_label(lat[row], digits=2, unit="° ")
     meridian = longitude_label(lon[column], digits=2, unit="° ")
-    along_lat, along_lon = _along(floor, "lat", lon[column]), _along(floor, "lon", lat[row])
+    along_lat = _along(floor, "lat", lon[column])
+    along_lon = _along(floor, "lon", lat[row])
     return (
         _Cut(lon, speed[:, row], filled[:, row], *along_lon, lon[column], f"west to east along {parallel}"),
         _Cut(
@@ -294,7 +299,8 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
 def _draw_section(axes: Axes, depth: Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
     """Draw sound speed as filled contours, extended below the sea bed so that the bed covers their edge, then the bed."""
     axes.grid(visible=False)
-    along, bed = cut.along, cut.bed
+    along = cut.along
+    bed = cut.bed
     levels = np.linspace(*span, 41) if span[1] > span[0] else np.array([span[0] - 0.5, span[0] + 0.5])
     mesh = axes.contourf(along, depth, np.clip(cut.filled, *span), levels=levels, cmap=style.WATER)
     mesh.set_edgecolor("face")

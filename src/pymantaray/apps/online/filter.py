@@ -78,8 +78,11 @@ class Step(NamedTuple):
 
 def advanced(state: State, vehicle: int, step: Step, time: float) -> State:
     """Move a vehicle to a time within a step; a part of a step is a part of its screw motion."""
-    begin, now = state.begin[vehicle], state.time[vehicle]
-    turn, way, variance = step.turn, step.way, step.variance
+    begin = state.begin[vehicle]
+    now = state.time[vehicle]
+    turn = step.turn
+    way = step.way
+    variance = step.variance
     if now != begin or time != step.time:
         part = (time - now) / (step.time - begin)
         turn, way = se3_exp(part * se3_log(turn, way))
@@ -92,8 +95,10 @@ def advanced(state: State, vehicle: int, step: Step, time: float) -> State:
     covariance[own] = by_pose[0] @ covariance[own]
     covariance[:, own] = covariance[:, own] @ by_pose[0].T
     covariance[own, own] += (by_step[0] * variance) @ by_step[0].T
-    rotations, positions = state.rotation.copy(), state.position.copy()
-    rotations[vehicle], positions[vehicle] = rotation[0], position[0]
+    rotations = state.rotation.copy()
+    positions = state.position.copy()
+    rotations[vehicle] = rotation[0]
+    positions[vehicle] = position[0]
     times = _with(state.time, vehicle, time)
     begins = _with(state.begin, vehicle, time) if time == step.time else state.begin
     return State(rotations, positions, covariance, times, begins)

@@ -88,7 +88,8 @@ class TableModel:
         return [np.diag(variance[epoch == one]) for one in np.unique(epoch)]
 
     def _look_up(self, links: RangeEndpoints) -> TableRanges:
-        a, b = links.transmitter, links.receiver
+        a = links.transmitter
+        b = links.receiver
         north, east = (b - a)[:, :2].T
         distance = np.hypot(north, east)
         found = self.table.travel_time(a[:, 2], b[:, 2], distance, np.arctan2(east, north))

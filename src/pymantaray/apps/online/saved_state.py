@@ -14,7 +14,8 @@ from pymantaray.messages import one_line
 from pymantaray.records.writing import whole_file
 from pymantaray.user_files import read_text
 
-KIND, FORMAT = "pymantaray online state", 2
+KIND = "pymantaray online state"
+FORMAT = 2
 
 _N_VALUES = {Kind.ODOMETRY: 12, Kind.DEPTH: 2, Kind.FIX: 6, Kind.RANGE: 3}
 
@@ -32,9 +33,11 @@ def read_state(path: Path | str) -> dict[str, Any]:
     lines = read_text(path, OnlineError, what="a saved estimator").splitlines()
     try:
         head = json.loads(lines[0])
-        kind, version = head["kind"], head["format"]
+        kind = head["kind"]
+        version = head["format"]
     except (ValueError, IndexError, KeyError, TypeError):
-        kind, version = None, None
+        kind = None
+        version = None
     if kind != KIND:
         raise OnlineError(f"{path}: not a saved estimator; save one with OnlineEstimator.save")
     if version != FORMAT:
@@ -57,7 +60,8 @@ def fault_of(content: Any) -> str:
 
 
 def _fault(content: dict[str, Any]) -> str:
-    vehicles, beacons = content["vehicles"], content["beacons"]
+    vehicles = content["vehicles"]
+    beacons = content["beacons"]
     if not (isinstance(vehicles, list) and isinstance(beacons, list)):
         return "the names of vehicles and beacons are not lists"
     names = [*vehicles, *beacons]
@@ -65,8 +69,10 @@ def _fault(content: dict[str, Any]) -> str:
         return "the names of vehicles and beacons are not different texts"
     if not isinstance(content["model"], str):
         return f"model is {content['model']!r}"
-    base, fixed = content["base"], np.array(content["fixed"], dtype=float).reshape(-1, 3)
-    n, size = len(vehicles), len(names) - len(fixed)
+    base = content["base"]
+    fixed = np.array(content["fixed"], dtype=float).reshape(-1, 3)
+    n = len(vehicles)
+    size = len(names) - len(fixed)
     shapes = {
         "rotation": (size, 3, 3),
         "position": (size, 3),

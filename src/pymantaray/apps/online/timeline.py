@@ -44,7 +44,11 @@ class Timeline:
     def __init__(
         self, state: State, ranging: RangePrediction, *, lag: float, gate: float, horizon: float
     ) -> None:
-        self.base, self.ranging, self.lag, self.gate, self.horizon = state, ranging, lag, gate, horizon
+        self.base = state
+        self.ranging = ranging
+        self.lag = lag
+        self.gate = gate
+        self.horizon = horizon
         self.events: list[Event] = []
         self.waiting: list[Event] = []
         self.total: Counter[Outcome] = Counter()  # of measurements that are not in the history

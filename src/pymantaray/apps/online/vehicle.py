@@ -159,7 +159,8 @@ class OnlineEstimator:
         fixed = [name for name in beacons if name not in unknown]
         places = [_sized(f"beacon {name}", beacons[name].position, (3,)) for name in fixed]
         model, uncertainty = range_model_of(ranges)
-        self._vehicles, self._beacons = list(fleet), unknown + fixed
+        self._vehicles = list(fleet)
+        self._beacons = unknown + fixed
         self._timeline = Timeline(
             _start_state(fleet, {name: beacons[name] for name in unknown}, float(start)),
             RangePrediction(model, uncertainty, np.array(places).reshape(-1, 3)),
@@ -467,7 +468,8 @@ class OnlineEstimator:
             np.array(base[name]) for name in ("rotation", "position", "covariance")
         )
         self = cls.__new__(cls)
-        self._vehicles, self._beacons = content["vehicles"], content["beacons"]
+        self._vehicles = content["vehicles"]
+        self._beacons = content["beacons"]
         self._longest_step = float(content["longest_step"])
         self._timeline = Timeline(
             State(rotation, position, covariance, tuple(base["time"]), tuple(base["begin"])),
@@ -484,7 +486,8 @@ class OnlineEstimator:
         self, time: float, kind: Kind, vehicle: str | None, place: ArrayLike, sigma: ArrayLike
     ) -> Outcome:
         """Add a depth or a position of a vehicle."""
-        who, size = self._vehicle(vehicle), 1 if kind == Kind.DEPTH else 3
+        who = self._vehicle(vehicle)
+        size = 1 if kind == Kind.DEPTH else 3
         what = f"{kind.name.lower()} of {self._vehicles[who]}"
         _check_time(what, time)
         values = _sized(what, place, (size,)), _sigmas(f"{what}: sigma", sigma, size)
@@ -529,8 +532,10 @@ class OnlineEstimator:
 
 def _start_state(fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], start: float) -> State:
     """State of the vehicles at their start poses and of the beacons with unknown positions."""
-    n, size = len(fleet), len(fleet) + len(unknown)
-    rotation, position = np.tile(np.eye(3), (size, 1, 1)), np.zeros((size, 3))
+    n = len(fleet)
+    size = len(fleet) + len(unknown)
+    rotation = np.tile(np.eye(3), (size, 1, 1))
+    position = np.zeros((size, 3))
     covariance = np.zeros((SIZE * size, SIZE * size))
     for k, (name, pose) in enumerate(fleet.items()):
         position[k] = _sized(f"position of {name}", pose.position, (3,))

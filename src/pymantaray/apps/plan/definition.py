@@ -160,7 +160,8 @@ class DeploymentPlan:
 
     def __post_init__(self) -> None:
         """Check names, ranges and the first and last design in every ocean."""
-        section, vehicles = self.section, [v.name for v in self.base.fleet.vehicles]
+        section = self.section
+        vehicles = [v.name for v in self.base.fleet.vehicles]
         names = {
             "condition": [c.name for c in self.base.conditions],
             "error_of": vehicles,

@@ -40,7 +40,8 @@ def detail_of(plan: DeploymentPlan, design: Design) -> DesignDetail:
     """Details of a design that does not fail; waters and links of earlier designs in this process are used again."""
     evaluator = evaluator_of(plan, plan.fingerprint)
     first: Run | None = None
-    errors, lost = list[Errors](), list[dict[Pair, float]]()
+    errors = list[Errors]()
+    lost = list[dict[Pair, float]]()
     with threadpool_limits(limits=1, user_api="blas"):
         for ocean, member in plan.waters:
             run, error = evaluator.evaluate(design, ocean, member)
@@ -63,7 +64,8 @@ def detail_of(plan: DeploymentPlan, design: Design) -> DesignDetail:
 
 def lost_by_pair(run: Run) -> dict[Pair, float]:
     """Expected share of lost attempts of each pair of participants, in both directions. [%]"""
-    m, probability = run.measurements, detection_probability(run)
+    m = run.measurements
+    probability = detection_probability(run)
     names = [*m.name.tolist(), *m.landmark_name.tolist()]
     ends = np.sort(np.stack([m.range_transmitter, m.range_receiver], axis=1), axis=1)
     pairs, of = np.unique(ends, axis=0, return_inverse=True)

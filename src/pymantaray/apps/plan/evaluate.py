@@ -80,8 +80,10 @@ class DesignEvaluator:
             run, errors = self.evaluate(design, ocean, member)
         except MantaRayError as error:
             return Scores(failure=str(error).partition("\n")[0])
-        bias, covariance = errors.bias[errors.counts], errors.covariance[errors.counts]
-        noise, shift = np.einsum("kii->k", covariance), np.sum(bias**2, axis=-1)
+        bias = errors.bias[errors.counts]
+        covariance = errors.covariance[errors.counts]
+        noise = np.einsum("kii->k", covariance)
+        shift = np.sum(bias**2, axis=-1)
         lost, heard = link_scores(run, plan.lost_of)
         return Scores(
             error_m=error_quantile(bias, covariance),
@@ -155,7 +157,8 @@ def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float
 
 def link_scores(run: Run, name: str | None) -> tuple[float, float]:
     """Expected share of lost attempts, of one participant or of all, and of pings that two or more receivers hear. [%]"""
-    m, probability = run.measurements, detection_probability(run)
+    m = run.measurements
+    probability = detection_probability(run)
     use = np.ones(probability.size, dtype=bool)
     if name is not None:
         number = [*m.name.tolist(), *m.landmark_name.tolist()].index(name)

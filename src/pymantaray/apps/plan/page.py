@@ -69,7 +69,8 @@ def write_plan_page(
 
 def shown_designs(results: PlanResults) -> dict[str, DesignDetail]:
     """Details of the best design, the study as it is, and other designs of the front with the smallest first objectives, by name."""
-    plan, best = results.plan, results.best
+    plan = results.plan
+    best = results.best
     details = {f"Best: {_words(results.designs[best])}": detail_of(plan, results.designs[best])}
     if not any(one.failure for one in results.base):
         details[figures.AS_IT_IS] = detail_of(plan, {})
@@ -126,7 +127,8 @@ def _fact(results: PlanResults) -> str:
 
 def _cards(results: PlanResults) -> list[Card]:
     """Cards of the best design and its scores, compared with the study as it is."""
-    best, base = results.scores[results.best], results.base
+    best = results.scores[results.best]
+    base = results.base
     cards = [
         Card(key, f"{value:g}" if isinstance(value, int | float) else str(value), "best design")
         for key, value in results.designs[results.best].items()
@@ -194,7 +196,8 @@ def _time_table(details: Mapping[str, DesignDetail]) -> ResultTable:
 
 def _figure_specs(results: PlanResults, details: Mapping[str, DesignDetail]) -> list[FigureSpec]:
     best = next(iter(details.values()))
-    header, synthetic = style.ocean_header(best.ocean), style.is_synthetic(best.ocean)
+    header = style.ocean_header(best.ocean)
+    synthetic = style.is_synthetic(best.ocean)
     against = {"cost": "cost", "lost_percent": "lost ranges"}.get(
         figures.other_objective(results), "pings that two receivers hear"
     )

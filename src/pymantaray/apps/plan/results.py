@@ -57,7 +57,10 @@ class PlanResults:
         scores: Sequence[Sequence[Scores]],
         base: Sequence[Scores],
     ) -> None:
-        self.plan, self.designs, self.scores, self.base = plan, designs, scores, base
+        self.plan = plan
+        self.designs = designs
+        self.scores = scores
+        self.base = base
 
     def losses(self, ranked_by: str) -> Array:
         """
@@ -144,7 +147,8 @@ class PlanResults:
         """Statements about the best design, compared with the study as it is, and about designs that are nearly as good."""
         design = self.designs[self.best]
         words = ", ".join(f"{key} = {_shown(value)}" for key, value in design.items())
-        scores, section = self.scores[self.best], self.plan.section
+        scores = self.scores[self.best]
+        section = self.plan.section
         out = [f"Best design: {words}."]
         of = "all vehicles" if section.error_of is None else f"vehicle {section.error_of}"
         for name, text, unit in (
@@ -155,7 +159,8 @@ class PlanResults:
         ):
             if name == "cost" and not any(one.cost for one in scores):
                 continue
-            now, before = mean_score(scores, name), mean_score(self.base, name)
+            now = mean_score(scores, name)
+            before = mean_score(self.base, name)
             if np.isfinite(now):
                 digits = ",.6g" if name == "cost" else ".3g"
                 out.append(f"{text} {now:{digits}}{unit}{_instead(now, before, unit, digits)}.")
@@ -171,13 +176,16 @@ class PlanResults:
         values = [next(iter(design.values())) for design in self.designs]
         if len(self.plan.keys) > 1 or not all(isinstance(v, int | float) for v in values):
             return []
-        key, numbers = self.plan.keys[0], np.array(values, dtype=float)
+        key = self.plan.keys[0]
+        numbers = np.array(values, dtype=float)
         out = [
             _step(key, numbers, np.array([mean_score(s, "lost_percent") for s in self.scores]), self._links)
         ]
-        near, objective = self.near, self.plan.section.objectives[0]
+        near = self.near
+        objective = self.plan.section.objectives[0]
         if near.sum() > 1:
-            low, high = numbers[near].min(), numbers[near].max()
+            low = numbers[near].min()
+            high = numbers[near].max()
             inside = int(np.sum((numbers >= low) & (numbers <= high)))
             out.append(
                 f"{int(near.sum())} of the {inside} designs with {key} from {_shown(low)} to {_shown(high)} are within 10 % of"
@@ -201,7 +209,8 @@ class PlanResults:
             return []
         count = int(np.ceil(WORST * len(scores)))
         which = "the worst of them" if count == 1 else f"the worst {count} of them"
-        now, before = worst_score(scores, "error_m"), worst_score(self.base, "error_m")
+        now = worst_score(scores, "error_m")
+        before = worst_score(self.base, "error_m")
         instead = _instead(now, before, " m", ".3g")
         return [
             f"These are means over {len(scores)} waters; in {which} the 95 % error is {now:.3g} m{instead}."
@@ -223,7 +232,8 @@ class PlanResults:
         WriteError
             If the file exists already, or cannot be written.
         """
-        path, plan = Path(out), self.plan
+        path = Path(out)
+        plan = self.plan
         new = plan.study(self.designs[self.best])
         source = plan.source
         if source not in preset_names():
@@ -278,7 +288,8 @@ def _step(key: str, values: Array, lost: Array, links: str) -> str:
     """Sentence about the value that best separates few from many lost links; empty if there are too few designs or no difference."""
     order = np.argsort(values)
     order = order[np.isfinite(lost[order])]
-    values, lost = values[order], lost[order]
+    values = values[order]
+    lost = lost[order]
     splits = [k for k in range(1, values.size) if values[k] > values[k - 1]]
     if not splits or np.ptp(lost) == 0.0:
         return ""

@@ -95,7 +95,9 @@ class _Evaluations:
 
     def __init__(self, plan: DeploymentPlan, pool: Pool, progress: TaskProgress | None, most: int) -> None:
         self._task = partial(DesignTask, plan, plan.fingerprint)
-        self._pool, self._progress, self._most = pool, progress, most
+        self._pool = pool
+        self._progress = progress
+        self._most = most
         self._by_key: dict[str, tuple[Design, list[Scores]]] = {}
 
     @property
@@ -126,7 +128,8 @@ class _DesignQueue(Queue):
         self, tasks: dict[str, DesignTask], report: Callable[[dict[str, list[Scores]]], None]
     ) -> None:
         super().__init__(tasks)
-        self._tasks, self._report = tasks, report
+        self._tasks = tasks
+        self._report = report
         self.results: dict[str, list[Scores]] = {}
 
     def task(self, key: str) -> Any:
@@ -167,7 +170,8 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
 
     bounds: Any = [(limits.low, limits.high) for limits in plan.ranges.values()]
     first = LatinHypercube(count, seed=np.random.default_rng(plan.base.study.seed)).random(size)
-    first[0], first[1] = 0.0, 1.0
+    first[0] = 0.0
+    first[1] = 1.0
     first = scale(first, *zip(*bounds, strict=True))
     for objective in plan.section.objectives:
         differential_evolution(

@@ -53,7 +53,8 @@ class Missions:
 
     def _water(self, config: StudyConfig, member: int | None) -> DesignWater:
         """Water of a study, or of a random member."""
-        errors, data = self._plan.section.perturbed, None
+        errors = self._plan.section.perturbed
+        data = None
         if errors is not None:
             assert member is not None  # each water of a plan with perturbations has a member
             data = perturb_ocean(

@@ -63,12 +63,14 @@ def times(task: TaskOptions) -> None:
     from pymantaray.apps.rays.tables import times_table
 
     job = _begin("times", task)
-    cutoff, near = job.water.reception.spreading_cutoff_db, None
+    cutoff = job.water.reception.spreading_cutoff_db
+    near = None
     if cutoff is None:
         arrivals = job.solve()
     else:
         wide = job.solve(cutoff + NEAR_DB)
-        near, arrivals = is_near_cutoff(wide, cutoff, "first"), within_cutoff(wide, cutoff)
+        near = is_near_cutoff(wide, cutoff, "first")
+        arrivals = within_cutoff(wide, cutoff)
     table = times_table(job.table.frame, job.source, job.receiver, arrivals, near, medium=job.medium)
     job.finish(arrivals.first().to_dataset() if task.out.suffix == ".nc" else table, arrivals)
 
@@ -193,7 +195,8 @@ class Job:
         from pymantaray.acoustics import trace_paths
         from pymantaray.apps.rays.tables import TracedRays, number_within
 
-        arrivals, tolerance = self.solve(), self.task.search.tolerance
+        arrivals = self.solve()
+        tolerance = self.task.search.tolerance
         paths = trace_paths(self.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
         return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals
 
@@ -224,7 +227,8 @@ class Job:
                 )
             except AcousticsError as error:
                 raise AcousticsError(f"{self.table.path}, line {line}: {error}") from None
-        n, size = len(fans), angles.size
+        n = len(fans)
+        size = angles.size
         return TracedRays(
             joined(fans, size), np.repeat(np.arange(n), size), np.tile(np.arange(size), n), np.tile(angles, n)
         )

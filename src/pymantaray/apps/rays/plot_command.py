@@ -79,7 +79,8 @@ def plot(
     _check_ends(ends)
     loaded = load_water(source, water, search)
     medium, _ = loaded.at_start
-    titles, pictures = [], []
+    titles = []
+    pictures = []
     for name, start, receiver in _links(ends, loaded.frame):
         title = f"{name}{_words(start)} to {_words(receiver)} m"
         try:
@@ -124,12 +125,14 @@ def _links(ends: EndOptions, frame: "LocalFrame | None") -> "list[tuple[str, Arr
     if ends.links is None:
         source = np.array(parse_place("--source", str(ends.source)))
         places = [np.array(parse_place("--receiver", text)) for text in ends.receiver or []]
-        links, where = [("", source, place) for place in places], "--receiver"
+        links = [("", source, place) for place in places]
+        where = "--receiver"
     else:
         content = read_links(ends.links)
         frame_of = content.table.frame
         names = [f"{name}: " for name in frame_of["name"]] if "name" in frame_of else [""] * len(frame_of)
-        links, where = list(zip(names, *content.places(frame), strict=True)), str(ends.links)
+        links = list(zip(names, *content.places(frame), strict=True))
+        where = str(ends.links)
     if not 1 <= len(links) <= _MAX_LINKS:
         raise AcousticsError(f"{where}: {len(links)} links; a figure can show 1 to {_MAX_LINKS}")
     return links

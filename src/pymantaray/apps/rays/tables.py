@@ -142,7 +142,8 @@ def arrivals_table(links: pd.DataFrame, arrivals: Arrivals) -> pd.DataFrame:
 
 def paths_table(rays: TracedRays) -> pd.DataFrame:
     """One row per node."""
-    paths, ray = rays.paths, rays.paths.arrival
+    paths = rays.paths
+    ray = rays.paths.arrival
     first = np.searchsorted(ray, np.arange(rays.row.size))
     step = paths.position[:, :2] - paths.position[first[ray], :2]
     columns = {"row": rays.row[ray]}

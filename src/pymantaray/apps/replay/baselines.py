@@ -8,7 +8,8 @@ from pymantaray.apps.replay.clocks import gross_of
 from pymantaray.apps.replay.summary import quantile_of
 from pymantaray.arrays import Array
 
-CONSTANT, BY_DEPTHS = "constant sound speed", "one speed per pair of depths"
+CONSTANT = "constant sound speed"
+BY_DEPTHS = "one speed per pair of depths"
 _DEPTH_STEP = 10.0  # m; ends whose depths round to the same multiples have the same pair of depths
 
 
@@ -60,7 +61,8 @@ def _pairs_of_depths(events: pd.DataFrame) -> NDArray[np.int64]:
 def _learned(events: pd.DataFrame, speed: "pd.Series[float]", group: Array | NDArray[np.int64]) -> Array:
     """Median speed of the events of a group in other pairs, for each event; NaN without any. [m/s]"""
     learned = np.full(len(events), np.nan)
-    pair, good = events["pair"].to_numpy(dtype=str), ~gross_of(events).to_numpy(dtype=bool)
+    pair = events["pair"].to_numpy(dtype=str)
+    good = ~gross_of(events).to_numpy(dtype=bool)
     values = speed.to_numpy()
     for number in np.unique(group):
         own = group == number

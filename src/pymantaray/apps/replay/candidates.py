@@ -50,10 +50,13 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     order = np.lexsort((a.loss_db, a.draw, a.time, a.bottom_bounces, a.surface_bounces, a.event))
     event, draw, time, loss, surface, bottom = (x[order] for x in a)
     first = np.zeros(time.size, dtype=bool)
-    start, before = -np.inf, (-1, -1, -1)
+    start = -np.inf
+    before = (-1, -1, -1)
     for i, key in enumerate(zip(event.tolist(), surface.tolist(), bottom.tolist(), strict=True)):
         if key != before or time[i] - start >= MERGED:
-            first[i], start, before = True, time[i], key
+            first[i] = True
+            start = time[i]
+            before = key
     group = np.cumsum(first) - 1
     n = int(group[-1]) + 1 if group.size else 0
     power = 10.0 ** (-0.1 * loss)

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 
 # s, and share of the travel time; a larger difference is no sound path
-_GROSS_TIME, _GROSS_SHARE = (0.05, 0.05)
+_GROSS_TIME = 0.05
+_GROSS_SHARE = 0.05
 _DRIFT_COLUMNS = ["drift", "standard_error_drift"]
 
 
@@ -48,10 +49,12 @@ def clock_table(
     speed, a later candidate) does not affect offsets if there are events in both directions, and does if there is only one.
     """
     has = residual.notna() & ~gross_of(events)
-    used, times = events[has], residual[has].to_numpy()
+    used = events[has]
+    times = residual[has].to_numpy()
     names = sorted(set(events["source"]) | set(events["receiver"]))
     source, receiver = (np.searchsorted(names, used[end]) for end in ("source", "receiver"))
-    n, k = len(used), len(names)
+    n = len(used)
+    k = len(names)
     mean_time = float(used["time_s"].mean()) if n else 0.0
     late = used["time_s"].to_numpy() - mean_time
     design = np.zeros((n, 2 * k if drift else k))
@@ -66,11 +69,14 @@ def clock_table(
     inverse: Array = np.asarray(np.linalg.pinv(unit.T @ (weight[:, None] * unit), hermitian=True))
     inverse /= np.outer(scale, scale)
     clock = inverse @ (design.T @ (weight * times))
-    group, count = _groups(k, source, receiver), np.bincount(np.concatenate([source, receiver]), minlength=k)
+    group = _groups(k, source, receiver)
+    count = np.bincount(np.concatenate([source, receiver]), minlength=k)
     if reference is not None:
-        member, right = group == group[names.index(reference)], np.arange(k) == names.index(reference)
+        member = group == group[names.index(reference)]
+        right = np.arange(k) == names.index(reference)
         gauge = np.kron(np.eye(2 if drift else 1), np.eye(k) - np.outer(member, right))
-        clock, inverse = gauge @ clock, gauge @ inverse @ gauge.T
+        clock = gauge @ clock
+        inverse = gauge @ inverse @ gauge.T
     left = times - design @ clock
     seen = int(np.count_nonzero(count)) - np.unique(group[count > 0]).size
     seen = 2 * seen if drift else seen
@@ -89,7 +95,8 @@ def clock_table(
         columns |= dict(zip(_DRIFT_COLUMNS, (clock[k:], error[k:]), strict=True))
     table = pd.DataFrame(columns)
     table.loc[count == 0, table.columns[1:]] = np.nan
-    table["events"], table["group"] = count, group
+    table["events"] = count
+    table["group"] = group
     return table.assign(mean_time_s=mean_time) if drift else table
 
 
@@ -128,7 +135,8 @@ def find_gross_errors(events: pd.DataFrame, candidates: pd.DataFrame) -> "pd.Ser
     pandas.Series
         True for a gross error.
     """
-    chord, measured = events["chord_s"], events["measured_s"]
+    chord = events["chord_s"]
+    measured = events["measured_s"]
     far = (measured - chord).abs() > np.maximum(_GROSS_TIME, _GROSS_SHARE * chord)
     event = candidates["event"].to_numpy(dtype=np.int64)
     near = np.abs(measured.to_numpy()[event] - candidates["travel_time_s"].to_numpy()) <= _GROSS_TIME
@@ -257,7 +265,8 @@ def reciprocity_table(
     for pair, part in corrected.assign(time=times)[times.notna()].groupby("pair", sort=True):
         first = min(part["source"].iloc[0], part["receiver"].iloc[0])
         second = max(part["source"].iloc[0], part["receiver"].iloc[0])
-        forth, back = part[part["source"] == first], part[part["source"] == second]
+        forth = part[part["source"] == first]
+        back = part[part["source"] == second]
         one, other = _matched(forth["time_s"].to_numpy(), back["time_s"].to_numpy(), window)
         difference = forth["time"].to_numpy()[one] - back["time"].to_numpy()[other]
         n = difference.size
@@ -280,7 +289,8 @@ def _matched(time: Array, other: Array, window: float) -> tuple[NDArray[np.int64
     after = np.clip(np.searchsorted(other[order], time), 1, max(other.size - 1, 1))
     beside = order[np.stack([after - 1, np.minimum(after, other.size - 1)])]
     apart = np.abs(other[beside] - time)
-    partner, apart = beside[np.argmin(apart, axis=0), np.arange(time.size)], apart.min(axis=0)
+    partner = beside[np.argmin(apart, axis=0), np.arange(time.size)]
+    apart = apart.min(axis=0)
     nearest = np.lexsort((apart, partner))
     _, first = np.unique(partner[nearest], return_index=True)
     rows = nearest[first]

@@ -110,7 +110,8 @@ def replay(
     from pymantaray.version import __version__
 
     window_s = parse_duration("--window", comparing.window, positive=False)
-    measured, kind = read_events(events, comparing.nodes), DetectionRule.parse(comparing.rule)
+    measured = read_events(events, comparing.nodes)
+    kind = DetectionRule.parse(comparing.rule)
     smoothed = None
     if comparing.smooth_positions is not None:
         measured, smoothed = smooth(measured, comparing.smooth_positions)

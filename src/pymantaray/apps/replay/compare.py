@@ -255,7 +255,9 @@ def replay_events(
         raise ReplayError(
             f"reference {reference!r}: no such node; allowed are {', '.join(sorted(nodes)[:12])}"
         )
-    predicted, candidates, done = [], [], 0
+    predicted = []
+    candidates = []
+    done = 0
     merged = options.draws > 1 or rule.kind == "persist"
     for water, time, rows in _parts(events, waters, options.water_interval):
 
@@ -293,7 +295,8 @@ def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str
     flat = [water for water in waters if water.at_start[0].earth is None]
     if not flat or not events.geographic:
         return None
-    every, framed = np.arange(events.time.size), [w for w in flat if w.frame is not None and not w.uniform]
+    every = np.arange(events.time.size)
+    framed = [w for w in flat if w.frame is not None and not w.uniform]
     nodes = [end[:, :2] for water in framed for end in ends_of(events, every, water)]
     farthest = max((float(np.hypot(*node.T).max()) for node in nodes), default=0.0)
     return flat_earth_note(float(distance.max()), farthest)

@@ -76,7 +76,8 @@ def fit_clocks_and_nodes(
             taken_residual_s=taken["taken_residual_s"] + late, taken_time_s=taken["taken_time_s"] + late
         )
         nodes = node_table(events, taken)
-        before, late = late, position_errors(events, nodes)
+        before = late
+        late = position_errors(events, nodes)
         moved = np.asarray(np.abs(late - before) * _speed(events))  # NaN for an event without a prediction
         if moved[np.isfinite(moved)].max(initial=0.0) < _SETTLED:
             break
@@ -86,7 +87,8 @@ def fit_clocks_and_nodes(
 def position_errors(events: pd.DataFrame, nodes: pd.DataFrame) -> Array:
     """Part of each measured travel time that is due to the offsets of suspect nodes. [s]"""
     bearing = np.radians(events["bearing_deg"].to_numpy())
-    table, longer = nodes[nodes["suspect"]].set_index("node"), np.zeros(len(events))
+    table = nodes[nodes["suspect"]].set_index("node")
+    longer = np.zeros(len(events))
     for end, sign in (("receiver", 1.0), ("source", -1.0)):
         north, east = (events[end].map(table[name]).fillna(0.0).to_numpy() for name in ("north_m", "east_m"))
         longer += sign * (np.cos(bearing) * north + np.sin(bearing) * east)
@@ -227,14 +229,16 @@ def _offset(pairs: pd.DataFrame, residual: Array, name: str, free: int) -> _Offs
     """Offset of a node from the residuals of all pairs [m], of which a number is free after the fit."""
     from scipy.stats import f as f_distribution
 
-    design, distance = _directions(pairs, name), pairs["distance_m"].to_numpy()
+    design = _directions(pairs, name)
+    distance = pairs["distance_m"].to_numpy()
     own = np.flatnonzero(design.any(axis=1))
     if own.size < _MIN_PAIRS or free < 1 or np.linalg.matrix_rank(design[own], tol=1e-6) < 2:
         return _UNKNOWN
     relative = distance / np.sqrt(np.mean(distance**2))
     offset, covariance = _weighted(design[own], relative[own], residual[own])
     left = residual - design @ offset
-    before, scale = float(np.sum(residual[own] ** 2)), float(np.sum(left**2)) / free
+    before = float(np.sum(residual[own] ** 2))
+    scale = float(np.sum(left**2)) / free
     if before == 0.0:
         return _UNKNOWN
     nodes = len({*pairs["first"], *pairs["second"]})
@@ -272,7 +276,8 @@ def _scatter(events: pd.DataFrame, taken: pd.DataFrame, names: list[str]) -> Arr
     """Standard deviation of range errors that each node contributes: the squared scatter of a pair is the sum of two. [m]"""
     from scipy.optimize import nnls
 
-    residual, pair = _residuals_m(events, taken), events["pair"]
+    residual = _residuals_m(events, taken)
+    pair = events["pair"]
     apart = residual - residual.groupby(pair).transform("median")
     size = apart.abs().groupby(pair).median().dropna() * MAD_TO_SIGMA
     if len(size) <= len(names):

@@ -38,7 +38,8 @@ def correct_events(events: Events, replay: Replay) -> Events:
     suspect = replay.nodes[replay.nodes["suspect"]]
     offsets = suspect[["node", "north_m", "east_m"]].to_numpy(dtype=object)
     for end in ("source", "receiver"):
-        name, position = getattr(events, end), getattr(events, f"{end}_position").copy()
+        name = getattr(events, end)
+        position = getattr(events, f"{end}_position").copy()
         for node, north, east in offsets.tolist():
             own = name == node
             position[own] = _moved(position[own], north, east, events.geographic)
@@ -50,7 +51,8 @@ def _moved(position: Array, north: float, east: float, geographic: bool) -> Arra
     """Positions that are moved horizontally. [m]"""
     if not geographic:
         return np.asarray(position + np.array([north, east, 0.0]))
-    azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(north, east)
+    azimuth = np.degrees(np.arctan2(east, north))
+    distance = np.hypot(north, east)
     n = len(position)
     lon, lat, _ = ELLIPSOID.fwd(position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance))
     return np.stack([lat, lon, position[:, 2]], axis=-1)

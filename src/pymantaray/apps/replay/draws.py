@@ -59,11 +59,13 @@ def predict_draws(
         source, receiver = _on_ice(events, rows, source, receiver, rough.length)
     # nodes at rest repeat theirs
     links, of = np.unique(np.hstack([source, receiver]), axis=0, return_inverse=True)
-    source, receiver = links[:, :3], links[:, 3:]
+    source = links[:, :3]
+    receiver = links[:, 3:]
     distance = medium.straight_distance(source, receiver)
     cutoff = np.inf if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db
     wide = reception._replace(arrival="first")
-    parts, status = [], np.full(len(links), RayStatus.SHADOW, dtype=np.int8)
+    parts = []
+    status = np.full(len(links), RayStatus.SHADOW, dtype=np.int8)
     for draw in range(draws):
         one = medium
         if rough is not None:
@@ -90,7 +92,8 @@ def predict_draws(
     )
     frame = _frame(merged, status, distance, sound.arrivals.source_sound_speed, rule, choice)
     at = merged["event"].to_numpy()
-    start, stop = np.searchsorted(at, of), np.searchsorted(at, of, side="right")
+    start = np.searchsorted(at, of)
+    stop = np.searchsorted(at, of, side="right")
     candidates = merged.iloc[np.concatenate([np.arange(i, j) for i, j in zip(start, stop, strict=True)])]
     candidates = candidates.assign(event=np.repeat(rows, stop - start))
     bearing = np.degrees(np.arctan2(*(receiver - source)[:, 1::-1].T))
@@ -121,9 +124,12 @@ def _frame(
     choice: Choice,
 ) -> pd.DataFrame:
     """Columns of the events by a rule on merged candidates."""
-    n, sonar = distance.size, choice.sonar
-    link, loss = merged["event"].to_numpy(), merged["loss_db"].to_numpy()
-    time, share = merged["travel_time_s"].to_numpy(), merged["share"].to_numpy()
+    n = distance.size
+    sonar = choice.sonar
+    link = merged["event"].to_numpy()
+    loss = merged["loss_db"].to_numpy()
+    time = merged["travel_time_s"].to_numpy()
+    share = merged["share"].to_numpy()
     usual = np.zeros(n, dtype=bool)
     usual[link[share >= _MIN_DRAW_SHARE]] = True
     allowed = (share >= _MIN_DRAW_SHARE) | ~usual[link]
@@ -158,7 +164,8 @@ def with_median_candidate(table: pd.DataFrame, candidates: pd.DataFrame, median:
     at = candidates["event"].to_numpy(dtype=np.int64)
     far = np.abs(candidates["travel_time_s"].to_numpy() - median[at])
     events, rows = first_rows(at, [far], np.ones(at.size, dtype=bool))
-    out, level = table.copy(), table["level_db"] + table["loss_db"]
+    out = table.copy()
+    level = table["level_db"] + table["loss_db"]
     for name, source in (
         ("predicted_s", "travel_time_s"),
         ("surface_bounces", "surface_bounces"),
@@ -181,9 +188,11 @@ def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.b
         return ()
     lost = np.flatnonzero(~predicted)
     sample = lost[np.unique(np.linspace(0, lost.size - 1, min(lost.size, _SUGGESTION_EVENTS)).astype(int))]
-    which, gained = choose_water(events, waters)[sample], 0
+    which = choose_water(events, waters)[sample]
+    gained = 0
     for index in np.unique(which).tolist():
-        water, rows = waters[index], sample[which == index]
+        water = waters[index]
+        rows = sample[which == index]
         time = float(instants_in(events, rows, water, 600.0)[0])
         medium, _ = water.at(time)
         smooth = replace(medium, surface=medium.surface.with_roughness(None))

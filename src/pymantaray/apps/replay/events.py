@@ -144,7 +144,8 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
 
 
 def _events(table: TextTable, invalid: InvalidLines) -> Events:
-    path, columns = table.path, set(table.frame.columns)
+    path = table.path
+    columns = set(table.frame.columns)
     geographic = {f"{end}_lat" for end in ENDS} <= columns
     if geographic and "source_north" in columns:
         raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one of the two")

@@ -58,7 +58,8 @@ def first_detected(candidates: pd.DataFrame, merit_db: float | None = None) -> A
     """
     from scipy.special import ndtr
 
-    event, loss = candidates["event"].to_numpy(dtype=np.int64), candidates["loss_db"].to_numpy()
+    event = candidates["event"].to_numpy(dtype=np.int64)
+    loss = candidates["loss_db"].to_numpy()
     share = candidates["share"].to_numpy()
     _, group = np.unique(event, return_inverse=True)
     least = np.full(group.max(initial=-1) + 1, np.inf)
@@ -155,8 +156,10 @@ def _links(events: pd.DataFrame, candidates: pd.DataFrame) -> list[list[tuple[in
     """Events with candidates of each source and receiver, in order of time."""
     at = candidates["event"].to_numpy(dtype=np.int64)
     rows = np.arange(len(events))
-    start, stop = np.searchsorted(at, rows), np.searchsorted(at, rows, side="right")
-    time, measured = events["time_s"].to_numpy(), events["measured_s"].to_numpy()
+    start = np.searchsorted(at, rows)
+    stop = np.searchsorted(at, rows, side="right")
+    time = events["time_s"].to_numpy()
+    measured = events["measured_s"].to_numpy()
     chord = events["distance_m"].to_numpy() / events["sound_speed_m_s"].to_numpy()
     links = []
     for _, part in events.groupby(["source", "receiver"], sort=True):
@@ -190,7 +193,8 @@ def _follow(
         before: tuple[float, Array, Array, Array] | None = None
         for i, event in link:
             rows = slice(event.start, event.stop)
-            delay, own = time[rows] - event.chord, prior[rows]
+            delay = time[rows] - event.chord
+            own = prior[rows]
             expected = own
             if before is not None and persistence > 0.0:
                 stays = np.exp(-(event.time - before[0]) / persistence)
@@ -229,8 +233,10 @@ def _intervals(
     """Median, standard deviation and 95 % interval of the mixture of each event."""
     from scipy.special import ndtr
 
-    n, at = len(events), candidates["event"].to_numpy(dtype=np.int64)
-    time, measured = candidates["travel_time_s"].to_numpy(), events["measured_s"].to_numpy()
+    n = len(events)
+    at = candidates["event"].to_numpy(dtype=np.int64)
+    time = candidates["travel_time_s"].to_numpy()
+    measured = events["measured_s"].to_numpy()
     mean = np.bincount(at, probability * time, minlength=n)
     has = np.bincount(at, minlength=n) > 0
     spread = np.bincount(at, probability * (sigma**2 + (time - mean[at]) ** 2), minlength=n)
@@ -239,13 +245,15 @@ def _intervals(
         return np.asarray(np.bincount(at, probability * ndtr((place[at] - time) / sigma), minlength=n))
 
     def quantile(level: float) -> Array:
-        low, high = np.full(n, np.inf), np.full(n, -np.inf)
+        low = np.full(n, np.inf)
+        high = np.full(n, -np.inf)
         np.minimum.at(low, at, time - 10.0 * sigma)
         np.maximum.at(high, at, time + 10.0 * sigma)
         for _ in range(50):
             middle = 0.5 * (low + high)
             under = below(np.where(has, middle, 0.0)) < level
-            low, high = np.where(under, middle, low), np.where(under, high, middle)
+            low = np.where(under, middle, low)
+            high = np.where(under, high, middle)
         return np.where(has, 0.5 * (low + high), np.nan)
 
     with np.errstate(invalid="ignore"):

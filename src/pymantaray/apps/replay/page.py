@@ -284,7 +284,8 @@ def coverage_bars(summary: pd.DataFrame, header: str) -> Figure:
     present = ["ok", *(name for name in _STATUS_STYLES if name in summary.columns)]
     for axes, kind, letter in zip(panels, kinds, "abc", strict=True):
         part = summary[summary["by"] == kind].nlargest(24, "events").sort_index()
-        left, y = np.zeros(len(part)), np.arange(len(part))
+        left = np.zeros(len(part))
+        y = np.arange(len(part))
         for name in present:
             colour, label = _STATUS_STYLES[name]
             count = part[name] if name in part else part["events"] - part[present[1:]].sum(axis=1)

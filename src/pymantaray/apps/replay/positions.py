@@ -108,8 +108,10 @@ def _most_likely(time: Array, readings: Array, sigma: float) -> tuple[float, lis
     grid = _WALKS
     for _ in range(_REFINEMENTS):
         best = int(np.argmax([likelihood(walk) for walk in grid]))
-        low, high = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-        walk, grid = float(grid[best]), np.geomspace(low, high, 7)
+        low = grid[max(best - 1, 0)]
+        high = grid[min(best + 1, grid.size - 1)]
+        walk = float(grid[best])
+        grid = np.geomspace(low, high, 7)
     return walk, [_smooth(time, x, sigma, walk) for x in readings.T]
 
 
@@ -128,18 +130,28 @@ class _Filtered(NamedTuple):
 
 def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered:
     """Kalman filter of one coordinate relative to its first reading."""
-    x, v, xx, xv, vv = 0.0, 0.0, _VAGUE**2, 0.0, _DRIFT**2
-    first, before, total = float(reading[0]), float(time[0]), 0.0
+    x = 0.0
+    v = 0.0
+    xx = _VAGUE**2
+    xv = 0.0
+    vv = _DRIFT**2
+    first = float(reading[0])
+    before = float(time[0])
+    total = 0.0
     states: list[_State] = []
     predicted: list[_State] = []
     innovations: list[float] = []
     for now, value in zip(time.tolist(), reading.tolist(), strict=True):
-        step, before = now - before, now
-        x, xx, xv = x + step * v, xx + step * (2.0 * xv + step * vv) + walk**2 * step, xv + step * vv
+        step = now - before
+        before = now
+        x = x + step * v
+        xx = xx + step * (2.0 * xv + step * vv) + walk**2 * step
+        xv = xv + step * vv
         predicted.append((x, v, xx, xv, vv))
         variance = xx + sigma**2
         miss = value - first - x
-        x, v = x + xx / variance * miss, v + xv / variance * miss
+        x = x + xx / variance * miss
+        v = v + xv / variance * miss
         xx, xv, vv = xx * sigma**2 / variance, xv * sigma**2 / variance, vv - xv**2 / variance
         states.append((x, v, xx, xv, vv))
         innovations.append(miss / math.sqrt(variance))
@@ -150,7 +162,8 @@ def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered
 def _smooth(time: Array, reading: Array, sigma: float, walk: float) -> _Smoothed:
     """Kalman filter and Rauch-Tung-Striebel smoother of one coordinate; the state is position and drift."""
     forward = _filter(time, reading, sigma, walk)
-    states, ahead = np.array(forward.states), np.array(forward.predicted)
+    states = np.array(forward.states)
+    ahead = np.array(forward.predicted)
     spread, spread_ahead = (x[:, [[2, 3], [3, 4]]] for x in (states, ahead))
     smooth = states[:, :2].copy()
     for k in range(time.size - 2, -1, -1):

@@ -110,7 +110,8 @@ class Choice(NamedTuple):
         self, rule: DetectionRule, *, cutoff: float = 0.0, limit: float = 0.0
     ) -> NDArray[np.bool_]:
         """Receptions that pass the cut-off and the rule's own limit, each higher by a shift. [dB]"""
-        passes, link = self.within_cutoff(cutoff), self.receptions.link
+        passes = self.within_cutoff(cutoff)
+        link = self.receptions.link
         if rule.kind == "within" and rule.within_db is not None:
             least = link_loss_db(np.where(passes, self.loss_db, np.inf), link, self.events)
             passes &= self.loss_db <= least[link] + rule.within_db + limit
@@ -160,7 +161,8 @@ def predicted_columns(
     def of(name: str, rows: Rows) -> Array:
         return np.append(candidates[name].to_numpy(dtype=float), np.nan)[rows]
 
-    rays, level = first if rays is None else rays, of("loss_db", first)
+    rays = first if rays is None else rays
+    level = of("loss_db", first)
     return {
         "predicted_s": of("travel_time_s", first),
         "surface_bounces": of("surface_bounces", rays),

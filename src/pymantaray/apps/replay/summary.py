@@ -14,7 +14,8 @@ RESAMPLES = 1000
 _CONFIDENCE = 95.0  # percent
 _DEPTH_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0)  # m
 _RANGE_STEPS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5)  # m
-_MAX_DEPTH_GROUPS, _MAX_RANGE_GROUPS = 12, 8
+_MAX_DEPTH_GROUPS = 12
+_MAX_RANGE_GROUPS = 8
 
 
 def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
@@ -44,7 +45,8 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
         for number, group in enumerate(names):
             part = events[of == number]
             ok = part["residual_m"].notna()
-            residual, pair = part["residual_m"][ok].to_numpy(), part["pair"][ok].to_numpy(dtype=str)
+            residual = part["residual_m"][ok].to_numpy()
+            pair = part["pair"][ok].to_numpy(dtype=str)
             medians = _bootstrap(residual, pair, seed, (by, group))
             row = {
                 "by": by,

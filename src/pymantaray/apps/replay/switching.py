@@ -79,10 +79,13 @@ def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.
         order = np.lexsort((distance, at))
         return np.asarray(order[start[has]])
 
-    nearest, predicted = best(np.abs(late)), best(np.abs(time - events["predicted_s"].to_numpy()[at]))
+    nearest = best(np.abs(late))
+    predicted = best(np.abs(time - events["predicted_s"].to_numpy()[at]))
     taken, left, apart = (np.full(n, np.nan) for _ in range(3))
-    taken[has], left[has] = place[nearest] - place[predicted], late[nearest]
-    gap, same = np.diff(time), at[1:] == at[:-1]
+    taken[has] = place[nearest] - place[predicted]
+    left[has] = late[nearest]
+    gap = np.diff(time)
+    same = at[1:] == at[:-1]
     apart[at[1:][same]] = np.inf
     np.minimum.at(apart, at[1:][same], gap[same])
     columns = {"n_candidates": count, "taken": taken, "taken_residual_s": left, "apart_s": apart}
@@ -121,9 +124,11 @@ def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float,
     parts = []
     for (pair, *_), way in told.groupby(["pair", "source", "receiver"], sort=True):
         way = way.sort_values("time_s", kind="stable")
-        step, changed = np.diff(way["time_s"]), np.diff(way["taken"].to_numpy(dtype=np.int64)) != 0
+        step = np.diff(way["time_s"])
+        changed = np.diff(way["taken"].to_numpy(dtype=np.int64)) != 0
         near = step <= window
-        m, shares = len(way), way["taken"].value_counts().to_numpy()
+        m = len(way)
+        shares = way["taken"].value_counts().to_numpy()
         alike = float(np.sum(shares * (shares - 1)) / (m * (m - 1))) if m > 1 else np.nan
         parts.append(
             (

@@ -67,7 +67,8 @@ def ends_of(
     events: Events, rows: NDArray[np.int64], water: Water, earth: EarthSphere | None = None
 ) -> tuple[Array, Array]:
     """Sources and receivers (n, 3) of some events in the frame of their water, on a sphere or, for None, a flat Earth. [m]"""
-    source, receiver = events.source_position[rows], events.receiver_position[rows]
+    source = events.source_position[rows]
+    receiver = events.receiver_position[rows]
     if not events.geographic:
         return source, receiver
     if water.frame is not None and not water.uniform:

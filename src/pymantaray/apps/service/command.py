@@ -64,7 +64,8 @@ def serve(
 
 def _title(service: "RangingService") -> str:
     """Name and place of the water."""
-    local, frame = service.water.local, service.water.frame
+    local = service.water.local
+    frame = service.water.frame
     title = "medium" if local is None else str(local.attrs.get("title", "local ocean"))
     if frame is None:
         return title

@@ -25,7 +25,8 @@ def require_place(medium: Medium, name: str, place: Array) -> None:
 def facts(water: Water) -> dict[str, Any]:
     """Facts to know before the first ping, as JSON takes them."""
     medium = water.at_start[0]
-    detector, timing = water.reception.detector, water.timing
+    detector = water.reception.detector
+    timing = water.timing
     out: dict[str, Any] = {
         name: _ends(axis) if axis.size > 1 else None
         for name, axis in (("north", medium.north), ("east", medium.east))

@@ -159,7 +159,8 @@ def answer(service: RangingService, request: PingRequest) -> PingAnswer:
         geographic=request.source.geographic,
     )
     arrivals = _arrivals(service, request.time, ping) if request.arrivals else [None] * len(receivers)
-    names, status = (p.name for p in receivers), (_STATUS[code] for code in ping.status.tolist())
+    names = (p.name for p in receivers)
+    status = (_STATUS[code] for code in ping.status.tolist())
     numbers = (column.tolist() for column in _numbers(ping))
     rows = zip(names, status, *numbers, arrivals, strict=True)
     return PingAnswer(request.time, [ReceiverAnswer(*row) for row in rows])
@@ -176,12 +177,16 @@ _numbers = attrgetter(*(field.name for field in fields(ReceiverAnswer)[2:-1]))  
 
 def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[ArrivalAnswer]]:
     """All eigenrays to each receiver."""
-    rays, receptions, detector = ping.arrivals, ping.receptions, service.water.reception.detector
+    rays = ping.arrivals
+    receptions = ping.receptions
+    detector = service.water.reception.detector
     rows = (receptions.direction == Direction.FORTH) & (receptions.arrival >= 0)  # in the order of the rays
-    travel, level = receptions.travel_time[rows], np.full(rays.link.size, np.nan)
+    travel = receptions.travel_time[rows]
+    level = np.full(rays.link.size, np.nan)
     if detector is not None:
         level = detector.sonar.source_level_db - receptions.loss_db[rows]
-    bounces, angles = (rays.surface_bounces, rays.bottom_bounces), (rays.launch_angle, rays.arrival_angle)
+    bounces = (rays.surface_bounces, rays.bottom_bounces)
+    angles = (rays.launch_angle, rays.arrival_angle)
     columns = (time + travel, travel, *bounces, *angles, rays.spreading_db, level)  # as in `ArrivalAnswer`
     out: list[list[ArrivalAnswer]] = [[] for _ in range(ping.status.size)]
     for link, *row in zip(rays.link.tolist(), *(column.tolist() for column in columns), strict=True):

@@ -76,13 +76,15 @@ class Pinger:
     """
 
     def __init__(self, water: Water, interval: float = 0.0) -> None:
-        self._water, self._interval = water, interval
+        self._water = water
+        self._interval = interval
         self._at = lru_cache(_INSTANTS)(water.at)
         self(self.down_the_deepest())  # compiles the kernels
 
     def __call__(self, participants: Participants) -> Ping:
         """Return the outcome of a ping."""
-        water, receivers = self._water, participants.receivers
+        water = self._water
+        receivers = participants.receivers
         n = len(receivers)
         source, velocity = (
             np.repeat(x[None], n, axis=0) for x in (participants.source, participants.source_velocity)
@@ -138,5 +140,6 @@ def _deepest(medium: Medium) -> Array:
         np.clip(bed[k], axis[0], axis[-1]) if axis.size > 1 else 0.0
         for bed, k, axis in ((medium.bed.north, row, medium.north), (medium.bed.east, col, medium.east))
     )
-    top, bed = medium.surface_depth((north, east))[0], medium.bottom_depth((north, east))[0]
+    top = medium.surface_depth((north, east))[0]
+    bed = medium.bottom_depth((north, east))[0]
     return np.array([[north, east, top + share * (bed - top)] for share in (0.25, 0.75)])

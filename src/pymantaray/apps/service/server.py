@@ -49,7 +49,8 @@ def application(
         reason = _foreign(environ, loopback=loopback)
         if reason:
             return HTTPStatus.FORBIDDEN, error_body(reason)
-        path, method = environ["PATH_INFO"] or "/", environ["REQUEST_METHOD"]
+        path = environ["PATH_INFO"] or "/"
+        method = environ["REQUEST_METHOD"]
         if path not in _PATHS:
             there = ", ".join(f"{verb} {name}" for name, verb in _PATHS.items())
             return HTTPStatus.NOT_FOUND, error_body(f"no {path[:100]!r}; allowed are {there}")
@@ -77,10 +78,8 @@ def application(
             status, body = respond(environ)
         except Exception:  # noqa: BLE001  the server goes on
             _log.exception("%s %s", environ.get("REQUEST_METHOD"), environ.get("PATH_INFO"))
-            status, body = (
-                HTTPStatus.INTERNAL_SERVER_ERROR,
-                error_body("internal error of the server; see its log"),
-            )
+            status = HTTPStatus.INTERNAL_SERVER_ERROR
+            body = error_body("internal error of the server; see its log")
         headers = [("Content-Type", "application/json"), ("Content-Length", str(len(body)))]
         if status == HTTPStatus.METHOD_NOT_ALLOWED:
             headers.append(("Allow", _PATHS[environ["PATH_INFO"] or "/"]))

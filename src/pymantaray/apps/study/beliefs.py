@@ -99,7 +99,9 @@ class Beliefs:
     """
 
     def __init__(self, run: Run, ocean: OceanFields | None = None) -> None:
-        self.config, self._run, self._ocean = run.config, run, ocean
+        self.config = run.config
+        self._run = run
+        self._ocean = ocean
         self._latest: dict[AnyBelief, tuple[int, Belief]] = {}
         self._over_time: dict[AnyBelief, OceanFields] = {}
         self._modes: dict[int | None, VerticalModes] = {}
@@ -121,7 +123,8 @@ class Beliefs:
         if section not in self._over_time:
             ocean = self.config.ocean
             if isinstance(section, InternalTideBelief):
-                run, local = self._run, with_tide(section, self._run.ocean)
+                run = self._run
+                local = with_tide(section, self._run.ocean)
                 self._over_time[section] = OceanFields(None, local, run.profile, run.region)
                 return self._over_time[section]
             if isinstance(section, OtherDayBelief):
@@ -219,8 +222,10 @@ class Beliefs:
         return TensorSpline(window.lat, window.lon, *window.geographic(north[:, None], east[None, :]))
 
     def _make(self, section: AnyBelief, realization: int) -> Belief:
-        ocean, acoustics = self.config.ocean, self.config.acoustics
-        local, interpolation = self._run.ocean, acoustics.interpolation
+        ocean = self.config.ocean
+        acoustics = self.config.acoustics
+        local = self._run.ocean
+        interpolation = acoustics.interpolation
         if isinstance(section, ExactBelief):
             local = self._run.ocean_in(realization)
         if isinstance(section, FileBelief):
@@ -230,10 +235,8 @@ class Beliefs:
         elif isinstance(section, OffsetBelief):
             local = _offset(local, np.interp(local["depth"].values, section.depth, section.sound_speed))
         elif isinstance(section, NumericsBelief):
-            equation, interpolation = (
-                section.equation or ocean.equation,
-                section.interpolation or interpolation,
-            )
+            equation = section.equation or ocean.equation
+            interpolation = section.interpolation or interpolation
             if equation != ocean.equation or section.every_level > 1:
                 levels = _every(self._true["depth"].size, section.every_level)
                 local = self._local_by(equation, self._true.isel(depth=levels))
@@ -254,7 +257,8 @@ class Beliefs:
 
     def _belief_in_metres(self, section: AnyBelief) -> tuple[xr.Dataset, Interpolation]:
         """Local ocean and interpolation of a belief about water in metres."""
-        local, interpolation = self._run.ocean, self.config.acoustics.interpolation
+        local = self._run.ocean
+        interpolation = self.config.acoustics.interpolation
         speed = local["sound_speed"]
         if isinstance(section, NumericsBelief) and section.equation is None:
             levels = _every(local["depth"].size, section.every_level)
@@ -280,7 +284,8 @@ class Beliefs:
     def _instrument_error(self, section: CastBelief, n_levels: int, realization: int) -> Array:
         """Bias of a cast plus its noise at each level. [m/s]"""
         rng = stream(self.config.study.seed, realization, "belief", "cast")
-        bias, noise = rng.standard_normal(), rng.standard_normal(n_levels)
+        bias = rng.standard_normal()
+        noise = rng.standard_normal(n_levels)
         return np.asarray(section.bias_sigma * bias + section.noise_sigma * noise)
 
     def _from_files(self, section: FileBelief) -> xr.Dataset:
@@ -360,7 +365,8 @@ class Beliefs:
         return local_ocean(self.config.ocean.model_copy(update=domain), geographic, sea_floor)
 
     def _check_holds_fleet(self, local: xr.Dataset) -> None:
-        there, whole = _reach(local), _reach(self._run.ocean)
+        there = _reach(local)
+        whole = _reach(self._run.ocean)
         fleet = np.minimum(
             np.abs(self._run.truth.position).max(axis=(0, 1)), whole
         )  # vehicles may have left the domain
@@ -372,7 +378,8 @@ class Beliefs:
             )
 
     def _geographic_belief(self, section: AnyBelief) -> xr.Dataset:
-        true, config = self._true, self.config
+        true = self._true
+        config = self.config
         if isinstance(section, MeanBelief):
             return mean_ocean(true)
         if isinstance(section, CastBelief):

@@ -244,7 +244,8 @@ def run_and_report(
 
 def _stages(config: "StudyConfig", *, figures: bool) -> list[str]:
     """Stages of a study, in order."""
-    solving, drawing = ["realizations"] if config.solves else [], ["report"] if figures else []
+    solving = ["realizations"] if config.solves else []
+    drawing = ["report"] if figures else []
     return ["ocean", "fleet", "rays", *solving, "files", *drawing]
 
 
@@ -322,7 +323,8 @@ def _open(page: Path) -> None:
 
 def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
     """Print the time of each stage and the peak memory."""
-    seconds, memory = {**run.manifest["seconds"], **after}, run.manifest["peak_memory_mib"]
+    seconds = {**run.manifest["seconds"], **after}
+    memory = run.manifest["peak_memory_mib"]
     stages = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
     workers = run.manifest["machine"]["workers"]
     each = f", {memory['largest_worker']:.0f} MiB in each of {workers} workers" if workers > 1 else ""
@@ -335,7 +337,9 @@ def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
 
 def _print_summary(out: Printer, run: "Run") -> None:
     """Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped vehicles."""
-    study, hours, vehicles = run.config.study, run.config.mission.duration_h, run.truth.name.size
+    study = run.config.study
+    hours = run.config.mission.duration_h
+    vehicles = run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
     out.line(

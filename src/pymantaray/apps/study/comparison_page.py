@@ -112,7 +112,8 @@ def write_comparison(
     if len(run_dirs) < 2:
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
     runs = by_name([RunResults(open_run(run_dir)) for run_dir in run_dirs])
-    tables, specs = comparison_tables(runs), comparison_figure_specs(runs)
+    tables = comparison_tables(runs)
+    specs = comparison_figure_specs(runs)
     return write_page(
         out, "comparison", specs, lambda pictures, _: _page(runs, tables, pictures), {}, formats, progress
     )
@@ -120,7 +121,8 @@ def write_comparison(
 
 def by_name(results: Sequence[RunResults]) -> dict[str, RunResults]:
     """Runs by a unique name: the region, otherwise the study, otherwise the folder."""
-    regions, folders = [r.region for r in results], [r.run.path.name for r in results]
+    regions = [r.region for r in results]
+    folders = [r.run.path.name for r in results]
     studies = [r.run.config.study.name for r in results]
     numbered = [f"{study} ({i + 1})" for i, study in enumerate(studies)]
     names = next(n for n in (regions, studies, folders, numbered) if len(set(n)) == len(n))
@@ -229,8 +231,10 @@ def _joint_errors(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
 def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
     """Figures of several runs: full distributions of a few runs, quantiles of more."""
     runs = dict(zip(shortened(list(runs)), runs.values(), strict=True))
-    header, which = joint_header(runs), in_words(list(runs))
-    synthetic, few = any(r.synthetic for r in runs.values()), len(runs) <= _MAX_RUNS_BESIDE
+    header = joint_header(runs)
+    which = in_words(list(runs))
+    synthetic = any(r.synthetic for r in runs.values())
+    few = len(runs) <= _MAX_RUNS_BESIDE
 
     def spec(name: str, caption: str, draw: Callable[[], Figure]) -> FigureSpec:
         return FigureSpec(
@@ -342,10 +346,8 @@ def in_words(names: Sequence[str]) -> str:
 
 def joint_header(runs: Mapping[str, RunResults]) -> str:
     """Header of figures with several oceans, which marks the synthetic ones."""
-    synthetic, which = (
-        [name for name in runs if runs[name].synthetic],
-        in_words(list(runs)),
-    )
+    synthetic = [name for name in runs if runs[name].synthetic]
+    which = in_words(list(runs))
     if len(synthetic) == len(runs):
         return f"{which}, synthetic oceans"
     return f"{which}; synthetic ocean: {in_words(synthetic)}" if synthetic else which

@@ -31,7 +31,8 @@ _UNITS = {
 def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
     """One row per range attempt: measurements, without noise or of a realization, and true values."""
     m = run.measurements if realization is None else run.noisy_measurements(realization)
-    truth, names = run.ranging_truth_in(realization), np.concatenate([m.name, m.landmark_name])
+    truth = run.ranging_truth_in(realization)
+    names = np.concatenate([m.name, m.landmark_name])
     measured = {name: getattr(m, name) for name in ("straight_range", "refracted_range", "range_sigma")}
     true = {f.name: _column(getattr(truth, f.name)) for f in fields(truth)}
     frame = pd.DataFrame(
@@ -55,7 +56,8 @@ def _column(values: NDArray[Any]) -> NDArray[Any]:
 
 def error_frame(run: "Run") -> pd.DataFrame:
     """One row per estimated pose: estimate minus truth along each axis, and the length of this difference."""
-    truth, estimates = run.truth, run.estimates
+    truth = run.truth
+    estimates = run.estimates
     error = estimates.to_dataset()["position"] - truth.position
     frame = _rows(error.to_dataset(dim="axis"))
     frame["error"] = trajectory_errors(truth, estimates).ravel()
@@ -83,7 +85,8 @@ def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
 
 
 def _poses(data: "xr.Dataset") -> pd.DataFrame:
-    position, quaternion = data["position"].to_dataset(dim="axis"), data["quaternion"].to_dataset(dim="quat")
+    position = data["position"].to_dataset(dim="axis")
+    quaternion = data["quaternion"].to_dataset(dim="quat")
     poses = position.merge(quaternion.rename({axis: f"q{axis}" for axis in "wxyz"}), compat="override")
     return _rows(poses)[["vehicle", "time", *_POSE]]
 

@@ -36,7 +36,8 @@ class EstimatorFactory:
 
     def estimator(self, section: ConditionSection, realization: int) -> Estimator:
         """Estimator of one condition, for one realization."""
-        truth, start = self._run.truth, section.start or self._run.config.estimator.start
+        truth = self._run.truth
+        start = section.start or self._run.config.estimator.start
         model = None
         earth = self._earth(section)
         if (
@@ -98,7 +99,8 @@ class EstimatorFactory:
     def _model(self, section: ConditionSection, realization: int) -> RangeModel:
         """Range model of a condition; conditions of one realization with the same model share it."""
         if realization != self._realization:
-            self._models, self._realization = {}, realization
+            self._models = {}
+            self._realization = realization
         if section.range_model not in self._models:
             self._models[section.range_model] = build_range_model(
                 section.range_model, self._beliefs, realization
@@ -114,6 +116,7 @@ class EstimatorFactory:
     def _clocks(self, section: ConditionSection) -> ClockPrior | None:
         if section.clocks is None:
             return None
-        ranging, noise = self._run.config.ranging, self._run.config.noise
+        ranging = self._run.config.ranging
+        noise = self._run.config.noise
         offset, skew = section.clocks.priors(noise.clock_offset_sigma, noise.clock_skew_sigma)
         return ClockPrior(offset, skew, None if ranging.timing == "one-way" else ranging.turn_around_s)

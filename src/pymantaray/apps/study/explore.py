@@ -21,13 +21,18 @@ from pymantaray.records import RayStatus
 
 WORST_LINKS, ALL_LINKS_LIMIT = 50, 700
 """Number of links with the largest range errors whose rays are on the page; number of links up to which all of them are."""
-_MAX_FRAMES, _MAX_PINGS, _BED_NODES = 160, 120, 41  # equally spaced over the mission or the sea bed
+_MAX_FRAMES = 160  # equally spaced over the mission or the sea bed
+_MAX_PINGS = 120
+_BED_NODES = 41
 _MAX_PAIRS = (
     10_000  # pairs on the page; it shows more than _MAX_PINGS pings if they have fewer pairs in total
 )
-_RANGES, _DEPTHS, _POINTS = 41, 301, 81  # grid points of a section, and points of each ray
+_RANGES = 41  # grid points of a section, and points of each ray
+_DEPTHS = 301
+_POINTS = 81
 # levels on the page, and depth of the last one in depths of the deepest ray
-_MAX_LEVELS, _DEPTH_FACTOR = 51, 1.3
+_MAX_LEVELS = 51
+_DEPTH_FACTOR = 1.3
 _MAX_RAYS = 8  # per link, earliest first
 _WATER = [[x, to_hex(SOUND_SPEED(x))] for x in np.linspace(0.0, 1.0, 9).tolist()]
 _KINDS = [
@@ -39,7 +44,8 @@ _QUANTILES = np.linspace(0.0, 1.0, 101)
 
 def explorer(results: RunResults, rays: str) -> str:
     """Return all data of the page's script as JSON that is safe in HTML; ``rays`` is the result of `mission_rays`."""
-    run, pings = results.run, _shown_pings(results.run)
+    run = results.run
+    pings = _shown_pings(results.run)
     content = {
         "fleet": _fleet(run, pings),
         "links": PageLinks(results, pings).rows(),
@@ -76,7 +82,8 @@ class PageLinks:
     """Links between unordered pairs at the pings of the page, with the range errors in both directions."""
 
     def __init__(self, results: RunResults, pings: NDArray[np.int64]) -> None:
-        m, truth = results.run.measurements, results.run.ranging_truth
+        m = results.run.measurements
+        truth = results.run.ranging_truth
         shown = np.flatnonzero(np.isin(m.range_sample, pings))
         first = np.minimum(m.range_transmitter, m.range_receiver)[shown]
         second = np.maximum(m.range_transmitter, m.range_receiver)[shown]
@@ -87,7 +94,8 @@ class PageLinks:
         self._attempt = np.full((len(pairs), 2), -1)
         self._attempt[row.ravel(), (m.range_transmitter[shown] != first).astype(int)] = shown
         some = self._attempt.max(axis=1)
-        self.status, self.distance = m.range_status[some], truth.distance[some]
+        self.status = m.range_status[some]
+        self.distance = truth.distance[some]
         source, receiver = range_ends(results.run.truth, m)
         turned = (m.range_transmitter != np.minimum(m.range_transmitter, m.range_receiver))[some]
         self.source = np.where(turned[:, None], receiver[some], source[some])
@@ -130,7 +138,8 @@ class PageLinks:
 
 
 def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
-    truth, ocean = run.truth, run.ocean
+    truth = run.truth
+    ocean = run.ocean
     samples = np.union1d(_evenly(np.arange(truth.time.size), _MAX_FRAMES), pings)
     reach = np.nanmax(np.abs(truth.position[..., :2]), initial=1e3) * 1.15
     bed = BoundarySurface.from_dataset(ocean, "sea_floor_depth")  # a finer sea floor has axes of its own
@@ -182,7 +191,8 @@ def section(picture: xr.Dataset) -> dict[str, Any]:
     """Section along one link with its earliest rays, to somewhat below the deepest of them."""
     values = {str(name): variable.to_numpy() for name, variable in picture.variables.items()}
     rays = {name: column[:_MAX_RAYS] for name, column in values.items() if name.startswith("ray_")}
-    chord, depth = values["chord_depth"], values["depth"]
+    chord = values["chord_depth"]
+    depth = values["depth"]
     lowest = float(np.nanmax(rays["ray_depth"], initial=chord.max()))
     shown = int(np.clip(np.searchsorted(depth, _DEPTH_FACTOR * lowest + 20.0), 2, depth.size))
     levels = _evenly(np.arange(shown), _MAX_LEVELS)

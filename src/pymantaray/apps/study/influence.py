@@ -20,7 +20,8 @@ _ROWS = 10  # of each measure
 def influence_table(run: "Run") -> pd.DataFrame:
     """Fixes, surveys and ranges with the largest residual, leverage and Cook's distance in realization 0, by condition."""
     noisy = run.noisy_measurements(0)
-    estimates, tables = run.estimates, []
+    estimates = run.estimates
+    tables = []
     graphs = noisy_graphs(run, noisy)
     for row, condition in enumerate(estimates.condition.tolist()):
         position = estimates.position[row, 0].reshape(-1, 3)

@@ -139,7 +139,8 @@ def _largest(lengths: NDArray[np.float64]) -> float:
 
 def _check_participants(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
     """Raise an error for ranges without a pair, and for a schedule with unknown names, before the simulation."""
-    fleet, landmarks = config.fleet, [mark.name for mark in config.landmarks]
+    fleet = config.fleet
+    landmarks = [mark.name for mark in config.landmarks]
     names = (tracks or read_fleet(fleet)).names if fleet.trajectories else [v.name for v in fleet.vehicles]
     if not config.conditions and len(names) + len(landmarks) < 2:
         raise StudyError(
@@ -154,7 +155,8 @@ def simulate_fleet(
     config: StudyConfig, ocean: OceanFields, *, tracks: Tracks | None = None, schedule: Schedule | None = None
 ) -> Trajectories:
     """Trajectories of the vehicles of a mission, with additional samples at every ping."""
-    mission, duration = config.mission, config.mission.duration_h * 3600.0
+    mission = config.mission
+    duration = config.mission.duration_h * 3600.0
     if config.fleet.trajectories:
         pings = (schedule or build_schedule(config)).times(duration)
         own = tracks or read_fleet(config.fleet)
@@ -213,7 +215,8 @@ def range_draws(
     if config.ocean.ice_draw != "each":
         return None
     medium, truth, ranging = first
-    count, rangings = ice_draws(config), [ranging]
+    count = ice_draws(config)
+    rangings = [ranging]
     for draw in range(1, count):
 
         def tell(done: int, total: int, draw: int = draw) -> None:
@@ -284,7 +287,8 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     A run stores the ocean at the start only, so an ocean that varies is read again from its files. None if these are missing or
     have changed.
     """
-    config, at_start = run.config, run.ocean
+    config = run.config
+    at_start = run.ocean
     search = config.acoustics
     medium_of = partial(Medium.from_dataset, interpolation=search.interpolation, earth=search.earth)
     if config.ocean.time_varying:
@@ -324,8 +328,11 @@ def picture_of_most_bent_link(
     if not np.any(drawn & (first.travel_time > 0.0)):
         return None
     row = int(np.nanargmax(np.where(drawn & (first.travel_time > 0.0), gain, np.nan)))
-    sample, a, b = int(links.sample[row]), int(links.first[row]), int(links.second[row])
-    source, receiver = truth.position[a, sample], truth.position[b, sample]
+    sample = int(links.sample[row])
+    a = int(links.first[row])
+    b = int(links.second[row])
+    source = truth.position[a, sample]
+    receiver = truth.position[b, sample]
     step = receiver - source
     slope = float(np.arctan2(step[2], np.hypot(step[0], step[1])))
     water = medium(float(truth.time[sample])) if callable(medium) else medium

@@ -38,7 +38,8 @@ _CONDITIONS = {
 
 def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Page:
     """Page of a run with its figures; ``rays`` is the result of `mission_rays`."""
-    run, config = results.run, results.run.config
+    run = results.run
+    config = results.run.config
     mission = f"{results.region}: {run.truth.name.size} vehicles, {config.mission.duration_h:g} h"
     if config.solves:
         count = config.study.realizations
@@ -61,8 +62,10 @@ def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Pag
 
 def _provenance(results: RunResults) -> list[str]:
     """Version, water, seed, time and command of the run, and the command that repeats it."""
-    manifest, time = results.run.manifest, str(results.run.ocean.attrs.get("time", ""))
-    version, made = manifest["versions"].get("pymantaray"), manifest.get("made")
+    manifest = results.run.manifest
+    time = str(results.run.ocean.attrs.get("time", ""))
+    version = manifest["versions"].get("pymantaray")
+    made = manifest.get("made")
     facts = [f"MantaRay {version}"] if version else []
     facts += [f"water of {time[:16].replace('T', ' ')} UTC"] if time else []
     facts.append(f"seed {results.run.config.study.seed}")
@@ -93,11 +96,14 @@ def _words(results: RunResults) -> list[str]:
 
 def _citation(results: RunResults) -> tuple[str, str]:
     """Citation of the run, as text and as BibTeX: the program, its version, and the command that repeats the run."""
-    run, manifest = results.run, results.run.manifest
+    run = results.run
+    manifest = results.run.manifest
     versions = manifest["versions"]
-    version, commit = versions.get("pymantaray", "unknown"), versions.get("git_commit")
+    version = versions.get("pymantaray", "unknown")
+    commit = versions.get("git_commit")
     made = str((manifest.get("made") or {}).get("began", ""))[:10]
-    study, seed = run.config.study.name, run.config.study.seed
+    study = run.config.study.name
+    seed = run.config.study.seed
     which = f"version {version}" + (f", commit {commit[:12]}" if commit else "")
     digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
     words = f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with MantaRay, {which}"
@@ -134,7 +140,8 @@ def headlines(results: RunResults) -> list[Card]:
 
 def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
     """Cards of the position errors of each condition and of their first difference."""
-    cards, at_pings = [], tables["ping_error"].frame.set_index("condition")
+    cards = []
+    at_pings = tables["ping_error"].frame.set_index("condition")
     for row in tables["ate_pooled"].frame.to_dict("records"):
         what = f"Position error, {condition_label(row['condition']).lower()}"
         pings = at_pings.loc[row["condition"]].to_dict()
@@ -157,7 +164,8 @@ def _rmse(row: Mapping[Hashable, Any]) -> str:
 def warnings_of(results: RunResults) -> list[str]:
     """Warnings about unhealthy solves, stopped vehicles and a flat Earth, one line each."""
     none = pd.DataFrame(columns=["condition", "status"])
-    solves, lines = results.tables["solves"].frame if "solves" in results.tables else none, []
+    solves = results.tables["solves"].frame if "solves" in results.tables else none
+    lines = []
     for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
         every = int((solves["condition"] == condition).sum())
         words = SOLVE_STATUS_WORDS.get(SolveStatus[str(status)])

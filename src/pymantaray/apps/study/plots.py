@@ -106,7 +106,8 @@ class RunPlots:
         -------
         matplotlib.axes.Axes
         """
-        axes, run = axes_or_new(ax), self._results.run
+        axes = axes_or_new(ax)
+        run = self._results.run
         draw_plan(axes, run.truth, run.measurements, style.vehicle_colours(len(run.truth.name)))
         return axes
 

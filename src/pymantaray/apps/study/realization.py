@@ -51,7 +51,8 @@ class RealizationResult(NamedTuple):
     def from_bytes(cls, content: bytes) -> Self:
         """Result from the content that `to_bytes` returned; raises `RecordError` if it is damaged."""
         groups = netcdf_groups(content)
-        solutions, truths = {}, {}
+        solutions = {}
+        truths = {}
         try:
             for k, name in enumerate(json.loads(groups["about"].attrs["conditions"])):
                 group = groups[f"solution_{k}"]
@@ -113,7 +114,9 @@ class RealizationSolver:
             return self._solve(realization)
 
     def _solve(self, realization: int) -> RealizationResult:
-        config, truth, factory = self._run.config, self._run.truth, self._factory
+        config = self._run.config
+        truth = self._run.truth
+        factory = self._factory
         solutions = solve_conditions(
             self._run.noisy_measurements(realization),
             {c.name: factory.estimator(c, realization) for c in config.conditions},

@@ -169,7 +169,8 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
     """Keys of references and the parts that rely on them; a key may occur several times."""
     yield MANTARAY.key, MANTARAY.used_for
     yield "kogucki-papalia", "conditions and noise of the study"
-    o, a = config.ocean, config.acoustics
+    o = config.ocean
+    a = config.acoustics
     for source in o.source:
         yield from _data(source, "ocean")
     if isinstance(o.bathymetry, str):

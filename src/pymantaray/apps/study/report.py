@@ -58,7 +58,8 @@ class ReportMaker:
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats = checked_formats(formats)
         self._mission, self._tables = dict[str, Any](), dict[str, ResultTable]()
-        self._pictures, self._rays = dict[str, Picture](), ""
+        self._pictures = dict[str, Picture]()
+        self._rays = ""
 
     def prepare(self, folder: Path) -> None:
         """Draw figures and compute tables that do not depend on the realizations, of a run's working folder."""

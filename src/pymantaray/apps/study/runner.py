@@ -35,7 +35,9 @@ from pymantaray.records import Estimates, whole_file, write_netcdf
 LOG = logging.getLogger(__name__)
 _REALIZATIONS_PER_WORKER = 3
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
-_POSE_BYTES, _GRAPH_BYTES, _LINK_BYTES = 160, 4000, 500
+_POSE_BYTES = 160
+_GRAPH_BYTES = 4000
+_LINK_BYTES = 500
 _MAX_STEPS = 1e13  # vehicles x physics steps
 
 
@@ -95,7 +97,8 @@ def run_study(
     refuse_too_large(config, workers)
     _refuse_missing_files(config)
     references = citation(config)  # read before the files can change
-    report, watch = progress or _silent, Stopwatch()
+    report = progress or _silent
+    watch = Stopwatch()
     with staged_folder(out, config.study.name) as (stage, folder):
         kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
         start = partial(start_solver, stage)
@@ -208,7 +211,9 @@ def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) 
 def refuse_too_large(config: StudyConfig, workers: int) -> None:
     """Raise an error, before any work, if a study needs more memory than this machine has or takes weeks."""
     size_of = mission_size(config)
-    n_vehicles, n_samples, n_steps = size_of.vehicles, size_of.samples, size_of.steps
+    n_vehicles = size_of.vehicles
+    n_samples = size_of.samples
+    n_steps = size_of.steps
     n_solves = config.study.realizations * len(config.conditions)
     n_links = size_of.pings * (n_vehicles + len(config.landmarks))
     needed = (

@@ -267,7 +267,9 @@ class Run:
             If the run has no such realization.
         """
         self._check(realization)
-        ranging, candidates, draws = self.config.ranging, self.candidates, self.ranging_draws
+        ranging = self.config.ranging
+        candidates = self.candidates
+        draws = self.ranging_draws
         measurements = self.measurements
         probability = None if self.hearing is None else self.hearing.probability
         if draws is not None:
@@ -395,7 +397,8 @@ class Run:
             If the run has no such realization.
         """
         self._check(realization)
-        candidates, seed = self.candidates, self.config.study.seed
+        candidates = self.candidates
+        seed = self.config.study.seed
         if candidates is None:
             return np.zeros(self.measurements.range_status.size, dtype=bool)
         picks = draw_picks(
@@ -473,7 +476,8 @@ def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
     ``expected_unheard``: mean number per realization of attempts whose arrival is not detected; if receivers make
     mistakes, ``expected_mistaken``: mean number of attempts that mistake another arrival for the direct one.
     """
-    status, candidates = run.measurements.range_status, run.candidates
+    status = run.measurements.range_status
+    candidates = run.candidates
     stopped = {name: {"status": stop.name, "time_s": time} for name, (stop, time) in run.truth.stops.items()}
     unhealthy = (
         []

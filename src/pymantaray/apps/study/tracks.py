@@ -53,9 +53,11 @@ class MissionSize(NamedTuple):
 
 def mission_size(config: StudyConfig) -> MissionSize:
     """Size of a mission from its configuration and, if they exist, its trajectories."""
-    mission, own = config.mission, bool(config.fleet.trajectories)
+    mission = config.mission
+    own = bool(config.fleet.trajectories)
     vehicles = len(read_fleet(config.fleet).poses) if own else len(config.fleet.vehicles)
-    duration, schedule = mission.duration_h * 3600.0, mission.schedule
+    duration = mission.duration_h * 3600.0
+    schedule = mission.schedule
     pings = vehicles * duration / (mission.ping_interval_h * 3600.0)
     if schedule is not None:
         pings = duration / schedule.slot_s if isinstance(schedule, SlotsSection) else 0.0
@@ -73,7 +75,8 @@ def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfi
     if not config.fleet.trajectories:
         return config
     tracks = read_fleet(config.fleet) if tracks is None else tracks
-    lasts, ocean = tracks.duration / 3600.0, config.ocean
+    lasts = tracks.duration / 3600.0
+    ocean = config.ocean
     if "duration_h" not in config.mission.model_fields_set:
         mission = config.mission.model_copy(update={"duration_h": lasts})
         config = config.model_copy(update={"mission": mission})
@@ -99,7 +102,8 @@ def centre_note(config: StudyConfig, ocean: Mapping[Hashable, Any], tracks: Trac
         return None
     if "centre_latitude_deg" not in ocean:
         return None  # the water is the same everywhere
-    lat, lon = float(ocean["centre_latitude_deg"]), float(ocean["centre_longitude_deg"])
+    lat = float(ocean["centre_latitude_deg"])
+    lon = float(ocean["centre_longitude_deg"])
     return (
         f"{tracks.poses[0].file}: positions are local and no file gives the centre of their frame; the middle of the ocean is"
         f" used, {latitude(lat)}, {longitude(lon)}; for another centre give `centre`"

@@ -41,7 +41,8 @@ def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict
     offset = skew = np.zeros(len(names))
     if model is not None:
         clocks = model.draw(names, root_seed=config.study.seed, realization=realization)
-        offset, skew = clocks.offset, clocks.skew
+        offset = clocks.offset
+        skew = clocks.skew
     return {
         f"{what} {name}": float(value)
         for what, values in (("clock offset", offset), ("clock skew", skew))
@@ -65,7 +66,8 @@ def collect_unknowns(
     place = {name: i for i, name in enumerate(units)}
     shape = len(by_condition), len(solutions), len(units)
     prior = np.full((shape[0], shape[2]), np.nan)
-    value, truth = np.full(shape, np.nan), np.full(shape, np.nan)
+    value = np.full(shape, np.nan)
+    truth = np.full(shape, np.nan)
     covariance = np.full((*shape, shape[2]), np.nan)
     for c, (name, estimates) in enumerate(by_condition.items()):
         for r, e in enumerate(estimates):

@@ -56,7 +56,8 @@ def show(
         for name, values in (pair for axis in axes for pair in axis.items()):
             listed = ", ".join(f"{value}"[:40] for value in values[:8])
             printed.line(f"  {name}: {listed}{f', ... ({len(values)})' if len(values) > 8 else ''}")
-        cost, points = None, set(plan.points)
+        cost = None
+        points = set(plan.points)
         if out is not None:
             done, failed = finished(open_store(out), points)
             points -= done | failed
@@ -79,7 +80,8 @@ def _print_estimate(
     counts = {stage: plan.count(stage, points) for stage in STAGES} | {"points": len(points)}
     listed = ", ".join(f"{stage} {count}" for stage, count in counts.items())
     out.line(f"to do: {listed}; shared stages are computed once", to_do=counts)
-    shared, alone = what.seconds / workers, what.unshared_seconds / workers
+    shared = what.seconds / workers
+    alone = what.unshared_seconds / workers
     many = f"{workers} worker{'' if workers == 1 else 's'}"
     out.line(
         f"time: about {duration(shared)} on {many}, {duration(alone)} without shared stages; estimated from {what.origin}",
@@ -168,7 +170,8 @@ def collect(
     from pymantaray.records import whole_file, write_netcdf
     from pymantaray.records.csv_text import csv_text
 
-    results, page = open_sweep(folder), out is None and "://" not in folder
+    results = open_sweep(folder)
+    page = out is None and "://" not in folder
     if out is not None:
         check_output(out, (".csv", ".nc"), force=force)
     elif "://" in folder:

@@ -21,7 +21,9 @@ from pymantaray.config.load import STUDY_FILES, preset_names
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.user_files import parse_toml, read_text
 
-SEED, COUNT, SPACING = "study.seed", "fleet.count", "fleet.spacing"
+SEED = "study.seed"
+COUNT = "fleet.count"
+SPACING = "fleet.spacing"
 _MAX_AXES = 100
 _COLUMNS = frozenset(
     [
@@ -334,7 +336,8 @@ def _plain(value: Any) -> Any:
 
 def _zip(table: Mapping[str, Any], number: int) -> Axis:
     rest = dict(table)
-    name, labels = rest.pop("name", None), rest.pop("labels", None)
+    name = rest.pop("name", None)
+    labels = rest.pop("labels", None)
     if name is not None and not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise SweepError(
             f"sweep: zip {number}: name is {name!r}; it must begin with a letter and contain only letters, digits, blanks,"
@@ -369,11 +372,13 @@ def _with(tree: Tree, field: str, value: Any) -> Tree:
             raise SweepError(
                 f"{COUNT} is {value}; it must be from 1 to {len(vehicles)}, the vehicles of the base"
             )
-        field, value = "fleet.vehicles", vehicles[:value]
+        field = "fleet.vehicles"
+        value = vehicles[:value]
     if field == SPACING:
         if not isinstance(value, int | float):
             raise SweepError(f"{SPACING} is {value}; it must be a factor such as 0.5")
-        field, value = "fleet.vehicles", [_spread(v, float(value)) for v in vehicles]
+        field = "fleet.vehicles"
+        value = [_spread(v, float(value)) for v in vehicles]
     return with_key(tree, field, value)
 
 

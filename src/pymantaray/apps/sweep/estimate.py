@@ -13,7 +13,8 @@ from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.config import StudyConfig
 from pymantaray.errors import SweepError
 
-_OCEAN_SECONDS, _MEDIUM_SECONDS = 1.2, 0.2
+_OCEAN_SECONDS = 1.2
+_MEDIUM_SECONDS = 0.2
 _SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 1e-4, 2e-5
 """CPU time per physics step of a vehicle, per link and per pose in one solve, measured on `quick` with one thread. [s]"""
 _POINT_BYTES = 4096  # one block of most file systems, enough for three conditions

@@ -7,7 +7,10 @@ from typing import Any
 from pymantaray.config import StudyConfig
 from pymantaray.jobs.keys import digest
 
-OCEAN, FLEET, RAYS, POINT = "ocean", "fleet", "rays", "point"
+OCEAN = "ocean"
+FLEET = "fleet"
+RAYS = "rays"
+POINT = "point"
 STAGES = (OCEAN, FLEET, RAYS)
 """Stages in order; points with equal keys of a stage share it."""
 _READS = {
@@ -56,7 +59,8 @@ def _matching(field: str) -> list[str]:
 
 def stage_config(config: StudyConfig, stage: str) -> StudyConfig:
     """Configuration with only the fields that a stage reads, so its result cannot depend on others."""
-    fields, narrow = stage_fields(stage, config), config.model_copy()
+    fields = stage_fields(stage, config)
+    narrow = config.model_copy()
     for name in type(config).model_fields:
         inner = [field.partition(".")[2] for field in fields if field.partition(".")[0] == name]
         if not inner:
@@ -78,7 +82,8 @@ def task_keys(
     Keys of stages in ``latest`` that were computed from the same objects are used again; the others replace them.
     """
     tree = config.model_dump(mode="json")
-    out, latest = dict[str, str](), {} if latest is None else latest
+    out = dict[str, str]()
+    latest = {} if latest is None else latest
     for stage in STAGES:
         fields = stage_fields(stage, config)
         read = [getattr(config, name) for name in {field.partition(".")[0]: None for field in fields}]

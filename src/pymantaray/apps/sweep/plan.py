@@ -33,7 +33,8 @@ class SweepPlan:
 
     def __init__(self, sweep: Sweep) -> None:
         self.sweep = sweep
-        checksums, latest = dict[str, str](), LatestKeys()
+        checksums = dict[str, str]()
+        latest = LatestKeys()
         bad: list[str] = []
         self.keys: list[dict[str, str]] = []
         """Keys of each point by the name of the stage."""
@@ -118,7 +119,9 @@ class SweepQueue(Queue):
     """
 
     def __init__(self, plan: SweepPlan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
-        self._plan, self._studies, self.keeps_stages = plan, studies, keep_stages
+        self._plan = plan
+        self._studies = studies
+        self.keeps_stages = keep_stages
         self._lasting = frozenset(STAGES) if keep_stages else frozenset()
         self._what: dict[str, tuple[str, int]] = {}
         """Kind of each task, and the number of a point that needs it."""

@@ -9,9 +9,11 @@ from pydantic import BaseModel, ValidationError
 from pymantaray.jobs.store import Store
 
 _LOG = logging.getLogger("pymantaray.apps.sweep")
-SWEEP, PLAN = "sweep.toml", "plan.json"
+SWEEP = "sweep.toml"
+PLAN = "plan.json"
 SWEEP_ENTRIES = {SWEEP, PLAN, "points", "stages", "studies"}
-DONE, FAILED = "done", "failed"
+DONE = "done"
+FAILED = "failed"
 Value = bool | int | float | str | None
 
 
@@ -53,7 +55,8 @@ def read_points(
 
     A damaged file, or one of another point, is not a result: a warning names it, and with ``discard`` it is removed.
     """
-    there, known = store.names("points"), list(known)
+    there = store.names("points")
+    known = list(known)
     done = {point_name(key): key for key in known if f"{key}.json" in there}
     failed = {point_name(key, failed=True): key for key in known if f"{key}.failed.json" in there}
     ended = set[str]()

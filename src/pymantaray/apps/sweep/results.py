@@ -52,7 +52,9 @@ class SweepResults:
     """
 
     def __init__(self, store: Store, sweep: Sweep, keys: list[str]) -> None:
-        self.sweep, self._store, self._keys = sweep, store, keys
+        self.sweep = sweep
+        self._store = store
+        self._keys = keys
 
     def status(self) -> Status:
         """
@@ -63,7 +65,8 @@ class SweepResults:
         Status
         """
         known = set(self._keys)
-        done, lines = 0, Counter[str]()
+        done = 0
+        lines = Counter[str]()
         for _, status, content in read_points(self._store, known):
             done += status == DONE
             lines.update([content["error"]] if status == FAILED else [])
@@ -116,7 +119,8 @@ class SweepResults:
         """
         contents = self.contents
         conditions = list(dict.fromkeys(name for c in contents for name in c.get("conditions", {})))
-        dims, shape = [axis.name for axis in self.sweep.axes], self.sweep.shape
+        dims = [axis.name for axis in self.sweep.axes]
+        shape = self.sweep.shape
         data: dict[str, Any] = {
             name: (dims, np.array([c.get(name, "") for c in contents], dtype=str).reshape(shape))
             for name in ("status", "error")

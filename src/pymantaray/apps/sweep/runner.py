@@ -73,7 +73,8 @@ def run_sweep(
         If the store cannot be written.
     """
     check_scheduler(client)
-    plan, store = SweepPlan(sweep), open_store(out)
+    plan = SweepPlan(sweep)
+    store = open_store(out)
     if studies and store.folder is None:
         raise SweepError(f"{out}: run folders of studies cannot be written to a URL; give a folder")
     _prepare(store, plan)
@@ -83,7 +84,8 @@ def run_sweep(
     failed = set() if retry_failed else failed
     count = TaskCount(len(plan.points), progress, done=len(done), failed=len(failed))
     queue = _Points(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
-    queue.store, queue.count_of_points = store, count
+    queue.store = store
+    queue.count_of_points = count
     _clear_stages(store, plan, keep=True)  # stages that failed in another run are computed again
     if queue.left:
         with open_pool(partial(run_task, store.url), client, workers) as pool:

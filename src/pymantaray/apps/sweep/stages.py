@@ -41,14 +41,17 @@ class Stages:
     def __init__(
         self, config: StudyConfig, keys: Mapping[str, str], store: Store, shared: frozenset[str]
     ) -> None:
-        self._config, self._keys, self._store = config, keys, store
+        self._config = config
+        self._keys = keys
+        self._store = store
         profile = is_profile(config.ocean)  # faster to read again than from the store
         self._shared = shared - {OCEAN} if profile else shared
 
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        config, key = self._config, self._keys[OCEAN]
+        config = self._config
+        key = self._keys[OCEAN]
         if is_profile(config.ocean):  # its thinned levels depend on the interpolation of the medium
             key = f"{key} {config.acoustics.interpolation}"
         else:
@@ -59,14 +62,17 @@ class Stages:
     @property
     def fleet(self) -> Trajectories:
         """True poses of the vehicles."""
-        config, ocean = stage_config(self._config, FLEET), self.ocean
+        config = stage_config(self._config, FLEET)
+        ocean = self.ocean
         out: Trajectories = self._get(FLEET, lambda: simulate_fleet(config, ocean))
         return out
 
     @property
     def rays(self) -> Ranging:
         """Ranges without noise."""
-        config, ocean, fleet = stage_config(self._config, RAYS), self.ocean, self.fleet
+        config = stage_config(self._config, RAYS)
+        ocean = self.ocean
+        fleet = self.fleet
         out: Ranging = self._get(RAYS, lambda: range_fleet(config, ocean, self.medium, fleet))
         return out
 

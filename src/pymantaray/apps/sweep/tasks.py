@@ -63,9 +63,12 @@ def _compute(store: Store, task: SweepTask) -> None:
 
 def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
     """Summary of a point, and the duration of its stages."""
-    config, watch = task.config, Stopwatch()
+    config = task.config
+    watch = Stopwatch()
     refuse_too_large(config, 1)
-    ocean, truth, ranging = stages.ocean, stages.fleet, stages.rays
+    ocean = stages.ocean
+    truth = stages.fleet
+    ranging = stages.rays
     with watch.stage("realizations"):
         mission = assemble_mission(config, ocean, truth, ranging)
         if config.ocean.ice_draw == "each":

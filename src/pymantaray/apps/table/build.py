@@ -25,7 +25,8 @@ _CORNER_ROWS = np.array([int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]
 _FINEST = 2  # binary logarithm of the smallest cell in lattice steps
 # size of a cell without an arrival: a larger one may hide arrivals between the tested points
 _LARGEST_SHADOW = _FINEST + 1
-_BRANCH_BYTES, _CELL_BYTES = 4, 60  # approximate sizes in a table
+_BRANCH_BYTES = 4  # approximate sizes in a table
+_CELL_BYTES = 60
 _Accepted = tuple[Whole, Whole, Whole]
 """Branches of cells, keys of their corners, and their status."""
 _KEY_BITS = 21  # per coordinate of a lattice point in a key
@@ -148,7 +149,8 @@ def build_tree(
     Tree
         One sector. Cells of the smallest size that cannot be interpolated have status BORDER.
     """
-    store, branch = _Store(box, samplers[0]), np.zeros(1, dtype=np.int64)
+    store = _Store(box, samplers[0])
+    branch = np.zeros(1, dtype=np.int64)
     top = np.array(box.halvings) + _FINEST
     cells = _Cells(np.zeros((1, 3), dtype=np.int64), top[None, :], np.zeros(1, dtype=np.int64))
     accepted: list[_Accepted] = []
@@ -260,7 +262,8 @@ def _jumps(samples: Samples, rows: Whole, size: Array) -> Array:
 def _axis(family: Whole, error: Array, jump: Array, log_size: Whole, early: NDArray[np.bool_]) -> Whole:
     """Axis along which to halve each cell: one along which the family changes, or the one with the largest error."""
     n = len(family)
-    cube_family, cube_error = family.reshape(n, 3, 3, 3), error.reshape(n, 3, 3, 3)
+    cube_family = family.reshape(n, 3, 3, 3)
+    cube_error = error.reshape(n, 3, 3, 3)
     score = np.empty((n, 3))
     for axis in range(3):
         lines = np.moveaxis(cube_family, axis + 1, 1)

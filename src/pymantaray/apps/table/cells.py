@@ -102,7 +102,8 @@ def find_cells(tree: Tree, lower: Array, upper: Array, sector: NDArray[np.int64]
     """
     n = len(places)
     inside = np.all((places >= lower) & (places <= upper), axis=1)
-    low, size = np.tile(lower, (n, 1)), np.tile(upper - lower, (n, 1))
+    low = np.tile(lower, (n, 1))
+    size = np.tile(upper - lower, (n, 1))
     word = tree.branch[tree.root[sector]].astype(np.int64)
     active = np.flatnonzero(inside & (word & LEAF != LEAF))
     while active.size:
@@ -137,7 +138,9 @@ def mean_slowness(tree: Tree, cell: Cell) -> InterpolatedSlowness:
     InterpolatedSlowness
     """
     n = cell.number.size
-    value, gradient, sigma = np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, np.nan)
+    value = np.full(n, np.nan)
+    gradient = np.full((n, 3), np.nan)
+    sigma = np.full(n, np.nan)
     has = np.flatnonzero(cell.number >= 0)
     rows = tree.corner[cell.number[has]]
     corners = tree.value[rows].astype(np.float64)
@@ -161,7 +164,9 @@ def joined(trees: list[Tree]) -> Tree:
     -------
     Tree
     """
-    branches, cells, corners = 0, 0, 0
+    branches = 0
+    cells = 0
+    corners = 0
     parts = []
     for tree in trees:
         content = tree.branch >> _AXIS_BITS
@@ -174,9 +179,7 @@ def joined(trees: list[Tree]) -> Tree:
                 root=(tree.root + branches).astype(np.uint32),
             )
         )
-        branches, cells, corners = (
-            branches + tree.branch.size,
-            cells + len(tree.corner),
-            corners + len(tree.value),
-        )
+        branches = branches + tree.branch.size
+        cells = cells + len(tree.corner)
+        corners = corners + len(tree.value)
     return Tree(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))

@@ -146,7 +146,9 @@ def table(
         with whole_file(files.c_reader, replace=files.force) as temporary:
             temporary.write_text(c_header())
         written["c_reader"] = files.c_reader
-    shares, cells, size = built.shares(), len(built.tree.corner), built.tree.nbytes
+    shares = built.shares()
+    cells = len(built.tree.corner)
+    size = built.tree.nbytes
     with printing.printer() as printed:
         printed.line(
             f"{cells} cells, {size / 1e3:.0f} kB, error of the range below {limits.error:g} m",

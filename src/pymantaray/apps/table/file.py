@@ -151,7 +151,8 @@ def _unpacked(content: bytes) -> TravelTimeTable:
         "value": (corners, 4),
         "sigma": (sigmas,),
     }
-    arrays, start = {}, _HEADER.size
+    arrays = {}
+    start = _HEADER.size
     for name, (_, dtype, _, _) in _COLUMNS.items():
         shape = shapes.get(name, (cells,))
         size = int(np.prod(shape)) * np.dtype(dtype).itemsize
@@ -193,12 +194,14 @@ def _triple(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 def _fault(table: TravelTimeTable) -> str:
     """First fault that would make a look-up read outside an array or never end; empty without one."""
-    tree, limits = table.tree, np.array([table.lower, table.upper])
+    tree = table.tree
+    limits = np.array([table.lower, table.upper])
     if limits.shape != (2, 3) or not np.all(np.isfinite(limits)) or np.any(limits[0] >= limits[1]):
         return "limits are not ascending"
     if not tree.root.size or np.any(tree.root >= tree.branch.size):
         return "a sector without branches"
-    axis, content = tree.branch & LEAF, (tree.branch >> 2).astype(np.int64)
+    axis = tree.branch & LEAF
+    content = (tree.branch >> 2).astype(np.int64)
     inner = axis != LEAF
     number = np.arange(tree.branch.size)
     if np.any(inner & ((content <= number) | (content + 1 >= tree.branch.size))):

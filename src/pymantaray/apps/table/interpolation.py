@@ -39,12 +39,17 @@ def interpolate(at: Array, size: Array, values: Array, gradients: Array) -> Inte
     Interpolated
         Derivatives are those of the interpolating polynomial.
     """
-    weight, slope = np.stack([1.0 - at, at]), (-1.0, 1.0)
+    weight = np.stack([1.0 - at, at])
+    slope = (-1.0, 1.0)
     value = np.zeros(len(at))
     derivative = np.zeros((3, len(at)))
     for corner in range(8):
-        i, j, k = corner & 1, corner >> 1 & 1, corner >> 2 & 1
-        a, b, c = weight[i, :, 0], weight[j, :, 1], weight[k, :, 2]
+        i = corner & 1
+        j = corner >> 1 & 1
+        k = corner >> 2 & 1
+        a = weight[i, :, 0]
+        b = weight[j, :, 1]
+        c = weight[k, :, 2]
         f = values[:, corner]
         value += a * b * c * f
         derivative[0] += slope[i] * (b * c * f)
@@ -61,18 +66,23 @@ def _add_hermite(
     """Add the difference between cubic Hermite and linear interpolation along the four edges of an axis."""
     values, gradients = corners
     value, derivative = sums
-    u, v = (axis + 1) % 3, (axis + 2) % 3
-    left, right = t * (1.0 - t) * (1.0 - t), t * t * (1.0 - t)
-    left_slope, right_slope = (1.0 - t) * (1.0 - 3.0 * t), t * (2.0 - 3.0 * t)
+    u = (axis + 1) % 3
+    v = (axis + 2) % 3
+    left = t * (1.0 - t) * (1.0 - t)
+    right = t * t * (1.0 - t)
+    left_slope = (1.0 - t) * (1.0 - 3.0 * t)
+    right_slope = t * (2.0 - 3.0 * t)
     for side in range(4):
-        p, q = side & 1, side >> 1
+        p = side & 1
+        q = side >> 1
         low = (p << u) + (q << v)
         high = low + (1 << axis)
         step = values[:, high] - values[:, low]
         first = gradients[:, low, axis] * length - step
         last = step - gradients[:, high, axis] * length
         excess = left * first + right * last
-        a, b = weight[p, :, u], weight[q, :, v]
+        a = weight[p, :, u]
+        b = weight[q, :, v]
         value += a * b * excess
         derivative[axis] += a * b * (left_slope * first + right_slope * last)
         derivative[u] += (1.0 if p else -1.0) * (b * excess)

@@ -122,7 +122,9 @@ def _box(*limits: Limits) -> Box:
         "`receiver_depth`",
         "`horizontal_range`",
     )
-    lower, upper, smallest = [], [], []
+    lower = []
+    upper = []
+    smallest = []
     for name, values in zip(names, limits, strict=True):
         numbers = [float(value) for value in values]
         if len(numbers) not in (2, 3) or not all(math.isfinite(value) for value in numbers):

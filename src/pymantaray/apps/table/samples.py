@@ -112,7 +112,8 @@ class Radial:
                 arrivals.receiver_slowness[:, :2] @ along,
             ]
         )
-        time[link], by_place[link] = arrivals.travel_time[row], derivatives[row]
+        time[link] = arrivals.travel_time[row]
+        by_place[link] = derivatives[row]
         bounces = np.zeros((len(places), 2), dtype=np.int64)
         bounces[link] = np.column_stack([arrivals.surface_bounces[row], arrivals.bottom_bounces[row]])
         family = np.where(arrivals.status == RayStatus.OUTSIDE, OUTSIDE, NO_ARRIVAL).astype(np.int64)
@@ -121,7 +122,8 @@ class Radial:
             arrivals.bottom_bounces == bounces[arrivals.link, 1]
         )
         several = np.bincount(arrivals.link[alike], minlength=len(places)) > 1
-        lead, lead_gradient = np.full(len(places), np.inf), np.zeros((len(places), 3))
+        lead = np.full(len(places), np.inf)
+        lead_gradient = np.zeros((len(places), 3))
         if self.rule != "strongest":
             others = np.ones(arrivals.link.size, dtype=bool)
             others[row] = False
@@ -137,7 +139,8 @@ class Radial:
 
 def _mean_slowness(places: Array, time: Array, by_place: Array) -> tuple[Array, Array, Array]:
     """Convert travel times and their derivatives to the relative difference of the mean slowness and its derivatives."""
-    down, distance = places[:, 1] - places[:, 0], places[:, 2]
+    down = places[:, 1] - places[:, 0]
+    distance = places[:, 2]
     straight = np.hypot(down, distance)
     unit = np.column_stack([-down, down, distance]) / straight[:, None]
     mean = time / straight

@@ -138,8 +138,10 @@ class TravelTimeTable:
         place without an arrival.
         """
         places, sector = self._places(source_depth, receiver_depth, travel_time, bearing)
-        time, down = places[:, 2].copy(), places[:, 1] - places[:, 0]
-        attempt, value = np.zeros(time.size, dtype=np.intp), self.tree.value
+        time = places[:, 2].copy()
+        down = places[:, 1] - places[:, 0]
+        attempt = np.zeros(time.size, dtype=np.intp)
+        value = self.tree.value
         typical = (1.0 + (float(value[0, 0]) if value.size else 0.0)) * REFERENCE_SLOWNESS
         distance = _first_range(time, down, attempt, typical)
         for _ in range(_ITERATIONS):
@@ -157,7 +159,8 @@ class TravelTimeTable:
     def _slope(self, places: Array, sector: NDArray[np.int64]) -> tuple[Array, Array]:
         """Travel time at places, and its derivative by range; NaN without an arrival."""
         mean = mean_slowness(self.tree, find_cells(self.tree, *self._limits, sector, places))
-        down, distance = places[:, 1] - places[:, 0], places[:, 2]
+        down = places[:, 1] - places[:, 0]
+        distance = places[:, 2]
         straight = np.sqrt(distance * distance + down * down)
         slowness = (1.0 + mean.value) * REFERENCE_SLOWNESS
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -208,7 +211,8 @@ class TravelTimeTable:
         """Travel time, and derivatives of range at constant travel time, at places."""
         cell = find_cells(self.tree, *self._limits, sector, places)
         mean = mean_slowness(self.tree, cell)
-        down, distance = places[:, 1] - places[:, 0], places[:, 2]
+        down = places[:, 1] - places[:, 0]
+        distance = places[:, 2]
         straight = np.sqrt(distance * distance + down * down)
         slowness = (1.0 + mean.value) * REFERENCE_SLOWNESS
         gradient = straight[:, None] * mean.gradient * REFERENCE_SLOWNESS
@@ -217,10 +221,12 @@ class TravelTimeTable:
             by_source = gradient[:, 0] - slowness * down / straight
             by_receiver = gradient[:, 1] + slowness * down / straight
             found = straight * slowness
-        has, status = cell.number >= 0, cell.status
+        has = cell.number >= 0
+        status = cell.status
         if time is not None:
             lost = has & ~(np.abs(found - time) <= _CONVERGED * time)
-            has, status = has & ~lost, np.where(lost, int(CellStatus.BORDER), status)
+            has = has & ~lost
+            status = np.where(lost, int(CellStatus.BORDER), status)
         number = np.maximum(cell.number, 0)
         return TableRanges(
             status=status.astype(np.int8),

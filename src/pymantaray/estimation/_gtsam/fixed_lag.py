@@ -24,7 +24,9 @@ class LaggedSmoother:
         lag: float,
         options: isam2.Options,
     ) -> None:
-        self._graph, self._moment, self._times = graph, moment, times
+        self._graph = graph
+        self._moment = moment
+        self._times = times
         self._smoother: Any = gtsam.IncrementalFixedLagSmoother(lag, isam2.parameters(options))
         self._factors = graph_factors(graph)
         self._line = isam2.timeline(self._factors, moment, times)
@@ -35,7 +37,8 @@ class LaggedSmoother:
 
     def update(self, k: int, _groups: list[Indices]) -> bool:
         """Add what enters at an update, and update; True if it succeeded."""
-        n, now = self._graph.n_poses, float(self._times[k])
+        n = self._graph.n_poses
+        now = float(self._times[k])
         variables = np.flatnonzero(self._line.variable_update == k)
         there = np.flatnonzero(self._line.variable_update[n:] <= k) + n  # landmarks are never marginalized
         time = {int(v): float(self._moment[v]) if v < n else now for v in (*variables, *there)}

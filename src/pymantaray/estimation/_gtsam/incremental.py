@@ -91,11 +91,14 @@ class Entering:
     """Starting values of new variables: from a prior, from an edge to an existing pose, or from given values."""
 
     def __init__(self, graph: FactorGraph, start: Any, update_time: Array) -> None:
-        self._start, self._n_poses = start, graph.n_poses
-        self._graph, self._update_time = graph, update_time
+        self._start = start
+        self._n_poses = graph.n_poses
+        self._graph = graph
+        self._update_time = update_time
         self._with_prior = {v for table in graph.of_ends(("landmark",)) for v in table.subject.tolist()}
         self._time = graph.pose_time
-        prior, edge = graph["prior"], graph["edge"]
+        prior = graph["prior"]
+        edge = graph["edge"]
         priors = poses_of(prior.column("quaternion"), prior.column("position"))
         self._prior = dict(reversed(list(zip(prior.subject.tolist(), priors, strict=True))))
         self._steps = poses_of(edge.column("quaternion"), edge.column("position"))
@@ -120,7 +123,8 @@ class Entering:
         """Initial value of a landmark: its value with a prior, else the first sighting or trilateration from the earlier poses."""
         if key in self._with_prior:
             return self._start.atPoint3(key)
-        graph, n = self._graph, self._n_poses
+        graph = self._graph
+        n = self._n_poses
 
         def past(table: Factors) -> Factors:
             first, second = table.variables.T

@@ -74,7 +74,8 @@ def smooth_with_lag(
     epoch_time = graph.pose_time[poses].max(axis=1, initial=-np.inf)
     joint: dict[int, Array] = {}
     problem = distance_problem(graph)
-    cost, done = problem.cost(GraphState.of(initial)), True
+    cost = problem.cost(GraphState.of(initial))
+    done = True
     for k, now in enumerate(times.tolist()):
         gone = times[k + 1] - lag if k + 1 < times.size else np.inf  # poses before are marginalized next
         ready = (epoch_time <= now) & (epoch_time < gone)

@@ -61,7 +61,8 @@ def solve_incrementally(
         raise EstimationError(
             "a graduated loss needs all ranges at once, so an incremental solve cannot use it; choose another loss"
         )
-    factors, start = graph_factors(graph, loss), values_of(initial)
+    factors = graph_factors(graph, loss)
+    start = values_of(initial)
     moment = np.concatenate([graph.pose_time, np.full(graph.landmark_name.size, -np.inf)])
     update_time = update_times(graph, moment, options.incremental.every)
     moment[graph.n_poses :] = determined_times(graph, initial)
@@ -72,7 +73,9 @@ def solve_incrementally(
     smoother = IncrementalSmoother(options.incremental.relinearize, options.incremental.wildfire)
     log = _Log(graph, update_time)
     entering = Entering(graph, start, update_time)
-    steps, failed, none = 0, False, np.empty(0, dtype=int)
+    steps = 0
+    failed = False
+    none = np.empty(0, dtype=int)
     for k in range(update_time.size):
         variables = np.flatnonzero(line.variable_update == k)
         new = entering.values(variables, smoother, k)
@@ -108,7 +111,8 @@ class _Log:
 
     def __init__(self, graph: FactorGraph, update_time: Array) -> None:
         n = graph.n_poses
-        self._pose_time, self._time = graph.pose_time, update_time
+        self._pose_time = graph.pose_time
+        self._time = update_time
         self._seconds = np.full(update_time.size, np.nan)
         self._relinearized = np.zeros(update_time.size, dtype=int)
         self._before, self._position = np.full((n, 3), np.nan), np.full((n, 3), np.nan)

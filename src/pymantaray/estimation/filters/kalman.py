@@ -62,9 +62,11 @@ def filter_graph(
     timeline = _Timeline.of(graph)
     steps = _steps(graph, timeline)
     state = _first_state(graph, timeline)
-    updates, ranges = _Updates(graph, timeline), _Ranges(graph, timeline, model_ranges)
+    updates = _Updates(graph, timeline)
+    ranges = _Ranges(graph, timeline, model_ranges)
     log = _Log(graph, timeline, covariance_poses)
-    done, seconds = True, np.full(timeline.pose.shape[0], np.nan)
+    done = True
+    seconds = np.full(timeline.pose.shape[0], np.nan)
     for k in range(seconds.size):
         begin = process_time()
         if k:
@@ -137,7 +139,8 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
         raise EstimationError("a Kalman filter needs one odometry edge between each two successive poses")
     edge = graph["edge"]
     rotation = matrix_from_quaternion(edge.column("quaternion"))[at]
-    translation, covariance = edge.column("position")[at].copy(), edge.covariance[at].copy()
+    translation = edge.column("position")[at].copy()
+    covariance = edge.covariance[at].copy()
     steps = _Steps(rotation, translation, covariance, np.zeros(shape))
     for name, table in graph.tables.items():
         if table.kind.ends == ("pose", "pose") and name != "edge":
@@ -148,7 +151,8 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
 def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
     """Update steps by other measurements of the same steps: of their translations, or of both parts."""
     rotation, translation, covariance, cost = steps
-    place, whole = table.column("position"), "quaternion" in table.kind.columns_at
+    place = table.column("position")
+    whole = "quaternion" in table.kind.columns_at
     turn = matrix_from_quaternion(table.column("quaternion")) if whole else np.empty((0, 3, 3))
     for i, (k, a) in enumerate(zip(*rows, strict=True)):
         innovation = place[i] - translation[k, a]
@@ -172,7 +176,8 @@ def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
 def _rows_of_steps(graph: FactorGraph, kind: str, timeline: _Timeline) -> tuple[Any, Any]:
     """Time index and vehicle of each factor between successive poses."""
     first, second = graph[kind].variables.T
-    k, a = timeline.sample[first], graph.pose_vehicle[first]
+    k = timeline.sample[first]
+    a = graph.pose_vehicle[first]
     successive = (graph.pose_vehicle[second] == a) & (timeline.sample[second] == k + 1)
     if not successive.all():
         name = graph.variable_name(int(second[np.argmin(successive)]))
@@ -186,7 +191,9 @@ class _State:
     """Latest poses, landmarks as poses without rotation, and the joint covariance of their errors."""
 
     def __init__(self, rotation: Array, position: Array, covariance: Array) -> None:
-        self.rotation, self.position, self.covariance = rotation, position, covariance
+        self.rotation = rotation
+        self.position = position
+        self.covariance = covariance
         self.cost = 0.0
         self.range_nis, self.range_dimension = np.nan, 0
         """Squared normalized innovation of the ranges of the last update, and their number."""
@@ -197,7 +204,8 @@ class _State:
         rotation, position, by_pose, by_step = moved(
             self.rotation[:n], self.position[:n], steps.rotation[k], steps.translation[k]
         )
-        self.rotation[:n], self.position[:n] = rotation, position
+        self.rotation[:n] = rotation
+        self.position[:n] = position
         blocks = self.covariance.reshape(-1, SIZE, self.covariance.shape[1])
         blocks[:n] = by_pose @ blocks[:n]
         columns = np.swapaxes(blocks.reshape(self.covariance.shape), 0, 1).reshape(blocks.shape).copy()
@@ -217,7 +225,8 @@ class _State:
         False if the covariance of the innovations is not positive definite.
         """
         if ranges:
-            self.range_nis, self.range_dimension = np.nan, residual.size
+            self.range_nis = np.nan
+            self.range_dimension = residual.size
         if not residual.size:
             return True
         after = corrected(self.rotation, self.position, self.covariance, residual, by_errors, variance)
@@ -272,7 +281,8 @@ def corrected(
     if failed or not np.isfinite(root[-1, -1]):
         return None
     # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a busy machine
-    white, gain = dtrsm(1.0, root, residual[:, None], lower=1)[:, 0], dtrsm(1.0, root, weight, lower=1)
+    white = dtrsm(1.0, root, residual[:, None], lower=1)[:, 0]
+    gain = dtrsm(1.0, root, weight, lower=1)
     error = -(gain.T @ white).reshape(-1, SIZE)
     reduced = covariance - gain.T @ gain
     return (
@@ -285,8 +295,10 @@ def corrected(
 
 def _first_state(graph: FactorGraph, timeline: _Timeline) -> _State:
     """Priors of the first poses and of the landmarks."""
-    n, n_landmarks = timeline.pose.shape[1], graph.landmark_name.size
-    prior, survey = graph["prior"], graph["survey"]
+    n = timeline.pose.shape[1]
+    n_landmarks = graph.landmark_name.size
+    prior = graph["prior"]
+    survey = graph["survey"]
     row = np.argsort(graph.pose_vehicle[prior.subject])
     rotation = np.tile(np.eye(3), (n + n_landmarks, 1, 1))
     rotation[:n] = matrix_from_quaternion(prior.column("quaternion"))[row]
@@ -294,7 +306,8 @@ def _first_state(graph: FactorGraph, timeline: _Timeline) -> _State:
     place[:n] = prior.column("position")[row]
     covariance = np.zeros((n + n_landmarks, SIZE, n + n_landmarks, SIZE))
     to_world = np.zeros((n, SIZE, SIZE))
-    to_world[:, :3, :3], to_world[:, 3:, 3:] = np.eye(3), rotation[:n]
+    to_world[:, :3, :3] = np.eye(3)
+    to_world[:, 3:, 3:] = rotation[:n]
     vehicles = np.arange(n)
     covariance[vehicles, :, vehicles, :] = to_world @ prior.covariance[row] @ np.swapaxes(to_world, 1, 2)
     landmark = survey.subject.astype(np.intp) - graph.n_poses
@@ -353,7 +366,8 @@ class _OfPoses:
     """
 
     def __init__(self, graph: FactorGraph, table: Factors) -> None:
-        self.table, self.vehicle = table, graph.pose_vehicle[table.subject]
+        self.table = table
+        self.vehicle = graph.pose_vehicle[table.subject]
         columns = table.kind.columns_at
         self._turn = matrix_from_quaternion(table.column("quaternion")) if "quaternion" in columns else None
         self._place = next((table.column(name) for name in ("position", "depth") if name in columns), None)
@@ -361,7 +375,8 @@ class _OfPoses:
         if self._place is not None:
             errors += [5] if self._place.ndim == 1 else [3, 4, 5]
         self.errors = np.array(errors)
-        self.covariance, self.variance = table.covariance, table.variance
+        self.covariance = table.covariance
+        self.variance = table.variance
         if self._turn is not None and self._place is not None:  # a prior is in the body's tangent
             to_world = np.tile(np.eye(SIZE), (len(table), 1, 1))
             to_world[:, 3:, 3:] = self._turn
@@ -371,7 +386,8 @@ class _OfPoses:
         """Estimated minus measured, factor by factor."""
         if not rows.size:
             return np.empty(0)
-        vehicle, parts = self.vehicle[rows], []
+        vehicle = self.vehicle[rows]
+        parts = []
         if self._turn is not None:
             turned = np.swapaxes(self._turn[rows], 1, 2) @ state.rotation[vehicle]
             parts.append(np.asarray(so3_log(turned)))
@@ -389,8 +405,10 @@ class _Ranges:
             raise EstimationError(
                 "a Kalman filter estimates no unknowns of ranges and uses a fixed variance; choose solver batch"
             )
-        table, n = graph["range"], timeline.pose.shape[1]
-        self._model, self._variance = model_ranges, table.variance
+        table = graph["range"]
+        n = timeline.pose.shape[1]
+        self._model = model_ranges
+        self._variance = table.variance
         self._distance = np.asarray(table.column("distance"))
         ends = table.variables.astype(np.intp)
         if model_ranges is not None:
@@ -401,7 +419,8 @@ class _Ranges:
             raise EstimationError("a Kalman filter needs ranges between poses of the same time")
         self._rows = _by_time(sample.max(axis=1, initial=-1), len(timeline.pose))
         member = np.append(graph.pose_vehicle, n + np.arange(graph.landmark_name.size))
-        self._ends, self.gated = member[ends].astype(np.intp), 0
+        self._ends = member[ends].astype(np.intp)
+        self.gated = 0
 
     def at(self, state: _State, k: int) -> tuple[Array, Array, Array]:
         """Residuals of a time, their derivatives by the errors, and their covariance."""
@@ -411,13 +430,16 @@ class _Ranges:
         a, b = (state.position[self._ends[rows, end]] for end in (0, 1))
         if self._model is None:
             distance, unit = chord(a, b)
-            residual, by_a, by_b = distance - self._distance[rows], -unit, unit
+            residual = distance - self._distance[rows]
+            by_a = -unit
+            by_b = unit
         else:
             timed = self._model.ranges
             links = timed.links(a, b)
             links = links._replace(time=timed.time[rows], sound_speed=timed.sound_speed[rows])
             prediction, _ = self._model.predict(links, rows, np.empty(0))
-            fine, speed = prediction.possible, links.sound_speed
+            fine = prediction.possible
+            speed = links.sound_speed
             self.gated += int(np.count_nonzero(~fine))
             rows = rows[fine]
             residual = (speed * (prediction.travel_time - timed.travel_time[self._rows[k]]))[fine]
@@ -447,7 +469,8 @@ class _Log:
     """Estimates of all poses, and covariances at the requested epochs."""
 
     def __init__(self, graph: FactorGraph, timeline: _Timeline, poses: Indices | None) -> None:
-        self._pose, self._n = timeline.pose, graph.n_poses
+        self._pose = timeline.pose
+        self._n = graph.n_poses
         self._position, self._rotation = np.full((self._n, 3), np.nan), np.full((self._n, 3, 3), np.nan)
         self._poses = poses
         self._epoch = (
@@ -459,7 +482,8 @@ class _Log:
     def note(self, state: _State, k: int) -> None:
         """Keep the estimates of one time."""
         n = self._pose.shape[1]
-        self._position[self._pose[k]], self._rotation[self._pose[k]] = state.position[:n], state.rotation[:n]
+        self._position[self._pose[k]] = state.position[:n]
+        self._rotation[self._pose[k]] = state.rotation[:n]
         if self._out is None or self._poses is None or k not in self._epoch:
             return
         e = self._epoch[k]
@@ -470,7 +494,8 @@ class _Log:
         to_body[:, :3, :3], to_body[:, 3:, 3:] = np.eye(3), np.swapaxes(state.rotation[who], 1, 2)
         self._out.pose[e] = to_body @ blocks[who, :, who, :] @ np.swapaxes(to_body, 1, 2)
         if state.range_dimension:
-            self._out.range_nis[e], self._out.range_dimension[e] = state.range_nis, state.range_dimension
+            self._out.range_nis[e] = state.range_nis
+            self._out.range_dimension[e] = state.range_dimension
 
     def values(self, state: _State) -> GraphValues:
         """Estimates of all variables."""

@@ -55,8 +55,11 @@ class LagWindow:
         lag: float,
         options: SolveOptions,
     ) -> None:
-        self._graph, self._moment, self._times = graph, moment, times
-        self._lag, self._options = lag, options
+        self._graph = graph
+        self._moment = moment
+        self._times = times
+        self._lag = lag
+        self._options = options
         state = GraphState.of(initial)
         self._rotation, self._position = state.rotation.copy(), state.position.copy()
         of_variable = np.searchsorted(times, moment)
@@ -113,7 +116,8 @@ class LagWindow:
         (joint,) = self._window.last.factor.inverse([group])
         turn = np.zeros((group.size, SIZE, group.size, SIZE))
         own = np.arange(group.size)
-        turn[own, :3, own, :3], turn[own, 3:, own, 3:] = np.eye(3), state.rotation[group]
+        turn[own, :3, own, :3] = np.eye(3)
+        turn[own, 3:, own, 3:] = state.rotation[group]
         to_world = turn.reshape(joint.shape)
         return np.asarray(to_world.T @ joint @ to_world)
 
@@ -122,10 +126,12 @@ class LagWindow:
 
     def _part(self, variables: Indices, rows: Rows) -> FactorGraph:
         """Graph of some variables, in their order, and of some rows of the factors between them."""
-        graph, n = self._graph, self._graph.n_poses
+        graph = self._graph
+        n = self._graph.n_poses
         number = np.full(graph.n_variables, -1, dtype=np.int32)
         number[variables] = np.arange(variables.size)
-        poses, landmarks = variables[variables < n], variables[variables >= n] - n
+        poses = variables[variables < n]
+        landmarks = variables[variables >= n] - n
         bare = FactorGraph(
             vehicle_name=graph.vehicle_name,
             landmark_name=graph.landmark_name[landmarks],
@@ -143,7 +149,8 @@ class LagWindow:
 
     def _problem(self, graph: FactorGraph, variables: Indices, groups: list[Indices]) -> Problem:
         prior = None if self._prior is None else self._prior.among(variables)
-        factors, ranges = FactorsExceptRanges(graph), RangesAndPrior(graph, prior)
+        factors = FactorsExceptRanges(graph)
+        ranges = RangesAndPrior(graph, prior)
         connected = groups if prior is None else [*groups, prior.variables]
         structure = ProblemCache().structure(factors, graph.n_variables, ranges.pairs, connected)
         return Problem(factors, ranges, structure)
@@ -152,10 +159,12 @@ class LagWindow:
         """Starting values of the new variables of a window: from a prior, from factors with earlier variables, or as given."""
         if not new.any():
             return
-        n, state = graph.n_poses, self._state(variables)
+        n = graph.n_poses
+        state = self._state(variables)
         quaternion = quaternion_from_matrix(state.rotation[:n])
         values = GraphValues(state.position[:n], quaternion, state.position[n:])
-        old, prior = np.flatnonzero(~new[:n]), graph["prior"]
+        old = np.flatnonzero(~new[:n])
+        prior = graph["prior"]
         real = prior[new[prior.subject]]
         known = KINDS["prior"].table(
             np.concatenate([old, real.subject]),
@@ -182,7 +191,8 @@ class LagWindow:
         old = (variables < n) & (self._moment[variables] < self._times[k] - self._lag)
         # what leaves has had its last estimate at the update before
         kept = variables[~old]
-        self._rotation[kept], self._position[kept] = last.state.rotation[~old], last.state.position[~old]
+        self._rotation[kept] = last.state.rotation[~old]
+        self._position[kept] = last.state.position[~old]
         if not old.any():
             return True
         gone = np.zeros_like(self._left)

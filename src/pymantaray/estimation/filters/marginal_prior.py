@@ -91,7 +91,8 @@ def marginalized(
 
     None if the others are not determined.
     """
-    factors, ranges = FactorsExceptRanges(graph), RangesAndPrior(graph, prior)
+    factors = FactorsExceptRanges(graph)
+    ranges = RangesAndPrior(graph, prior)
     pairs = [factors.pairs, ranges.pairs]
     if prior is not None:
         one, other = np.triu_indices(prior.variables.size, 1)

@@ -178,7 +178,8 @@ def _columns(
         sigma = np.repeat(sigma[:, None], kind.rows, axis=1)
     if source.rate:
         duration = (measurements.time[sample + 1] - measurements.time[sample])[:, None]
-        measured, sigma = [values * duration for values in measured], sigma * duration
+        measured = [values * duration for values in measured]
+        sigma = sigma * duration
     return variables, measured, sigma
 
 
@@ -201,7 +202,8 @@ def _table(
 ) -> Factors:
     """Factors with diagonal covariances from standard deviations (n, rows), which must be positive."""
     kind = KINDS[name]
-    covariance, row = np.zeros((len(sigma), kind.rows, kind.rows)), np.arange(kind.rows)
+    covariance = np.zeros((len(sigma), kind.rows, kind.rows))
+    row = np.arange(kind.rows)
     covariance[:, row, row] = sigma**2
     factors = kind.owning_table(variables, measured, covariance)
     fine = (np.isfinite(sigma) & (sigma > 0.0)).all(axis=1)

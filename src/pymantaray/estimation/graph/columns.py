@@ -84,7 +84,8 @@ def flattened(measured: Array) -> Array:
     """Planar part of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle about down."""
     if measured.shape[1] == 3:
         return measured[:, :2]
-    z, w = measured[:, 5], measured[:, 6]
+    z = measured[:, 5]
+    w = measured[:, 6]
     sign = np.where(w < 0.0, -1.0, 1.0)
     return np.column_stack([measured[:, :2], 2.0 * np.arctan2(sign * z, sign * w)])
 

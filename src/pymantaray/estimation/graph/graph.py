@@ -153,8 +153,11 @@ class FactorKind:
         return Factors(self, ends, np.concatenate(blocks, axis=1), matrices)
 
 
-POSE_PRIOR, LANDMARK_PRIOR = "VERTEX_SE3:QUAT:PRIOR", "VERTEX_XYZ:PRIOR"
-EDGE, SIGHTING, RANGE = "EDGE_SE3:QUAT", "EDGE_SE3_XYZ", "EDGE_RANGE"
+POSE_PRIOR = "VERTEX_SE3:QUAT:PRIOR"
+LANDMARK_PRIOR = "VERTEX_XYZ:PRIOR"
+EDGE = "EDGE_SE3:QUAT"
+SIGHTING = "EDGE_SE3_XYZ"
+RANGE = "EDGE_RANGE"
 _ENDS = {  # of the lines of each word
     POSE_PRIOR: ("pose",),
     LANDMARK_PRIOR: ("landmark",),
@@ -411,7 +414,8 @@ class FactorGraph(Record):
         """
         if variable >= self.n_poses:
             return str(self.landmark_name[variable - self.n_poses])
-        name, number = str(self.vehicle_name[self.pose_vehicle[variable]]), int(self.pose_number[variable])
+        name = str(self.vehicle_name[self.pose_vehicle[variable]])
+        number = int(self.pose_number[variable])
         return f"{name}{number}" if len(name) == 1 and not name.isdigit() else f"{name}:{number}"
 
     def to_dataset(self) -> "xr.Dataset":
@@ -578,7 +582,8 @@ def _check_names(graph: FactorGraph) -> None:
 
 
 def _check_ends(graph: FactorGraph, factors: Factors) -> None:
-    kind, n = factors.kind, graph.n_poses
+    kind = factors.kind
+    n = graph.n_poses
     allowed = {"pose": (0, n), "landmark": (n, graph.n_variables), "any": (0, graph.n_variables)}
     for end, variables in zip(kind.ends, factors.variables.T, strict=True):
         low, high = allowed[end]
@@ -596,7 +601,8 @@ def _check_ends(graph: FactorGraph, factors: Factors) -> None:
 
 
 def _check_measured(graph: FactorGraph, factors: Factors) -> None:
-    what, values = factors.kind.what, factors.measured
+    what = factors.kind.what
+    values = factors.measured
     _refuse(graph, what, factors.subject, values, np.isfinite(values), "finite values")
     small = np.abs(values) <= LARGEST
     _refuse(graph, what, factors.subject, values, small, f"values of at most {LARGEST:g}")
@@ -638,7 +644,9 @@ def _check_length(graph: FactorGraph, what: str, variables: Indices, quaternion:
 
 
 def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
-    what, variables, covariance = factors.kind.what, factors.subject, factors.covariance
+    what = factors.kind.what
+    variables = factors.subject
+    covariance = factors.covariance
     diagonal = np.diagonal(covariance, axis1=1, axis2=2)
     fine = (diagonal >= VARIANCES[0]) & (diagonal <= VARIANCES[1])  # NaN does not pass
     allowed = f"positive finite variances, {VARIANCES[0]:g} to {VARIANCES[1]:g}"
@@ -646,7 +654,8 @@ def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
     if np.count_nonzero(covariance) <= diagonal.size:
         return
     full = np.count_nonzero(covariance, axis=(1, 2)) > covariance.shape[1]
-    variables, covariance = variables[full], covariance[full]
+    variables = variables[full]
+    covariance = covariance[full]
     sigma = np.sqrt(diagonal[full])
     # without units, so that metres and radians do not look like bad conditioning
     with np.errstate(over="ignore"):

@@ -44,7 +44,8 @@ from pymantaray.records import whole_file
 from pymantaray.user_files import exists, read_text
 
 LOG = logging.getLogger(__name__)
-POSE, LANDMARK = "VERTEX_SE3:QUAT", "VERTEX_XYZ"
+POSE = "VERTEX_SE3:QUAT"
+LANDMARK = "VERTEX_XYZ"
 FLAT = {  # words in two dimensions, by those in three
     POSE: "VERTEX_SE2",
     LANDMARK: "VERTEX_XY",
@@ -259,7 +260,8 @@ class _Reader:
     """Converts the tables of one file to a graph."""
 
     def __init__(self, lines: TextLines, tables: dict[str, Table], *, planar: bool) -> None:
-        self._lines, self._planar = lines, planar
+        self._lines = lines
+        self._planar = planar
         self._tables = {word: tables[FLAT.get(word, word) if self._planar else word] for word in _GRAMMAR}
         self._known: dict[str, str] = {}  # names by their spellings
         self._names = {word: self._checked_names(word, table) for word, table in self._tables.items()}
@@ -304,7 +306,8 @@ class _Reader:
             for name, kind in KINDS.items()
             if kind.word not in (POSE_PRIOR, None)
         }
-        vertex, landmark = self._numbers(POSE)[0], self._numbers(LANDMARK)[0]
+        vertex = self._numbers(POSE)[0]
+        landmark = self._numbers(LANDMARK)[0]
         values = GraphValues(position=vertex[:, :3], quaternion=vertex[:, 3:], landmark_position=landmark)
         return graph.with_factors(**self._pose_priors(), **tables), values
 
@@ -325,7 +328,9 @@ class _Reader:
         if word == EDGE:  # with free rotation it measures the position alone
             free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
             mine = (free == [True] * 3 + [False] * 3).all(axis=1) == bool(kind.axes)
-            variables, measured, covariance = variables[mine], measured[mine], covariance[mine]
+            variables = variables[mine]
+            measured = measured[mine]
+            covariance = covariance[mine]
             if kind.axes:
                 covariance = covariance[:, kind.axes][:, :, kind.axes]
         columns = [measured[:, place] for place in kind.columns_at.values()]
@@ -335,18 +340,22 @@ class _Reader:
     def _pose_priors(self) -> dict[str, Factors]:
         """Factors of the kinds that are written as pose priors, distinguished by their free axes."""
         measured, covariance = self._numbers(POSE_PRIOR)
-        variables, quaternion = self._variables(POSE_PRIOR), measured[:, 3:]
+        variables = self._variables(POSE_PRIOR)
+        quaternion = measured[:, 3:]
         free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
         # depth is distinct from horizontal axes only if the prior's axes are the world's, up to a rotation about down
         level = np.abs(quaternion[:, 1:3]).max(axis=1, initial=0.0) < 1e-9
-        left, allowed, tables = np.ones(len(free), dtype=bool), [], {}
+        left = np.ones(len(free), dtype=bool)
+        allowed = []
+        tables = {}
         for name, kind in KINDS.items():
             if kind.word != POSE_PRIOR:
                 continue
             axes = list(kind.axes)
             fixed = np.isin(np.arange(6), axes)
             mine = (free == ~fixed).all(axis=1)
-            matrix, position = covariance[:, axes][:, :, axes], measured[:, :3][:, fixed[3:]]
+            matrix = covariance[:, axes][:, :, axes]
+            position = measured[:, :3][:, fixed[3:]]
             allowed.append(_axes(~fixed) or "none")
             columns = [position] if fixed[3:].any() else []
             if "quaternion" in kind.columns_at:
@@ -410,7 +419,8 @@ class _Reader:
         return match[1] + digits
 
     def _check_names(self, table: Table, lifted: str, ends: list[list[str]]) -> None:
-        word, lines = table.word, self._lines
+        word = table.word
+        lines = self._lines
         landmark = np.array([[name[0] == "L" for name in names] for names in ends], dtype=bool)
         if lifted in {POSE, POSE_PRIOR, EDGE}:
             table.refuse_first(
@@ -528,7 +538,9 @@ def _words(word: str) -> tuple[str, str | None]:
 
 def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
     """Measured columns and covariance; kinds without a word of their own become pose priors with free axes."""
-    kind, covariance, measured = factors.kind, factors.covariance, factors.measured
+    kind = factors.kind
+    covariance = factors.covariance
+    measured = factors.measured
     if kind.axes:
         axes = np.array(kind.axes)
         measured = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(factors), 1))

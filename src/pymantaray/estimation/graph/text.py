@@ -48,7 +48,8 @@ class Word(NamedTuple):
     @property
     def flat(self) -> "Word":
         """Fields in two dimensions."""
-        measured, matrix = {7: 3, 3: 2, 1: 1}[self.measured], {6: 3, 3: 2}.get(self.matrix, self.matrix)
+        measured = {7: 3, 3: 2, 1: 1}[self.measured]
+        matrix = {6: 3, 3: 2}.get(self.matrix, self.matrix)
         return self._replace(measured=measured, matrix=matrix, planar=True)
 
 
@@ -70,7 +71,8 @@ def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, Ma
     fine = positive.all(axis=1) & (np.linalg.eigvalsh(correlation)[:, 0] >= SMALLEST_EIGENVALUE)
     if fine.all() or treatment == "refuse":
         return matrices, fine
-    out, eye = matrices.copy(), np.eye(matrices.shape[1])
+    out = matrices.copy()
+    eye = np.eye(matrices.shape[1])
     if treatment == "drop":
         out[~fine] = eye
         return out, fine
@@ -105,7 +107,8 @@ class TextLines:
     ) -> None:
         self.indefinite = indefinite
         self.repaired: Counter[str] = Counter()
-        self._path, self.number = path, 0
+        self._path = path
+        self.number = 0
         self._words, self._leave_out, self._skip_unknown = tuple(words), frozenset(leave_out), skip_unknown
         self._left_out: Counter[str] = Counter()
         self._unknown: dict[str, int] = {}  # the first line of each word
@@ -175,14 +178,16 @@ class Table:
     """All lines of one word: line numbers, and the fields of all lines in sequence."""
 
     def __init__(self, word: str, grammar: Word) -> None:
-        self.word, self.grammar = word, grammar
+        self.word = word
+        self.grammar = grammar
         self.line = array("q")
         self.fields: list[str] = []
 
     def with_lines(self, other: "Table") -> "Table":
         """Lines of two words with the same fields, under the word of this table."""
         out = Table(self.word, self.grammar)
-        out.line, out.fields = self.line + other.line, self.fields + other.fields
+        out.line = self.line + other.line
+        out.fields = self.fields + other.fields
         return out
 
     def names(self, end: int) -> list[str]:
@@ -195,7 +200,8 @@ class Table:
 
         The first three measured numbers may be a position, the next four a quaternion.
         """
-        g, n = self.grammar, len(self.line)
+        g = self.grammar
+        n = len(self.line)
         first = 1 + g.timed + g.names
         out = np.empty((n, g.timed + g.numbers))
         for column, at in enumerate([*([1] if g.timed else []), *range(first, g.width)]):

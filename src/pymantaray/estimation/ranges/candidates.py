@@ -68,9 +68,11 @@ class CandidateArrivals(NamedTuple):
         CandidateArrivals
         """
         order = np.lexsort((travel_time, row))
-        row, weight = row[order], np.asarray(weight, dtype=float)[order]
+        row = row[order]
+        weight = np.asarray(weight, dtype=float)[order]
         n = int(row.max(initial=-1)) + 1
-        total, count = np.bincount(row, weight, n), np.bincount(row, minlength=n)
+        total = np.bincount(row, weight, n)
+        count = np.bincount(row, minlength=n)
         weight = np.where(total[row] > 0.0, weight, 1.0) / np.where(total > 0.0, total, count)[row]
         by_transmitter, by_receiver = (by[order] for by in gradients)
         surface, bottom = (np.asarray(part, dtype=np.intp)[order] for part in bounces)
@@ -90,7 +92,8 @@ class CandidateArrivals(NamedTuple):
 def of_picks(prediction: Prediction, picks: Rows) -> Prediction:
     """Prediction of the pick of each range, a row of the prediction of candidates; -1 for none."""
     at = picks >= 0
-    time, ends = np.full(picks.size, np.nan), np.full((2, picks.size, 3), np.nan)
+    time = np.full(picks.size, np.nan)
+    ends = np.full((2, picks.size, 3), np.nan)
     time[at] = prediction.travel_time[picks[at]]
     ends[0, at] = prediction.transmitter_gradient[picks[at]]
     ends[1, at] = prediction.receiver_gradient[picks[at]]

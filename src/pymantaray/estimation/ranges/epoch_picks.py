@@ -85,7 +85,8 @@ def _descend(
 
 def _at(mixture: EpochMixture, root: Array, shift: Array) -> tuple[Array, Array]:
     """Residuals of the candidates and their derivatives by the shift of the ends, in units of their covariance's root."""
-    moved, m = root @ shift, 3 * len(mixture.position)
+    moved = root @ shift
+    m = 3 * len(mixture.position)
     place = mixture.position + moved[:m].reshape(-1, 3)
     residual, by_transmitter, by_receiver = mixture.expansion(
         place[mixture.transmitter], place[mixture.receiver], mixture.unknowns + moved[m:]

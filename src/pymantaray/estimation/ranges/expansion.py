@@ -9,10 +9,8 @@ from pymantaray.estimation.ranges.range_models import ModelRanges, Prediction, R
 
 EpochBlock = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
 
-_SAME_POSITION, _SAME_CHORD = (
-    0.1,
-    1e-5,
-)  # m; smaller displacements and changes of curvature need no new prediction
+_SAME_POSITION = 0.1  # m; smaller displacements and changes of curvature need no new prediction
+_SAME_CHORD = 1e-5
 _SAME_UNKNOWN = 0.01  # standard deviations of an unknown; a smaller change needs no new prediction
 _REWEIGHT_DISTANCE = 100.0  # m; a larger displacement of any end needs new variances
 
@@ -36,9 +34,12 @@ class Expansion:
         by_unknowns: Array,
     ) -> None:
         fine = prediction.possible
-        self._unknowns, self._measured = unknowns, travel_time
+        self._unknowns = unknowns
+        self._measured = travel_time
         self.by_unknowns = links.sound_speed[:, None] * np.where(fine[:, None], by_unknowns, 0.0)
-        self._a, self._b, self._speed = links.transmitter, links.receiver, links.sound_speed
+        self._a = links.transmitter
+        self._b = links.receiver
+        self._speed = links.sound_speed
         self._images: Images | None = None
         if prediction.bounces is not None:
             self._images = Images.of(prediction, links, prediction.bounces)
@@ -61,7 +62,8 @@ class Expansion:
         A residual is the sound speed at the transmitter times predicted less measured travel time. [m]
         """
         receiver = receiver if self._images is None else self._images.at(receiver)
-        da, db = transmitter - self._a, receiver - self._b
+        da = transmitter - self._a
+        db = receiver - self._b
         distance, unit = chord(transmitter, receiver)
         turned = self._slowness[:, None] * (unit - self._unit)
         time = (
@@ -80,7 +82,8 @@ class Expansion:
     def is_good_at(self, transmitter: Array, receiver: Array, unknowns: Array) -> bool:
         """True if ends and unknowns moved so little that a new prediction cannot differ."""
         receiver = receiver if self._images is None else self._images.at(receiver)
-        da, db = transmitter - self._a, receiver - self._b
+        da = transmitter - self._a
+        db = receiver - self._b
         distance, _ = chord(transmitter, receiver)
         far = max(float(np.abs(d).max(initial=0.0)) for d in (da, db))
         if float(np.abs(unknowns - self._unknowns).max(initial=0.0)) > _SAME_UNKNOWN:
@@ -98,7 +101,8 @@ class RangeWeights:
     """Covariances of the residuals of each epoch, updated when the ends have moved far."""
 
     def __init__(self, model_ranges: ModelRanges, variance: Array) -> None:
-        self._model_ranges, self._variance = model_ranges, variance
+        self._model_ranges = model_ranges
+        self._variance = variance
         epoch = model_ranges.ranges.epoch
         self._rows = [np.flatnonzero(epoch == e) for e in range(int(epoch.max(initial=-1)) + 1)]
         self._place: Array | None = None
@@ -113,7 +117,8 @@ class RangeWeights:
         )
         if uncertainty is None or not stale:
             return
-        self._place, c = place, links.sound_speed
+        self._place = place
+        c = links.sound_speed
         for e, extra in enumerate(uncertainty.covariances(links, self._model_ranges.ranges.epoch)):
             rows = self._rows[e]
             added = c[rows][:, None] * extra * c[rows]

@@ -24,7 +24,8 @@ class OnSphere(RangeModel):
     """
 
     def __init__(self, model: RangeModel, earth: EarthSphere) -> None:
-        self._model, self._earth = model, earth
+        self._model = model
+        self._earth = earth
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """Predict travel times, and their gradients, of the model times the ratio of the chord to the distance in the frame."""

@@ -22,7 +22,8 @@ class Chains(NamedTuple):
     def of(cls, ranges: TimedRanges, owner: Rows, persistence: float) -> "Chains":
         """Chains of ranges between the owners of their variables; without persistence [s] no range has a previous one."""
         n = ranges.time.size
-        previous, stay = np.full(n, -1), np.zeros(n)
+        previous = np.full(n, -1)
+        stay = np.zeros(n)
         order = np.argsort(ranges.time, kind="stable")
         last: dict[tuple[int, ...], int] = {}
         pairs = np.stack([owner[ranges.transmitter], owner[ranges.receiver]], axis=1).tolist()
@@ -89,7 +90,8 @@ def best_picks(all_choices: list[RangeChoice], chains: Chains) -> Rows:
     picked = np.full(len(all_choices), -1)  # number of the choice
     followed = np.zeros(len(all_choices), dtype=bool)
     for row in chains.order.tolist():
-        choice, before = all_choices[row], int(chains.previous[row])
+        choice = all_choices[row]
+        before = int(chains.previous[row])
         if before < 0:
             costs[row] = choice.fit + _surprise(choice.prior)
             continue

@@ -207,7 +207,8 @@ class MeanSlowness(RangeModel):
     """
 
     def __init__(self, depth: ArrayLike, sound_speed: ArrayLike) -> None:
-        z, c = np.array(depth, dtype=float), np.array(sound_speed, dtype=float)
+        z = np.array(depth, dtype=float)
+        c = np.array(sound_speed, dtype=float)
         if z.ndim != 1 or z.shape != c.shape or z.size < 2 or not np.all(np.diff(z) > 0.0):
             raise EstimationError(
                 f"mean slowness: depths of shape {z.shape} for sound speeds {c.shape}; give at least two increasing"
@@ -217,7 +218,8 @@ class MeanSlowness(RangeModel):
             raise EstimationError(
                 f"mean slowness: sound speed {c.min():g} m/s; sound speeds must be positive and finite"
             )
-        self.depth, self.sound_speed = z, c
+        self.depth = z
+        self.sound_speed = c
         self._sum = np.concatenate([[0.0], np.cumsum(np.diff(z) * _mean_inverse(c[:-1], c[1:]))])
 
     def predict(self, links: RangeEndpoints) -> Prediction:
@@ -226,8 +228,10 @@ class MeanSlowness(RangeModel):
 
         The gradients include both factors.
         """
-        a, b = links.transmitter[:, 2], links.receiver[:, 2]
-        slow_a, slow_b = self._slowness(a), self._slowness(b)
+        a = links.transmitter[:, 2]
+        b = links.receiver[:, 2]
+        slow_a = self._slowness(a)
+        slow_b = self._slowness(b)
         level = np.abs(b - a) < _LEVEL_DIFFERENCE
         apart = np.where(level, 1.0, b - a)
         mean = np.where(
@@ -236,7 +240,8 @@ class MeanSlowness(RangeModel):
             (self._integral(b) - self._integral(a)) / apart,
         )
         # nearly equal depths: the mean changes by half the change of slowness
-        middle, h = 0.5 * (a + b), 0.5 * _LEVEL_DIFFERENCE
+        middle = 0.5 * (a + b)
+        h = 0.5 * _LEVEL_DIFFERENCE
         half = 0.5 * (self._slowness(middle + h) - self._slowness(middle - h)) / (2.0 * h)
         by_a = np.where(level, half, (mean - slow_a) / apart)
         by_b = np.where(level, half, (slow_b - mean) / apart)
@@ -303,10 +308,13 @@ class RangeUnknowns:
         self._model, self._clocks, n = model, clocks, len(vehicle_name)
         modes = np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
         names = [f"mode {k + 1}" for k in range(modes.size)]
-        units, sigma = ["m/s"] * modes.size, [*modes]
+        units = ["m/s"] * modes.size
+        sigma = [*modes]
         self._scaled = scale_sigma is not None
         if scale_sigma is not None:
-            names, units, sigma = [*names, "scale"], [*units, "1"], [*sigma, scale_sigma]
+            names = [*names, "scale"]
+            units = [*units, "1"]
+            sigma = [*sigma, scale_sigma]
         priors = (0.0, 0.0) if clocks is None else (clocks.offset_sigma, clocks.skew_sigma)
         self._known = [prior == 0.0 for prior in priors]
         for prior, what, unit in zip(priors, ("offset", "skew"), ("s", "1"), strict=True):
@@ -335,7 +343,8 @@ class RangeUnknowns:
             raise EstimationError(
                 f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; it must be positive and finite"
             )
-        self._n_modes, self._n_vehicles = modes.size, n
+        self._n_modes = modes.size
+        self._n_vehicles = n
         # all landmarks as one vehicle, left out in the end
         vehicle = np.append(np.asarray(pose_vehicle, dtype=np.intp), n)
         last = vehicle.size - 1
@@ -359,7 +368,9 @@ class RangeUnknowns:
         by_modes: Sequence[Array] = (),
     ) -> tuple[Prediction, Array]:
         """Measured travel times and their derivatives as `predict`, of travel times that were predicted for some ranges."""
-        value, k, columns = self.sigma * u, self._n_modes, list(by_modes)
+        value = self.sigma * u
+        k = self._n_modes
+        columns = list(by_modes)
         if self._scaled:
             columns = [(1.0 + value[k]) * by for by in columns]
             columns.append(np.where(prediction.possible, prediction.travel_time, 0.0)[:, None])
@@ -387,8 +398,11 @@ class RangeUnknowns:
         """Derivatives of measured travel times by unknown clock offsets, then by unknown skews."""
         assert self._clocks is not None  # called only then
         n = self._n_vehicles
-        offset, skew = np.zeros((rows.size, n + 1)), np.zeros((rows.size, n + 1))
-        row, t, r = np.arange(rows.size), self._transmitter[rows], self._receiver[rows]
+        offset = np.zeros((rows.size, n + 1))
+        skew = np.zeros((rows.size, n + 1))
+        row = np.arange(rows.size)
+        t = self._transmitter[rows]
+        r = self._receiver[rows]
         if self._clocks.turn_around is None:
             offset[row, r] += 1.0
             offset[row, t] -= 1.0

@@ -21,10 +21,8 @@ MEASURES = {
     "cook_distance": "Cook's distance",
 }
 """Names of the measures of influence by column of `factor_influence`."""
-_ANGLE, _LENGTH = (
-    1e-6,
-    1e-2,
-)  # rad, m; steps of central differences, whose error is below 1e-6 of a derivative
+_ANGLE = 1e-6  # rad, m; steps of central differences, whose error is below 1e-6 of a derivative
+_LENGTH = 1e-2
 _MIN_FREE = 1e-9  # share of a residual's variance below which a factor alone determines a direction
 
 
@@ -82,7 +80,8 @@ def factor_influence(
     own, between = last.factor.inverse_of_pairs(pairs.astype(np.intp))
     weight = np.ones(len(graph["range"])) if loss is None else loss.weight(whitened_ranges(graph, values))
     n_unknowns = _unknowns(graph)
-    tables, done = [], 0
+    tables = []
+    done = 0
     for name, kind in KINDS.items():
         factors = graph[name]
         count = len(factors) if len(kind.ends) == 2 else 0
@@ -91,7 +90,8 @@ def factor_influence(
             continue
         white, jacobian = _linearized(factors, state, planar=graph.planar)
         if name == "range":
-            white, jacobian = white * np.sqrt(weight)[:, None], jacobian * np.sqrt(weight)[:, None, None]
+            white = white * np.sqrt(weight)[:, None]
+            jacobian = jacobian * np.sqrt(weight)[:, None, None]
         covariance = _joint(own, between[done - count : done], factors.variables)
         tables.append(_named(graph, factors).assign(**_measures(white, jacobian, covariance, n_unknowns)))
     return pd.concat(tables, ignore_index=True)
@@ -215,7 +215,8 @@ def _pose(factors: Factors, ends: list[_Ends]) -> Array:
     """Logarithm of the error of a relative pose, or of a pose or attitude in the world."""
     to_measured = np.swapaxes(matrix_from_quaternion(factors.column("quaternion")), 1, 2)
     last = ends[-1]
-    rotation, stride = last.rotation, last.position
+    rotation = last.rotation
+    stride = last.position
     if len(ends) == 2:
         to_body = np.swapaxes(ends[0].rotation, 1, 2)
         rotation = to_body @ rotation

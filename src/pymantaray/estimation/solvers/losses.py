@@ -95,7 +95,8 @@ class Loss:
         ndarray, shape (...)
             Cost. [-]
         """
-        u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
+        u = np.abs(np.asarray(residual, dtype=float))
+        k = self.scale
         if self.kind == "huber":
             return np.asarray(np.where(u <= k, 0.5 * u**2, k * (u - 0.5 * k)))
         if self.kind == "cauchy":
@@ -120,7 +121,8 @@ class Loss:
         ndarray, shape (...)
             Weight; 1 at zero. [-]
         """
-        u, k = np.abs(np.asarray(residual, dtype=float)), self.scale
+        u = np.abs(np.asarray(residual, dtype=float))
+        k = self.scale
         if self.kind == "huber":
             return np.asarray(k / np.maximum(u, k))
         if self.kind == "cauchy":

@@ -67,7 +67,8 @@ class PoseCovariance:
 
     def __init__(self, graph: FactorGraph, values: GraphValues) -> None:
         problem = distance_problem(graph)
-        self._row, self._n_poses = problem.structure.row, graph.n_poses
+        self._row = problem.structure.row
+        self._n_poses = graph.n_poses
         state = GraphState.of(values)
         self._rotation = state.rotation[: self._n_poses]
         self._last = check_convergence(problem, state).last
@@ -90,7 +91,8 @@ class PoseCovariance:
     def _product(self, vectors: Array, part: slice) -> Array:
         if self._last is None:
             return np.full(vectors.shape, np.nan)
-        z, rows = np.zeros((self._row.size, SIZE, len(vectors))), self._row[: self._n_poses]
+        z = np.zeros((self._row.size, SIZE, len(vectors)))
+        rows = self._row[: self._n_poses]
         z[rows, part] = np.ascontiguousarray(np.moveaxis(vectors, 0, 2))
         solution = self._last.factor.solve(z, overwrite=True)[rows, part]
         return np.ascontiguousarray(np.moveaxis(solution, 2, 0))

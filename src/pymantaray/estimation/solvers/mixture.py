@@ -71,7 +71,8 @@ class MixtureIterations(OuterIterations):
             raise EstimationError(
                 "a mixture of candidates has its own variances; remove the uncertainty of travel times"
             )
-        self._graph, self._model = graph, model
+        self._graph = graph
+        self._model = model
         self._variance = np.array(graph["range"].variance)
         self._weights = self._picked_weights = PickedWeights(model_ranges, self._variance)
         landmarks = graph.vehicle_name.size + np.arange(graph.landmark_name.size)
@@ -95,8 +96,10 @@ class MixtureIterations(OuterIterations):
     def _candidates(self, links: RangeEndpoints, rows: Rows, unknowns: Array) -> "_Found":
         """Candidates of some ranges at their links."""
         table = self._model.candidates(links)
-        row, n = table.row, table.row.size
-        prediction, by_unknowns = table.prediction, np.empty((n, 0))
+        row = table.row
+        n = table.row.size
+        prediction = table.prediction
+        by_unknowns = np.empty((n, 0))
         of_candidates = RangeEndpoints(*(column[row] for column in links))
         if self._model_ranges.unknowns is not None:
             prediction, by_unknowns = self._model_ranges.unknowns.applied(
@@ -151,10 +154,12 @@ class MixtureIterations(OuterIterations):
         known: list[tuple[RangeChoice, Array] | None],
     ) -> None:
         """Pick the candidates of the ranges of one epoch from the state that earlier epochs predict."""
-        r, mixture = self._model_ranges.ranges, self._model.mixture
+        r = self._model_ranges.ranges
+        mixture = self._model.mixture
         ends, at = np.unique(np.concatenate([r.transmitter[rows], r.receiver[rows]]), return_inverse=True)
         place = state.position[ends]
-        one, other = at[: rows.size], at[rows.size :]
+        one = at[: rows.size]
+        other = at[rows.size :]
         links = RangeEndpoints(r.time[rows], place[one], place[other], r.sound_speed[rows])
         found = self._candidates(links, rows, state.shared)
         row = found.table.row
@@ -233,10 +238,13 @@ class _Picked:
 
     def add(self, rows: Rows, links: RangeEndpoints, found: _Found, picks: Rows, unknowns: Array) -> None:
         """Add the picks of one epoch."""
-        prediction, by = of_picks(found.prediction, picks), found.by(picks)
+        prediction = of_picks(found.prediction, picks)
+        by = found.by(picks)
         self.used[rows], self.added[rows] = prediction.possible, found.added(picks)
-        self.transmitter[rows], self.receiver[rows] = links.transmitter, links.receiver
-        self._time[rows], self._by_unknowns[rows] = prediction.travel_time - by @ unknowns, by
+        self.transmitter[rows] = links.transmitter
+        self.receiver[rows] = links.receiver
+        self._time[rows] = prediction.travel_time - by @ unknowns
+        self._by_unknowns[rows] = by
         self._by_ends[:, rows] = prediction.transmitter_gradient, prediction.receiver_gradient
         self._bounces[rows] = 0 if prediction.bounces is None else prediction.bounces
 

@@ -12,7 +12,8 @@ from pymantaray.estimation._kernels.residuals import Matrix
 from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 
 SIZE = 6
-_NO_VECTOR, _NO_BLOCKS = np.empty((0, SIZE)), np.empty((0, SIZE, SIZE))
+_NO_VECTOR = np.empty((0, SIZE))
+_NO_BLOCKS = np.empty((0, SIZE, SIZE))
 _LARGEST_SPARE = 1 << 26  # bytes
 
 
@@ -67,7 +68,8 @@ class Structure:
         size = self.row.size
         low, high = np.sort(self.row[pairs], axis=1).T
         before = coo_array((np.ones(low.size), (high, low)), shape=(size, size)).tocsr()
-        parent, count = np.full(size, -1), np.zeros(size, dtype=np.intp)
+        parent = np.full(size, -1)
+        count = np.zeros(size, dtype=np.intp)
         walk = (before.indptr.astype(np.intp), before.indices.astype(np.intp), parent)
         none = np.empty(0, dtype=np.intp)
         cholesky.join_rows(*walk, np.empty(size, dtype=np.intp), count, none, none)
@@ -106,8 +108,11 @@ class Structure:
 
 def _order(size: int, pairs: Indices, fixed: Mask) -> Indices:
     """Row of each variable by minimum degree; it changes ``fixed``, variables that are not in the first part of the order."""
-    row, joined = np.empty(size, dtype=np.intp), np.empty((size, 2), dtype=np.intp)
-    near, turn, left = np.full((size, 2), -1), np.zeros(size, dtype=np.intp), np.empty(size, dtype=np.intp)
+    row = np.empty(size, dtype=np.intp)
+    joined = np.empty((size, 2), dtype=np.intp)
+    near = np.full((size, 2), -1)
+    turn = np.zeros(size, dtype=np.intp)
+    left = np.empty(size, dtype=np.intp)
     count, joins = cholesky.eliminate_chains(pairs, fixed, near, turn, left, row, joined)
     if count < size:
         number = np.cumsum(fixed) - 1
@@ -130,7 +135,9 @@ class Factor:
     """Cholesky factor of normal equations."""
 
     def __init__(self, structure: Structure, diagonal: Array, above: Array) -> None:
-        self._structure, self._diagonal, self._above = structure, diagonal, above
+        self._structure = structure
+        self._diagonal = diagonal
+        self._above = above
 
     def solve(self, vector: Array, *, overwrite: bool = False) -> Array:
         """
@@ -138,7 +145,8 @@ class Factor:
 
         Several right-hand sides, (n, 6, count), have the same digits as each alone, and take less time.
         """
-        x, s = vector if overwrite else vector.copy(), self._structure
+        x = vector if overwrite else vector.copy()
+        s = self._structure
         factor = s.start, s.column, self._diagonal, self._above
         if x.ndim == 2:
             cholesky.substitute(*factor, x, True)
@@ -178,13 +186,15 @@ class Factor:
     def _inverse_blocks(self, rows: Mask) -> tuple[Array, Array]:
         """Blocks of the inverse in some rows, on and above the diagonal."""
         s = self._structure
-        diagonal, above = np.empty_like(self._diagonal), np.empty_like(self._above)
+        diagonal = np.empty_like(self._diagonal)
+        above = np.empty_like(self._above)
         work = np.empty((1, SIZE, SIZE))
         cholesky.invert(s.start, s.column, self._diagonal, self._above, rows, diagonal, above, work)
         return diagonal, above
 
     def _joint(self, group: Indices, diagonal: Array, above: Array) -> Array:
-        s, n = self._structure, len(group)
+        s = self._structure
+        n = len(group)
         out = np.empty((n, n, SIZE, SIZE))
         i = np.arange(n)
         out[i, i] = diagonal[s.row[group]]
@@ -205,18 +215,23 @@ class NormalEquations:
     """
 
     def __init__(self, structure: Structure, order: int = 1) -> None:
-        self.structure, self.order = structure, order
+        self.structure = structure
+        self.order = order
         n = structure.row.size
         self.diagonal, self.above = structure.take_blocks()
         self.gradient, self.cost, self._element = np.empty((n, SIZE)), 0.0, np.empty((n, SIZE))
         self._right = _NO_VECTOR
         self.scale: Array | None = None
-        self.begun, self.failed = False, False
+        self.begun = False
+        self.failed = False
 
     def cleared(self, order: int) -> "NormalEquations":
         """These equations without a cost and with an order; the matrix has to be set anew, and a factor in its arrays is lost."""
-        self.order, self.cost, self.scale = order, 0.0, None
-        self.begun, self.failed = False, False
+        self.order = order
+        self.cost = 0.0
+        self.scale = None
+        self.begun = False
+        self.failed = False
         return self
 
     @property
@@ -248,10 +263,12 @@ class NormalEquations:
         The next step of equations in the same arrays may overwrite it.
         """
         if not self.begun:
-            step, first = -self.gradient, 0
+            step = -self.gradient
+            first = 0
             self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
         else:
-            step, first = self._right, int(self.structure.batch[-2])
+            step = self._right
+            first = int(self.structure.batch[-2])
             step[first:] -= self.gradient[first:]
             self._element[first:] += np.diagonal(self.diagonal[first:], axis1=1, axis2=2)
         factor = None if self.failed else self._eliminated(first, step)
@@ -270,17 +287,21 @@ class NormalEquations:
 
         None if some direction of the others is not determined.
         """
-        s, n = self.structure, len(last)
-        first, end = s.row.size - n, s.start[s.row.size - n]
+        s = self.structure
+        n = len(last)
+        first = s.row.size - n
+        end = s.start[s.row.size - n]
         self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
         if cholesky.factorize(self.upper(), 0, first) >= 0:
             return None
         left = np.zeros((n, n, SIZE, SIZE))
-        own, row = np.arange(n), np.repeat(np.arange(n), np.diff(s.start[first:]))
+        own = np.arange(n)
+        row = np.repeat(np.arange(n), np.diff(s.start[first:]))
         left[own, own] = self.diagonal[first:]
         left[row, s.column[end:] - first] = self.above[end:]
         left[s.column[end:] - first, row] = np.swapaxes(self.above[end:], 1, 2)
-        self.diagonal[first:], self.above[end:] = np.eye(SIZE), 0.0
+        self.diagonal[first:] = np.eye(SIZE)
+        self.above[end:] = 0.0
         rest = Factor(s, self.diagonal, self.above).solve(self.gradient)[first:]
         at = s.row[last] - first
         matrix = np.moveaxis(left[at[:, None], at], 2, 1).reshape(n * SIZE, n * SIZE)
@@ -289,17 +310,21 @@ class NormalEquations:
     def damped(self, factor: float) -> "NormalEquations":
         """Copy with a multiple of the diagonal added (of the diagonal without curvature, if stored)."""
         copy = NormalEquations(self.structure)
-        copy.diagonal[:], copy.above[:] = self.diagonal, self.above
-        copy.gradient, copy.cost = self.gradient, self.cost
+        copy.diagonal[:] = self.diagonal
+        copy.above[:] = self.above
+        copy.gradient = self.gradient
+        copy.cost = self.cost
         i = np.arange(SIZE)
         copy.diagonal[:, i, i] += factor * (self.diagonal[:, i, i] if self.scale is None else self.scale)
         return copy
 
     def add(self, variables: Indices, matrix: Array, gradient: Array) -> None:
         """Add a dense term of mutually connected variables."""
-        s, n = self.structure, len(variables)
+        s = self.structure
+        n = len(variables)
         blocks = np.swapaxes(matrix.reshape(n, SIZE, n, SIZE), 1, 2)
-        rows, i = s.row[variables], np.arange(n)
+        rows = s.row[variables]
+        i = np.arange(n)
         self.gradient[rows] += gradient.reshape(n, SIZE)
         self.diagonal[rows] += blocks[i, i]
         a, b, (block, turned) = s.between(variables)
@@ -309,7 +334,8 @@ class NormalEquations:
 
     def information(self) -> csc_array:
         """The matrix in the order of the variables."""
-        s, n = self.structure, self.structure.row.size
+        s = self.structure
+        n = self.structure.row.size
         variable = np.argsort(s.row)
         row = np.repeat(variable, np.diff(s.start))
         upper = _matrix(row, variable[s.column], self.above, n)

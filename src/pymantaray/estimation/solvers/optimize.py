@@ -21,7 +21,8 @@ _MAX_SLOW = 3  # such steps before the curvature is given up
 _MAX_STALLED = 10  # such steps without curvature before damped steps take over
 _MAX_INDEFINITE = 2  # indefinite matrices of an order before it is given up
 _STALLED_FALL = 1e-9  # relative decrease of the cost at which damped steps from a singular start end
-_FIRST_DAMPING, _MAX_DAMPING = 1e-5, 1e5  # of the diagonal
+_FIRST_DAMPING = 1e-5  # of the diagonal
+_MAX_DAMPING = 1e5
 _SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use full curvature
 
 
@@ -54,9 +55,11 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     stalled = progress.iterations >= _MAX_STALLED
     if not (progress.singular or np.isnan(progress.last_step)):
         return first
-    begin, taken = initial, 0
+    begin = initial
+    taken = 0
     if (problem.without_ranges or stalled) and not progress.singular:
-        begin, taken = lowest, progress.iterations
+        begin = lowest
+        taken = progress.iterations
     damped, iterations = _levenberg_marquardt(problem, begin, options, taken, singular=progress.singular)
     if iterations == 0 and begin is initial:
         return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
@@ -91,10 +94,15 @@ def _gauss_newton(
     it is omitted for good. Both are omitted in the last step, which measures convergence, and after three steps with curvature
     of which each is longer than half of the one before: both are upper bounds, too large if residuals are.
     """
-    state, equations, most = initial, problem.linearize(initial, 2, begin=True), _HIGHEST_ORDER
+    state = initial
+    equations = problem.linearize(initial, 2, begin=True)
+    most = _HIGHEST_ORDER
     indefinite = [0] * (_HIGHEST_ORDER + 1)
-    lowest, above, best = equations.cost, 0, initial
-    slow, longest = 0, np.inf
+    lowest = equations.cost
+    above = 0
+    best = initial
+    slow = 0
+    longest = np.inf
     spare: GraphState | None = None  # its arrays are free once the next step begins
     progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
@@ -117,7 +125,8 @@ def _gauss_newton(
         if largest <= _CURVATURE_GAIN * options.step_tolerance:
             most = 1
         elif most > 1 and slow >= _MAX_SLOW:
-            most, slow = 1, 0
+            most = 1
+            slow = 0
         ahead = None if final else problem.linearize(trial, most, equations, begin=True)
         cost = problem.cost(trial) if ahead is None else ahead.cost
         above = 0 if cost <= lowest + _COST_ROUNDING * (1.0 + lowest) else above + 1
@@ -126,7 +135,8 @@ def _gauss_newton(
             return Optimum(state, replace(progress, last_step=np.nan)), best
         best = trial if cost < lowest else best
         spare = None if state is initial or state is best else state
-        state, lowest = trial, min(lowest, cost)
+        state = trial
+        lowest = min(lowest, cost)
         progress = replace(progress, iterations=iteration, final_cost=cost)
         if options.report is not None:
             options.report(taken + iteration, cost)
@@ -164,7 +174,9 @@ def _levenberg_marquardt(
     away then lead to other minima. If a step along arcs gained little, Gauss-Newton's matrix is a poor model of the cost, and
     the matrix with full curvature is tried first. It is not positive definite far from a minimum.
     """
-    state, damping, fall = initial, _FIRST_DAMPING, np.inf
+    state = initial
+    damping = _FIRST_DAMPING
+    fall = np.inf
     for iteration in range(10 * options.max_iterations):
         matrices = [problem.linearize(state)]
         if fall <= _SMALL_FALL and problem.without_ranges and not singular:

@@ -60,8 +60,10 @@ class OuterIterations:
             raise EstimationError(
                 "a robust loss applies to single ranges, but these are correlated; remove the loss or the correlation"
             )
-        self._model_ranges, self._loss = model_ranges, loss
-        r, n = model_ranges.ranges, graph.n_variables
+        self._model_ranges = model_ranges
+        self._loss = loss
+        r = model_ranges.ranges
+        n = graph.n_variables
         self._shared = n + np.arange(-(-model_ranges.n_unknowns // SIZE))
         self._factors = cache.factors(graph)
         self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
@@ -79,9 +81,14 @@ class OuterIterations:
 
     def solve(self, initial: GraphValues, options: SolveOptions) -> BatchOutcome:
         """Solve from a start; if the expansions do not converge the last step is NaN, which no gate passes."""
-        start, loss = GraphState.of(initial, self._model_ranges.n_unknowns), self._loss
-        end, ranges, problem = Optimum(start, SolveProgress(0, np.nan, np.nan)), None, None
-        iterations, count, settled = 0, 0, False
+        start = GraphState.of(initial, self._model_ranges.n_unknowns)
+        loss = self._loss
+        end = Optimum(start, SolveProgress(0, np.nan, np.nan))
+        ranges = None
+        problem = None
+        iterations = 0
+        count = 0
+        settled = False
         while True:
             place = self._ends(end.state)
             if self._expansion is not None and count > 1 and self._expansion.is_good_at(*place):
@@ -101,7 +108,8 @@ class OuterIterations:
             problem = Problem(self._factors, ranges, self._structure, loss)
             tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
             end = optimize_robust(problem, end.state, replace(options, step_tolerance=tolerance))
-            iterations, count = iterations + end.progress.iterations, count + 1
+            iterations = iterations + end.progress.iterations
+            count = count + 1
             if end.progress.singular or not np.isfinite(end.progress.final_cost):
                 break
         assert problem is not None  # the model was evaluated at least once
@@ -123,7 +131,8 @@ class OuterIterations:
         links = r.links(a, b)
         prediction, by_unknowns = self._predict(links, u)
         self._gated += self._used & ~prediction.possible
-        before, self._used = self._used, prediction.possible & (self._gated < _MAX_GATINGS)
+        before = self._used
+        self._used = prediction.possible & (self._gated < _MAX_GATINGS)
         residual = r.sound_speed * (
             np.where(prediction.possible, prediction.travel_time, 0.0) - r.travel_time
         )

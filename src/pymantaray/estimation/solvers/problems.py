@@ -68,7 +68,9 @@ class FactorsExceptRanges:
     """All factors of a graph except its ranges: relative poses, sightings of landmarks, and measured positions."""
 
     def __init__(self, graph: FactorGraph) -> None:
-        self._tables, self.n_poses, self.n_variables = _except_ranges(graph), graph.n_poses, graph.n_variables
+        self._tables = _except_ranges(graph)
+        self.n_poses = graph.n_poses
+        self.n_variables = graph.n_variables
         self.planar = graph.planar
         self._groups = [graph.of_residual(r) for r in (Residual.POSE, Residual.SIGHTING, Residual.POSITION)]
         poses = self._groups[0]
@@ -98,10 +100,12 @@ class FactorsExceptRanges:
 
     def blocks(self, structure: Structure) -> FactorBlocks:
         """Blocks of pairs of variables; poses relative to the world have none."""
-        n, inner = self._inner.size, self._inner
+        n = self._inner.size
+        inner = self._inner
         out = Blocks(np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.bool_))
         out.block[inner], out.turned[inner] = structure.blocks(self._relative_pairs)
-        row, relative = structure.row, self._relative
+        row = structure.row
+        relative = self._relative
         second = row[relative.second]
         eliminated = np.where(inner, np.minimum(row[relative.first], second), second)
         batches = _batches(structure.batch, eliminated, row[self._positions.variable])
@@ -113,7 +117,8 @@ class FactorsExceptRanges:
 
         If wanted, begin the elimination.
         """
-        order, upper = 1 if out.order > 3 else min(out.order, 2), out.begin() if begin else out.upper()
+        order = 1 if out.order > 3 else min(out.order, 2)
+        upper = out.begin() if begin else out.upper()
         costs, out.failed = self._evaluate(state, blocks, out.matrix, upper, (order, begin))
         out.cost += sum(float(cost.sum()) for cost in costs)
 
@@ -124,7 +129,8 @@ class FactorsExceptRanges:
         Residuals are linear in positions, so the difference involves rotations only. Central differences of each residual's
         gradient, with its two poses rotated, give it.
         """
-        inner, m = self._inner, len(self._relative_pairs)
+        inner = self._inner
+        m = len(self._relative_pairs)
         one, other = self._relative_pairs.T
         row = np.arange(2 * m)
         copies = residuals.RelativePoses(row[:m], row[m:], *(column[inner] for column in self._relative[2:]))
@@ -133,7 +139,8 @@ class FactorsExceptRanges:
         rotation = np.concatenate([state.rotation[one], state.rotation[other]])
 
         factors = assembly.ChainFactors(copies, pairs, residuals.Positions(*(c[:0] for c in self._positions)))
-        batches, start = _batches(np.array([0, 2 * m]), row[:m], row[:0]), np.minimum(np.arange(2 * m + 1), m)
+        batches = _batches(np.array([0, 2 * m]), row[:m], row[:0])
+        start = np.minimum(np.arange(2 * m + 1), m)
 
         def each(turned: Array) -> residuals.Matrix:
             """Blocks and gradient of each residual separately."""
@@ -188,7 +195,9 @@ class FactorsExceptRanges:
 
     def _costs(self, state: GraphState) -> tuple[Array, Array, Array]:
         """Cost of each relative pose, of each sighting, and of each measured position."""
-        none, nothing, vectors = np.empty(0, dtype=np.intp), np.empty((0, SIZE, SIZE)), np.empty((0, SIZE))
+        none = np.empty(0, dtype=np.intp)
+        nothing = np.empty((0, SIZE, SIZE))
+        vectors = np.empty((0, SIZE))
         matrix = residuals.Matrix(none, nothing, nothing, vectors)
         upper = cholesky.Upper(none, none, nothing, nothing, vectors, vectors)
         no_blocks = Blocks(none, none > 0)
@@ -260,12 +269,14 @@ def _by_pieces(function: Callable[[Array], Array], rows: Array, out: Array) -> A
 def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Factors]) -> list[Any]:
     """Concatenate the columns of several tables."""
     out: list[Any] = []
-    total, end = sum(map(len, tables)), 0
+    total = sum(map(len, tables))
+    end = 0
     for table in tables:
         for piece in _pieces(len(table)):
             parts = columns(table if len(table) <= _PIECE else table[piece])
             out = out or [np.empty((total, *part.shape[1:]), part.dtype) for part in parts]
-            begin, end = end, end + len(parts[0])
+            begin = end
+            end = end + len(parts[0])
             for whole, part in zip(out, parts, strict=True):
                 whole[begin:end] = part
     return out
@@ -273,7 +284,8 @@ def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Facto
 
 def _relative(table: Factors) -> tuple[Any, ...]:
     """First pose, -1 for the world, second pose, measured rotation and translation."""
-    n, kind = len(table), table.kind
+    n = len(table)
+    kind = table.kind
     first = table.variables[:, 0] if len(kind.ends) == 2 else np.full(n, -1)
     step = table.column("position") if "position" in kind.columns_at else np.zeros((n, 3))
     turn = matrix_from_quaternion(table.column("quaternion"))
@@ -282,10 +294,14 @@ def _relative(table: Factors) -> tuple[Any, ...]:
 
 def _pose_roots(tables: list[Factors]) -> Array:
     """Roots of the information of relative poses (n, 6, 6) or, if all are diagonal, their diagonals (n, 6)."""
-    n, diagonal = sum(map(len, tables)), all(_is_diagonal(table.covariance) for table in tables)
-    out, end = np.zeros((n, SIZE) if diagonal else (n, SIZE, SIZE)), 0
+    n = sum(map(len, tables))
+    diagonal = all(_is_diagonal(table.covariance) for table in tables)
+    out = np.zeros((n, SIZE) if diagonal else (n, SIZE, SIZE))
+    end = 0
     for table in tables:
-        start, end, rows = end, end + len(table), table.kind.rows
+        start = end
+        end = end + len(table)
+        rows = table.kind.rows
         if diagonal:
             _by_pieces(
                 lambda variance: 1.0 / np.sqrt(variance),
@@ -311,8 +327,10 @@ def _position(table: Factors) -> tuple[Any, ...]:
     if "position" in table.kind.columns_at:
         root = _information_root(table.covariance)
         return table.subject.astype(np.intp), table.column("position"), np.swapaxes(root, 1, 2) @ root
-    place, information = np.zeros((n, 3)), np.zeros((n, 3, 3))
-    place[:, 2], information[:, 2, 2] = table.column("depth"), 1.0 / table.variance
+    place = np.zeros((n, 3))
+    information = np.zeros((n, 3, 3))
+    place[:, 2] = table.column("depth")
+    information[:, 2, 2] = 1.0 / table.variance
     return table.subject.astype(np.intp), place, information
 
 
@@ -354,7 +372,8 @@ class Distances:
         information = self._sigma**-2
         if loss is not None:
             weight = loss.weight(white)
-            white, slope = np.sqrt(weight) * white, np.sqrt(weight)[:, None] * slope
+            white = np.sqrt(weight) * white
+            slope = np.sqrt(weight)[:, None] * slope
             information = weight * information
         residuals.add_pairs(self.pairs, blocks, white, slope, bend, information, out.matrix)
 
@@ -363,7 +382,8 @@ class Distances:
         rows = np.isin(self.pairs, variables).all(axis=1)
         white, slope = (part[rows] for part in self._at(state))
         jacobian = np.zeros((white.size, 1, 2 * SIZE))
-        jacobian[:, 0, 3:6], jacobian[:, 0, 9:12] = slope[:, :3], slope[:, 3:]
+        jacobian[:, 0, 3:6] = slope[:, :3]
+        jacobian[:, 0, 9:12] = slope[:, 3:]
         return list(map(LinearTerm, self.pairs[rows], white[:, None], jacobian))
 
     def _at(self, state: GraphState) -> tuple[Array, Array]:
@@ -400,7 +420,9 @@ class ExpandedRanges:
     def __init__(
         self, ranges: TimedRanges, blocks: Sequence[EpochBlock], expansion: Expansion, shared: Indices
     ) -> None:
-        self._ranges, self._expansion, self._shared = ranges, expansion, shared
+        self._ranges = ranges
+        self._expansion = expansion
+        self._shared = shared
         self._epochs = [(rows, covariance) for rows, covariance in blocks if rows.size]
         self._rows = np.concatenate([np.empty(0, dtype=np.intp), *(rows for rows, _ in self._epochs)])
         self._separate = not shared.size and all(
@@ -414,7 +436,8 @@ class ExpandedRanges:
 
     @cached_property
     def _terms(self) -> list[EpochTerms]:
-        out, ranges = [], self._ranges
+        out = []
+        ranges = self._ranges
         for rows, covariance in self._epochs:
             ends = np.concatenate([ranges.transmitter[rows], ranges.receiver[rows]])
             variables, at = np.unique(ends, return_inverse=True)
@@ -445,11 +468,13 @@ class ExpandedRanges:
         """Add cost, gradient and blocks, weighted under a loss."""
         if self._separate:
             residual, *slopes = (part[self._rows] for part in self._at(state))
-            white, slope = residual / self._sigma, np.hstack(slopes) / self._sigma[:, None]
+            white = residual / self._sigma
+            slope = np.hstack(slopes) / self._sigma[:, None]
             out.cost += _cost(white, loss)
             if loss is not None:
                 root = np.sqrt(loss.weight(white))
-                white, slope = root * white, root[:, None] * slope
+                white = root * white
+                slope = root[:, None] * slope
             none = np.zeros_like(white)  # an expansion contains its curvature
             residuals.add_pairs(self.pairs, blocks, white, slope, none, none, out.matrix)
             return
@@ -485,7 +510,8 @@ class ExpandedRanges:
     def _linear(
         self, t: EpochTerms, residual: Array, by_transmitter: Array, by_receiver: Array
     ) -> LinearTerm:
-        m, row = t.rows.size, np.arange(t.rows.size)
+        m = t.rows.size
+        row = np.arange(t.rows.size)
         by = np.zeros((m, len(t.variables), SIZE))
         by[row, t.transmitter, 3:] = by_transmitter[t.rows]  # the ends of a range differ
         by[row, t.receiver, 3:] = by_receiver[t.rows]
@@ -513,7 +539,10 @@ class Problem:
         structure: Structure,
         loss: Loss | None = None,
     ) -> None:
-        self.factors, self.ranges, self.structure, self.loss = factors, ranges, structure, loss
+        self.factors = factors
+        self.ranges = ranges
+        self.structure = structure
+        self.loss = loss
         self._blocks = factors.blocks(structure)
         self._range_blocks = structure.blocks(ranges.pairs)
 
@@ -539,7 +568,9 @@ class Problem:
         ``begin`` allows to eliminate batches of rows already; then only `NormalEquations.step` can be called.
         """
         out = NormalEquations(self.structure, order) if into is None else into.cleared(order)
-        i, n, m = np.arange(SIZE), self.factors.n_poses, self.factors.n_variables
+        i = np.arange(SIZE)
+        n = self.factors.n_poses
+        m = self.factors.n_variables
         row = self.structure.row
         begin = begin and order <= 3 and not self.factors.planar and self.structure.batch.size > 2
         self.factors.add(state, self._blocks, out, begin=begin)
@@ -563,7 +594,8 @@ def _add_arcs(state: GraphState, out: NormalEquations, rows: Indices) -> None:
     """Add the curvature due to motion along arcs: half of ``g . (R w) x d``, symmetrically."""
     pull = np.cross(out.gradient[rows][:, None, 3:], np.eye(3)[None])  # [g], transposed
     mixed = 0.5 * np.swapaxes(state.rotation[: rows.size], 1, 2) @ pull
-    turn, shift = np.arange(3), np.arange(3, 6)
+    turn = np.arange(3)
+    shift = np.arange(3, 6)
     out.diagonal[rows[:, None, None], turn[:, None], shift] += mixed
     out.diagonal[rows[:, None, None], shift[:, None], turn] += np.swapaxes(mixed, 1, 2)
 
@@ -597,7 +629,8 @@ class ProblemCache:
         """Structure of variables that are connected by factors, by other pairs or within groups."""
         within = [np.stack(np.triu_indices(len(group), 1), axis=1) for group in groups]
         every = [factors.pairs, pairs, *(group[inner] for group, inner in zip(groups, within, strict=True))]
-        joined, unbatched = np.concatenate(every).astype(np.intp), factors.unbatched(size, [pairs, *groups])
+        joined = np.concatenate(every).astype(np.intp)
+        unbatched = factors.unbatched(size, [pairs, *groups])
         key = size, joined.tobytes(), unbatched.tobytes()
         if key not in self._structures:
             self._structures[key] = Structure(size, joined, unbatched=unbatched)
@@ -613,7 +646,8 @@ def distance_problem(
 ) -> Problem:
     """Problem of a graph whose ranges are distances; the variables of each group are also connected."""
     cache = cache or ProblemCache()
-    factors, ranges = cache.factors(graph), Distances(graph)
+    factors = cache.factors(graph)
+    ranges = Distances(graph)
     return Problem(factors, ranges, cache.structure(factors, graph.n_variables, ranges.pairs, groups), loss)
 
 

@@ -45,7 +45,8 @@ def optimize_robust(problem: Problem, initial: GraphState, options: SolveOptions
         steps += progress.iterations
         control /= _CONTROL_RATIO
     end = _descend(problem, state, options)
-    taken, cost = steps + end.progress.iterations, problem.cost(initial)
+    taken = steps + end.progress.iterations
+    cost = problem.cost(initial)
     return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=cost))
 
 
@@ -58,7 +59,8 @@ def _descend(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     end = optimize(problem, state, replace(options, max_iterations=_POLISH_STEPS))
     proof = end.progress
     if not proof.final_cost <= proof.initial_cost + 1e-9 * (1.0 + proof.initial_cost):
-        end, proof = Optimum(state, proof), replace(proof, final_cost=proof.initial_cost, last_step=np.nan)
+        end = Optimum(state, proof)
+        proof = replace(proof, final_cost=proof.initial_cost, last_step=np.nan)
     taken = progress.iterations + proof.iterations
     return end._replace(progress=replace(proof, iterations=taken, initial_cost=progress.initial_cost))
 
@@ -67,7 +69,8 @@ def _descend_steps(
     problem: Problem, initial: GraphState, options: SolveOptions
 ) -> tuple[SolveProgress, GraphState]:
     """Descend with a line search; progress has no gradient and decrement."""
-    state, cost = initial, problem.cost(initial)
+    state = initial
+    cost = problem.cost(initial)
     progress = SolveProgress(iterations=0, initial_cost=cost, final_cost=cost)
     for iteration in range(1, options.max_iterations + 1):
         equations = problem.linearize(state, begin=True)
@@ -78,7 +81,8 @@ def _descend_steps(
         lower, lower_cost = _along(problem, state, step, cost)
         if lower is None:
             break
-        state, cost = lower, lower_cost
+        state = lower
+        cost = lower_cost
         largest = float(np.abs(step).max())
         progress = replace(progress, iterations=iteration, final_cost=cost, last_step=largest)
         if largest <= options.step_tolerance:
@@ -88,7 +92,8 @@ def _descend_steps(
 
 def _along(problem: Problem, state: GraphState, step: Array, cost: float) -> tuple[GraphState | None, float]:
     """State of lowest cost among power-of-two multiples of a step; None if none lowers the cost."""
-    factor, best = 1.0, state.moved(problem.structure, step)
+    factor = 1.0
+    best = state.moved(problem.structure, step)
     lowest = problem.cost(best)
     if lowest < cost:
         while factor < _MAX_STEP_FACTOR:
@@ -97,7 +102,8 @@ def _along(problem: Problem, state: GraphState, step: Array, cost: float) -> tup
             trial_cost = problem.cost(trial)
             if not trial_cost < lowest:
                 break
-            best, lowest = trial, trial_cost
+            best = trial
+            lowest = trial_cost
         return best, lowest
     while factor > _MIN_STEP_FACTOR:
         factor *= 0.5

@@ -84,15 +84,18 @@ def dead_reckon_graph(
     selects random paths instead.
     """
     n = graph.n_poses
-    prior, edge = graph["prior"], graph["edge"]
+    prior = graph["prior"]
+    edge = graph["edge"]
     at_prior = np.unique(prior.subject)
     ends = edge.variables.astype(int)
     first = first_of_chains(graph)
     parent, order, tree_edge = _shortest_tree(graph, np.concatenate([at_prior, first]), rng)
-    position, rotation = np.array(values.position), matrix_from_quaternion(values.quaternion)
+    position = np.array(values.position)
+    rotation = matrix_from_quaternion(values.quaternion)
     position[prior.subject] = prior.column("position")
     rotation[prior.subject] = matrix_from_quaternion(prior.column("quaternion"))
-    turn, step = matrix_from_quaternion(edge.column("quaternion")), edge.column("position")
+    turn = matrix_from_quaternion(edge.column("quaternion"))
+    step = edge.column("position")
     for pose in order:
         before = parent[pose]
         if before == n:
@@ -105,7 +108,8 @@ def dead_reckon_graph(
             rotation[pose] = rotation[before] @ turn[k].T
             position[pose] = position[before] - rotation[pose] @ step[k]
     landmark = np.array(values.landmark_position)
-    sightings, surveys = graph.of_ends(("pose", "landmark")), graph.of_ends(("landmark",))
+    sightings = graph.of_ends(("pose", "landmark"))
+    surveys = graph.of_ends(("landmark",))
     for sighting in (table[::-1] for table in reversed(sightings)):  # so that the first is kept
         pose, seen = sighting.variables.T
         step = np.einsum("nij,nj->ni", rotation[pose], sighting.column("position"))
@@ -128,12 +132,15 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     without a prior, and landmarks that only ranges constrain, keep their ``values``. GTSAM's `InitializePose3` does the same
     for edges alone.
     """
-    n, prior, edge = graph.n_poses, graph["prior"], graph["edge"]
+    n = graph.n_poses
+    prior = graph["prior"]
+    edge = graph["edge"]
     sightings = graph.of_ends(("pose", "landmark"))
     first = first_of_chains(graph)
     turn = matrix_from_quaternion(edge.column("quaternion"))
     known = np.concatenate([prior.column("quaternion"), values.quaternion[first]])
-    at, transposed = np.concatenate([prior.subject, first]), np.swapaxes(matrix_from_quaternion(known), 1, 2)
+    at = np.concatenate([prior.subject, first])
+    transposed = np.swapaxes(matrix_from_quaternion(known), 1, 2)
     of_edge, of_prior = (1.0 / table.variance[:, :3].mean(axis=1) for table in (edge, prior))
     matrix = _linear(
         edge.variables,
@@ -171,7 +178,8 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     )[:, 0]
     quaternion = quaternion_from_matrix(rotation)
     if graph.planar:
-        positions[:, 2], quaternion[:, 1:3] = 0.0, 0.0
+        positions[:, 2] = 0.0
+        quaternion[:, 1:3] = 0.0
     unit = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
     unchanged = np.union1d(first, loose)
     return StartingValues(GraphValues(positions[:n], unit, positions[n:]), unchanged)
@@ -193,9 +201,11 @@ def _linear(
     ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3). Weights below ``_LEAST_WEIGHT`` of the largest one
     are raised to it: rounding of the normal equations would make them singular.
     """
-    k, n = turn.shape[1], len(ends)
+    k = turn.shape[1]
+    n = len(ends)
     least = _LEAST_WEIGHT * max(weight.max(initial=0.0), of_known.max(initial=0.0))
-    weight, of_known = np.maximum(weight, least), np.maximum(of_known, least)
+    weight = np.maximum(weight, least)
+    of_known = np.maximum(of_known, least)
     row, column = np.indices((k, k)).reshape(2, -1)
     rows = k * np.arange(n)[:, None]
     root = np.sqrt(weight)
@@ -263,7 +273,8 @@ def _shortest_tree(
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)
-    vehicle, number = graph.pose_vehicle.astype(int)[ends], graph.pose_number.astype(int)[ends]
+    vehicle = graph.pose_vehicle.astype(int)[ends]
+    number = graph.pose_number.astype(int)[ends]
     next_one = (vehicle[:, 0] == vehicle[:, 1]) & (np.abs(number[:, 0] - number[:, 1]) == 1)
     weight = (
         np.where(next_one, 1.0, _LOOP_CLOSURE_WEIGHT)

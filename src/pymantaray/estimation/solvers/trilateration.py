@@ -44,7 +44,8 @@ def trilaterate(
     ranges = graph["range"]
     out: dict[int, list[Array]] = {}
     first, second = ranges.variables.T
-    distance, sigma = ranges.column("distance"), np.sqrt(ranges.variance)
+    distance = ranges.column("distance")
+    sigma = np.sqrt(ranges.variance)
     axes = 2 if graph.planar else 3
     for landmark in unknown.tolist() if landmarks is None else landmarks:
         mine = ((second == landmark) & ~np.isin(first, unknown)).nonzero()[0]
@@ -62,7 +63,8 @@ def determined_times(graph: FactorGraph, values: GraphValues) -> Array:
     A sighting determines a landmark. Ranges do if its standard deviation, with all poses at the values, is below a tenth of their
     mean. A landmark that is never determined gets the time of its last range or sighting.
     """
-    n, ranges = graph.n_poses, graph["range"]
+    n = graph.n_poses
+    ranges = graph["range"]
     sightings = np.concatenate([table.variables for table in graph.of_ends(("pose", "landmark"))])
     known = np.concatenate([table.subject for table in graph.of_ends(("landmark",))])
     out = np.full(graph.landmark_name.size, -np.inf)

@@ -117,7 +117,8 @@ def split_address(address: str) -> tuple[str, tuple[str, str] | None]:
     """Split an address into the address without user and password, and these two."""
     try:
         parts = urlsplit(address)
-        host, _ = parts.hostname, parts.port
+        host = parts.hostname
+        _ = parts.port
     except ValueError:
         host = None
     if not host or parts.scheme not in ("http", "https"):

@@ -229,10 +229,12 @@ def _read_window(
     first = next(iter(datasets.values()))
     for remote in datasets.values():
         for name in DIMS:
-            a, b = remote.axes[name], first.axes[name]
+            a = remote.axes[name]
+            b = first.axes[name]
             if a.shape != b.shape or np.any(np.abs(a - b) > _AXIS_TOLERANCE):
                 raise ServerError(f"{remote.url}: {name} differs from {first.url}")
-    depth, grid = first.axes["depth"], region.of_grid(first.axes["lat"], first.axes["lon"], first.url)
+    depth = first.axes["depth"]
+    grid = region.of_grid(first.axes["lat"], first.axes["lon"], first.url)
     if depth.size * grid.lat.size * grid.lon.size > MAX_VALUES:
         raise OceanError(
             f"fetch: the window has {grid.lat.size} x {grid.lon.size} x {depth.size} points; the limit is"

@@ -22,7 +22,8 @@ HYCOM_DEPTHS = (
     *(1000.0, 1250.0, 1500.0, 2000.0, 2500.0, 3000.0, 4000.0, 5000.0),
 )
 """The 40 levels of HYCOM's public data sets. [m]"""
-_LON_STEP, _LAT_STEP = 0.08, 0.04  # degrees, as in HYCOM
+_LON_STEP = 0.08  # degrees, as in HYCOM
+_LAT_STEP = 0.04
 EPOCH = "2014-07-15T00:00"
 """The paper's snapshot (UTC); tables of eddies and fronts give positions at this instant."""
 

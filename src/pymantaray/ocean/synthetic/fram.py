@@ -91,10 +91,14 @@ _DAY = 86_400.0
 _COUNT = 30
 HALF_BOX = (240e3, 300e3)
 """Half extents (north, east) of the eddies' periodic box: the window plus four radii. [m]"""
-_POLAR_FRONT, _POLAR_WIDTH = -95e3, 32e3  # m east of the centre, over the upper Greenland slope
-_INFLOW_FRONT, _INFLOW_WIDTH = 130e3, 34e3  # m east, off the Svalbard slope
-_RECIRCULATION_FRONT, _RECIRCULATION_WIDTH = 40e3, 34e3  # m north: none at 78 10' N, steady at 78 50' N [5]
-_OUTFLOW_SPEED, _INFLOW_SPEED = -0.03, 0.06  # m/s north, constant over depth
+_POLAR_FRONT = -95e3  # m east of the centre, over the upper Greenland slope
+_POLAR_WIDTH = 32e3
+_INFLOW_FRONT = 130e3  # m east, off the Svalbard slope
+_INFLOW_WIDTH = 34e3
+_RECIRCULATION_FRONT = 40e3  # m north: none at 78 10' N, steady at 78 50' N [5]
+_RECIRCULATION_WIDTH = 34e3
+_OUTFLOW_SPEED = -0.03  # m/s north, constant over depth
+_INFLOW_SPEED = 0.06
 _EDDY_DRIFT = 3.5e3 / _DAY  # 35 km within a lifetime of 10 days [6]
 
 

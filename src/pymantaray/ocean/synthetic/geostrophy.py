@@ -97,7 +97,9 @@ def eddy_fields(
     eddies: Sequence[Eddy], elapsed: float, grid: Grid, half_box: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Downward displacement of the water [m], and its fraction of eddy water; both (depth, lat, lon)."""
-    horizontal, displacement, core = [], [], []
+    horizontal = []
+    displacement = []
+    core = []
     for eddy in eddies:
         north, east = eddy.centre(elapsed, half_box)
         squared = (grid.north - north) ** 2 + (grid.east - east) ** 2

@@ -75,7 +75,8 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
     axes.axhline(1.0, color=style.GREY, linewidth=0.8)
     hours = np.unique(table["time_h"].to_numpy(dtype=float))
     step = float(np.diff(hours).min()) if hours.size > 1 else 1.0
-    first, last = float(hours[0]) - 0.5 * step, float(hours[-1]) + 0.5 * step
+    first = float(hours[0]) - 0.5 * step
+    last = float(hours[-1]) + 0.5 * step
     bounds = table.sort_values("degrees_of_freedom", kind="stable").groupby("time_h")[["low", "high"]].last()
     edges = np.concatenate([[first], 0.5 * (hours[1:] + hours[:-1]), [last]])
     low, high = (bounds[side].to_numpy(dtype=float) for side in ("low", "high"))

@@ -86,7 +86,8 @@ def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours
         part = table[table["condition"] == name]
         if part.empty:
             continue
-        ratio, inside = part["ratio"].to_numpy(dtype=float), part["inside"].to_numpy(dtype=bool)
+        ratio = part["ratio"].to_numpy(dtype=float)
+        inside = part["inside"].to_numpy(dtype=bool)
         face = colour if inside.all() else style.GREY if inside.any() else "white"
         axes.plot([ratio.min(), ratio.max()], [i, i], color=colour, linewidth=0.9)
         axes.plot(np.median(ratio), i, color=colour, marker="o", markersize=3.8, markerfacecolor=face)

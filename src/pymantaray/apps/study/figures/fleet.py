@@ -21,11 +21,9 @@ from pymantaray.records.status import ARRIVES
 _ENU = [1, 0, 2]  # a figure has east to the right; depth stays positive down
 _SHALLOWEST = 0.05  # km; depth of the axes where nobody dives
 _MAX_NAME_LETTERS = 6  # letters; longer names cover each other
-_LETTER, _KEY_MARK, _KEY_LINE = (
-    0.058,
-    0.42,
-    0.16,
-)  # of a key below a figure: width of a letter and of a mark, a line's height [in]
+_LETTER = 0.058  # of a key below a figure: width of a letter and of a mark, a line's height [in]
+_KEY_MARK = 0.42
+_KEY_LINE = 0.16
 _WAYS = np.array([(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)])  # from mark to name
 _LABEL_DISTANCES = (3.0, 9.0, 16.0, 24.0)  # points
 _NAME: dict[str, Any] = {
@@ -136,7 +134,8 @@ def _draw_solid(axes: Axes3D, truth: Trajectories, measurements: Measurements, c
     feet = truth.position[:, 0] / 1e3
     feet[:, 2] = deepest
     for i, colour in enumerate(colours):
-        start, foot = truth.position[i, 0] / 1e3, feet[i]
+        start = truth.position[i, 0] / 1e3
+        foot = feet[i]
         _line(axes, np.stack([start, foot]), color=colour, linewidth=0.6, linestyle=":")
         _line(axes, truth.position[i] / 1e3, color=colour, linewidth=0.7)
         axes.plot(*foot[_ENU, None], "o", color=colour, markersize=3.2)
@@ -204,7 +203,8 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks
     for place in places:
         axes.plot(*place[_ENU, None], "^", color=style.INK, markersize=4)
     points = np.concatenate([truth.position.reshape(-1, 3) / 1e3, places])
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     span = np.maximum(1.08 * (high - low), [0.5 * (high - low)[:2].max()] * 2 + [1e-3])
     span[:2] = np.maximum(span[:2], 1e-2)
     middle = 0.5 * (low + high)

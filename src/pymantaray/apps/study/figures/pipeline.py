@@ -134,7 +134,8 @@ def route(
     source: tuple[float, float], target: tuple[float, float], others: Sequence[tuple[float, float]]
 ) -> Path:
     """Arrow between two boxes: a straight line, or a curve above or below the other boxes."""
-    half, rise = _SIZE[0] / 2.0, _SIZE[1] / 2.0
+    half = _SIZE[0] / 2.0
+    rise = _SIZE[1] / 2.0
     straight = Path([(source[0] + half, source[1]), (target[0] - half, target[1])])
     if not crosses(straight, others):
         return straight

@@ -38,7 +38,8 @@ def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> F
         received = draw_range_errors(linear, values)
         draw_range_errors(log, values, log=True)
         log.set_ylabel("")
-        words, same = [style.short(name), _moments(received)], "the same, logarithmic count"
+        words = [style.short(name), _moments(received)]
+        same = "the same, logarithmic count"
         if len(name) > _MAX_NAME_LETTERS:  # no room for both above one panel
             same = f"{words.pop()}, logarithmic count"
         style.panel_title(linear, style.letter(2 * i), style.plain(": ".join(words)))
@@ -56,7 +57,8 @@ def range_error_split(distance: Array, reference_speed: Array, bending: Array, h
     both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
     counts.sharey(both)
     received = np.isfinite(distance) & np.isfinite(reference_speed) & np.isfinite(bending)
-    km, points = distance[received] / 1e3, {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
+    km = distance[received] / 1e3
+    points = {"markersize": 1.6, "alpha": 0.5, "rasterized": True}
     parts = (
         ("reference speed", reference_speed[received], style.BLUE),
         ("bending", bending[received], style.ORANGE),
@@ -177,7 +179,8 @@ def _draw_histogram(axes: Axes, errors: Array) -> None:
         return
     edges = _edges(errors)
     axes.stairs(np.histogram(errors, edges)[0], edges, fill=True, color=style.SKY, label="ranges")
-    mean, sd = float(errors.mean()), _spread(errors)
+    mean = float(errors.mean())
+    sd = _spread(errors)
     if sd > 0.0:
         x = np.linspace(edges[0], edges[-1], 601)
         scale = errors.size * (edges[1] - edges[0]) / (sd * np.sqrt(2.0 * np.pi))

@@ -14,7 +14,8 @@ from pymantaray.apps.study.figures.register import RunResults, register
 from pymantaray.arrays import Array
 from pymantaray.pages import style
 
-_LOG_BINS, _LINEAR_BINS = 100, 60
+_LOG_BINS = 100
+_LINEAR_BINS = 60
 _ROOF = 0.78  # share of a row's height for the distribution; text is above it
 _AXIS_RATIO = 3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
 _SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
@@ -90,7 +91,8 @@ def error_over_time(
     rows = max(-(-len(names) // columns), 1)
     lines = style.legend_lines(len(errors) + bool(fixes.any()))
     legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
-    width, height = style.DOUBLE, 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
+    width = style.DOUBLE
+    height = 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
     figure = style.new_figure(width, height, header, layout=None)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     figure.subplots_adjust(

@@ -29,7 +29,8 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
     error = {"color": style.ORANGE, "markersize": 3.2, "label": "root mean square error"}
     for i, (axes, name) in enumerate(zip(grid, conditions, strict=True)):
         part = table[table["condition"] == name]
-        x, prior = np.arange(len(part)), part["prior_sigma"].to_numpy(dtype=float)
+        x = np.arange(len(part))
+        prior = part["prior_sigma"].to_numpy(dtype=float)
         line = axes.axhline(1.0, color=style.GREY, linewidth=0.8, label="before")
         points = axes.plot(x, part["sigma"] / prior, "_", **after)
         points += axes.plot(x, part["rms_error"] / prior, "o", **error)

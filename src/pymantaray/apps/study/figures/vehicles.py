@@ -27,12 +27,14 @@ def error_by_vehicle(table: pd.DataFrame, header: str) -> Figure:
 
 def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
     """Draw RMSE (dots) and quartiles (lines) of the rows of ``ate_per_vehicle``, with conditions next to each other."""
-    vehicles, conditions = list(dict.fromkeys(table["vehicle"])), list(dict.fromkeys(table["condition"]))
+    vehicles = list(dict.fromkeys(table["vehicle"]))
+    conditions = list(dict.fromkeys(table["condition"]))
     looks = style.condition_looks(conditions)
     for k, condition in enumerate(conditions):
         rows = table[table["condition"] == condition].set_index("vehicle").reindex(vehicles)
         x = np.arange(len(vehicles)) + _GROUP * ((k + 0.5) / len(conditions) - 0.5)
-        colour, label = looks[condition][0], style.plain(style.condition_label(condition))
+        colour = looks[condition][0]
+        label = style.plain(style.condition_label(condition))
         axes.vlines(x, rows["p25_m"], rows["p75_m"], color=colour, linewidth=1.4, alpha=0.5)
         axes.plot(x, rows["rmse_m"], "o", color=colour, markersize=3.5, label=label)
     axes.set_yscale("log")

@@ -12,9 +12,11 @@ from pymantaray.water.ocean import build_currents, medium_around
 
 def build(section: EigenrayRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:
     """Range model of the belief; estimators that share the belief share the rays."""
-    config, belief = beliefs.config, section.belief
+    config = beliefs.config
+    belief = section.belief
     if varies(belief):
-        ocean, search = beliefs.varying(belief), config.acoustics
+        ocean = beliefs.varying(belief)
+        search = config.acoustics
         medium_at = partial(medium_around, ocean, search.interpolation, search.earth)
         currents_at = build_currents(ocean) if search.currents else None
         assert currents_at is None or callable(currents_at)
